@@ -13,8 +13,8 @@
 //! assert!(sheet.draw().width() > 3 * 260);
 //! ```
 //!
-//! V is red where near and blue where far, as in the paper, and grey where not valid. A panel that cannot be drawn says
-//! why.
+//! V is red where near and blue where far, as in the paper, and grey where not valid. A panel that cannot be drawn
+//! shows the reason.
 
 use image::RgbImage;
 
@@ -25,25 +25,25 @@ use crate::page::figure::{
     Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, bar_width, color_bar, resized, text_width, wrap_text,
 };
 
-/// The paper's colours, for its figures.
+/// The palette of the paper's figures.
 pub(crate) const PALETTE: Palette = Palette::RedBlue;
 
-/// Pixels around the sheet.
+/// Margin around the sheet, px.
 const MARGIN: f32 = 16.0;
-/// Pixels between panels.
+/// Gap between panels, px.
 const GAP: f32 = 8.0;
 /// Sizes of the title, of the names of columns and rows, and of captions, px.
 const TITLE: f32 = 22.0;
 const NAME: f32 = 16.0;
 const CAPTION: f32 = 13.0;
-/// Height of a line of text over its size.
+/// Height of a line of text divided by its size.
 const LINE: f32 = 1.3;
-/// The greatest height of a panel over its width: one tall picture must not stretch its row.
+/// Greatest ratio of height to width of a panel. One tall picture must not stretch its row.
 const TALLEST: f32 = 1.6;
-/// Height over width of the panels of a row without a picture.
+/// Ratio of height to width of the panels of a row without a picture.
 const NO_PICTURE: f32 = 0.3;
 
-/// One place of a [`Sheet`]: a picture or a reason, and a caption.
+/// One panel of a [`Sheet`]: a picture or a reason, and a caption.
 #[derive(Clone, Debug)]
 pub struct Panel {
     content: Content,
@@ -57,12 +57,12 @@ enum Content {
 }
 
 impl Panel {
-    /// A dash and a reason, such as "too few key-points".
+    /// A panel without a picture: a dash and a reason, such as "too few key-points".
     pub fn missing(reason: impl Into<String>) -> Self {
         Self { content: Content::Missing(reason.into()), caption: String::new() }
     }
 
-    /// A picture as it is.
+    /// A picture in its own colours.
     pub fn image(picture: RgbImage) -> Self {
         if picture.is_empty() {
             return Self::missing("no pixels");
@@ -75,8 +75,8 @@ impl Panel {
         Self::image(photograph(frame))
     }
 
-    /// V, px², `height` rows of `width`, in the colours of a scale, which panels to be compared share; grey where not
-    /// valid.
+    /// V, px², `height` rows of `width`, in the colours of a scale; grey where not valid. Panels that are compared
+    /// share a scale.
     pub fn relative_blur(width: u32, height: u32, values: &[f32], scale: &Scale) -> Self {
         let color = |v: f32| -> Color { if v.is_finite() { PALETTE.color(scale.nearness(v)) } else { LIGHT } };
         let bytes = values.iter().flat_map(|&v| color(v)).collect();
@@ -86,13 +86,13 @@ impl Panel {
         }
     }
 
-    /// Text below the panel.
+    /// Sets the text below the panel.
     pub fn caption(mut self, text: impl Into<String>) -> Self {
         self.caption = text.into();
         self
     }
 
-    /// Height over width; `None` without a picture.
+    /// Ratio of height to width; `None` without a picture.
     fn aspect(&self) -> Option<f32> {
         match &self.content {
             Content::Picture(picture) => Some(picture.height() as f32 / picture.width() as f32),
@@ -101,7 +101,7 @@ impl Panel {
     }
 }
 
-/// A grid of panels, as the paper's Figures 4 and 6; see [the module](self) for an example.
+/// A grid of panels, like the paper's Figures 4 and 6; see [the module](self) for an example.
 #[derive(Clone, Debug)]
 pub struct Sheet {
     title: String,
@@ -120,12 +120,12 @@ pub struct Row {
 }
 
 impl Row {
-    /// A row without panels, with a name beside it.
+    /// Makes a row without panels, with a name to its left.
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), panels: Vec::new(), scale: None }
     }
 
-    /// Adds panels, left to right.
+    /// Adds panels from left to right.
     pub fn panels(mut self, panels: impl IntoIterator<Item = Panel>) -> Self {
         self.panels.extend(panels);
         self
@@ -138,7 +138,7 @@ impl Row {
     }
 }
 
-/// The places of the parts of a sheet, px.
+/// The positions of the parts of a sheet, px.
 struct Layout {
     width: u32,
     height: u32,
@@ -154,12 +154,12 @@ struct RowLayout {
 }
 
 impl Sheet {
-    /// A sheet without rows.
+    /// Makes a sheet without rows.
     pub fn new(title: impl Into<String>) -> Self {
         Self { title: title.into(), columns: Vec::new(), rows: Vec::new(), footer: String::new(), panel_width: 260 }
     }
 
-    /// Writes names above the columns.
+    /// Sets the names above the columns.
     pub fn columns<T: Into<String>>(mut self, names: impl IntoIterator<Item = T>) -> Self {
         self.columns = names.into_iter().map(Into::into).collect();
         self
@@ -171,7 +171,7 @@ impl Sheet {
         self
     }
 
-    /// Writes text below the rows.
+    /// Sets the text below the rows.
     pub fn footer(mut self, text: impl Into<String>) -> Self {
         self.footer = text.into();
         self
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn panels_stand_in_rows_and_columns_at_one_width() {
+    fn panels_are_in_rows_and_columns_of_one_width() {
         let (red, blue, green) = ([250, 0, 0], [0, 0, 250], [0, 250, 0]);
         let sheet = Sheet::new("")
             .panel_width(100)
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn names_captions_and_a_key_take_room_and_no_panel_is_covered() {
+    fn names_captions_and_keys_do_not_cover_panels() {
         let red = [250, 0, 0];
         let scale = Scale { low: -4.0, high: 4.0, nearer: crate::files::export::Nearer::First };
         let row = Row::new("Cup").scale(scale).panels([plain(80, 80, red).caption("a caption of several words")]);
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_do_not_fill_a_picture_are_a_reason() {
+    fn too_few_values_give_a_reason_instead_of_a_picture() {
         let scale = Scale { low: -1.0, high: 1.0, nearer: crate::files::export::Nearer::First };
         let reason = |width, height, values: &[f32]| match Panel::relative_blur(width, height, values, &scale).content {
             Content::Missing(why) => why,

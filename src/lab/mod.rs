@@ -1,4 +1,4 @@
-//! Synthetic scenes with ground truth, experiments, CPU methods to compare with, and benchmarks.
+//! Synthetic scenes with ground truth, experiments, CPU methods for comparison, and benchmarks.
 
 pub mod baseline;
 pub mod bench;

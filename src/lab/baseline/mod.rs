@@ -1,7 +1,7 @@
-//! CPU methods to compare with: registration by SIFT key-points, and shape from focus.
+//! CPU methods for comparison: registration by SIFT key-points, and shape from focus.
 //!
-//! Key-points of both images (crate `lowe-sift`, after Lowe 2004) are matched by the ratio test, and robust least
-//! squares fits a similarity to the matches.
+//! Key-points of both images (crate `lowe-sift`, after Lowe 2004) are matched by the ratio test, and a robust
+//! least-squares fit determines a similarity.
 
 mod shape_from_focus;
 mod similarity_fit;
@@ -15,10 +15,10 @@ use crate::base::{Decode, Error, Frame, Mask, Similarity, centre};
 use crate::engine::filter;
 use crate::engine::stages::{Field, convolve, ingest};
 
-/// Least number of key-points, matches and agreeing matches: a similarity needs two, and chance can add a third.
+/// Least number of key-points, matches and inliers. A similarity needs two, and a third may agree by chance.
 const LEAST: usize = 6;
 
-/// Registers by SIFT key-points, without those of I1 that a mask excludes: for
+/// Registers by SIFT key-points, without key-points of I1 that a mask excludes. It is a function for
 /// [`EngineOptions::key_points`](crate::EngineOptions).
 ///
 /// # Errors
@@ -41,19 +41,20 @@ fn enough(what: &'static str, found: usize) -> Result<(), Error> {
     if found < LEAST { Err(Error::TooFewKeyPoints { what, found, least: LEAST }) } else { Ok(()) }
 }
 
-/// The strongest key-points are kept: comparing all with all then takes at most some 1e8 distances.
+/// Greatest number of key-points; the strongest are kept. Comparing all with all then computes at most some 1e8
+/// distances.
 const MOST_KEY_POINTS: usize = 8000;
-/// Images of more pixels are halved first: the scale space takes some 250 bytes per pixel.
+/// Number of pixels above which images are halved first. The scale space takes some 250 bytes per pixel.
 const MOST_PIXELS: usize = 1 << 22;
-/// Least response of a key-point, white = 1, as in OpenCV. Few key-points of a blurred photograph reach Lowe's 0.03.
+/// Least response of a key-point, white = 1, as in OpenCV. In a blurred photograph few key-points reach Lowe's 0.03.
 const LEAST_RESPONSE: f32 = 0.04 / 3.0;
-/// Length to which descriptors are scaled: their numbers, at most 0.2 before, then fit a byte.
+/// Length to which descriptors are scaled. Their components, at most 0.2 before, then fit a byte.
 const LENGTH: f32 = 512.0;
 
-/// 128 numbers from 0 to 255.
+/// A descriptor: 128 numbers from 0 to 255.
 type Descriptor = [i16; 128];
 
-/// Key-points: places in pixels of the image, and descriptors.
+/// Key-points: positions in pixels of the image, and descriptors.
 #[derive(Default)]
 struct Features {
     places: Vec<[f64; 2]>,
@@ -61,7 +62,7 @@ struct Features {
 }
 
 impl Features {
-    /// Removes the key-points whose place does not count.
+    /// Removes the key-points at positions that a mask excludes.
     fn retain(&mut self, counts: impl Fn([f64; 2]) -> bool) {
         let flags: Vec<bool> = self.places.iter().map(|&place| counts(place)).collect();
         let (mut places, mut descriptors) = (flags.iter(), flags.iter());
@@ -70,7 +71,7 @@ impl Features {
     }
 }
 
-/// Detects the key-points of a luminance in [0, 1].
+/// Detects the key-points in a luminance image in [0, 1].
 fn detect(luminance: &Field) -> Features {
     let (image, factor) = reduced(luminance.clone());
     let Ok(image) = GrayImage::new(image.width, image.height, image.to_f32()) else { return Features::default() };
@@ -84,7 +85,8 @@ fn detect(luminance: &Field) -> Features {
     }
 }
 
-/// The image halved until it is small enough, and its factor. Pixel i lies on pixel 2i of the larger one.
+/// Halves the image until it is small enough. Returns it and the factor. Pixel i corresponds to pixel 2i before a
+/// halving.
 fn reduced(mut image: Field) -> (Field, f64) {
     let (filter, mut factor) = (filter::gaussian(1.0), 1.0);
     while image.data.len() > MOST_PIXELS {
@@ -98,10 +100,10 @@ fn byte(value: f32) -> i16 {
     (LENGTH * value).round().min(255.0) as i16
 }
 
-/// Greatest distance of a match over that of the second nearest key-point (Lowe 2004, section 7.1).
+/// Greatest ratio of the distance of a match to that of the second nearest key-point (Lowe 2004, section 7.1).
 const RATIO: f64 = 0.8;
 
-/// A place in I1 and its place in I2, pixels.
+/// A position in I1 and its position in I2, px.
 type Match = [[f64; 2]; 2];
 
 /// The nearest and the second nearest key-point so far.
@@ -128,10 +130,10 @@ impl Nearest {
     }
 }
 
-/// The key-points that are each other's nearest and pass the ratio test in I2. Compares all with all.
+/// Matches the key-points that are mutually nearest and pass the ratio test in I2. Compares all with all.
 ///
-/// A place that matches under several orientations counts each time: counted once, five of six real pairs were further
-/// from another program's estimate.
+/// A position that matches with several orientations counts several times. When it counted once, five of six real pairs
+/// were further from another program's estimate.
 fn matches(a: &Features, b: &Features) -> Vec<Match> {
     let mut of_a = vec![Nearest::NONE; a.descriptors.len()];
     let mut of_b = vec![Nearest::NONE; b.descriptors.len()];
@@ -146,7 +148,7 @@ fn matches(a: &Features, b: &Features) -> Vec<Match> {
     mutual.map(|(i, n)| [a.places[i], b.places[n.index]]).collect()
 }
 
-/// The squared distance of two descriptors. Their numbers are at most 255, so that nothing overflows.
+/// The squared distance of two descriptors. Their numbers are at most 255, so the sum does not overflow.
 fn squared_distance(a: &Descriptor, b: &Descriptor) -> i32 {
     a.iter().zip(b).map(|(a, b)| i32::from(a - b) * i32::from(a - b)).sum()
 }
@@ -156,7 +158,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_blob_is_found_where_it_is() {
+    fn a_blob_is_detected_at_its_position() {
         for (x0, y0, sigma) in [(40.0, 33.0, 2.0), (51.3, 36.6, 3.1), (37.7, 40.2, 6.0)] {
             let blob = Field::from_fn(97, 81, |x, y| {
                 let (dx, dy) = (x as f64 - x0, y as f64 - y0);
@@ -172,7 +174,7 @@ mod tests {
     fn images_without_key_points_have_none() {
         assert!(detect(&Field::from_fn(64, 48, |_, _| 0.5)).places.is_empty());
         assert!(detect(&Field::from_fn(16, 16, |x, _| x as f64 / 16.0)).places.is_empty());
-        // Stripes and a checkerboard have extrema without a place.
+        // Stripes and a checkerboard have extrema without a distinct position.
         for field in [
             Field::from_fn(64, 48, |x, _| (x / 3 % 2) as f64),
             Field::from_fn(64, 48, |x, y| ((x / 3 + y / 3) % 2) as f64),
@@ -192,7 +194,8 @@ mod tests {
     #[test]
     fn matches_are_mutual_and_distinct() {
         let a = features(&[10, 100, 201, 203]);
-        // 12 is the first's; 98 and 102 are equally near to the second; 202 is near to two, one of them is its own.
+        // 12 matches the first. 98 and 102 are equally near to the second. 202 is near to two, and one of them is its
+        // own.
         let found = matches(&a, &features(&[98, 102, 12, 202]));
         assert_eq!(found, [[[0.0, 0.0], [2.0, 0.0]], [[2.0, 0.0], [3.0, 0.0]]]);
         assert_eq!(squared_distance(&[255; 128], &[0; 128]), 128 * 255 * 255);

@@ -1,8 +1,8 @@
-//! Shape from focus: the setting at which the surroundings of each pixel have the most detail.
+//! Shape from focus: the setting at which the neighbourhood of each pixel has the most detail.
 //!
 //! Detail is the modified Laplacian (Nayar and Nakagawa 1994), `|2I - I_left - I_right| + |2I - I_above - I_below|`, in
-//! a Gaussian window. A parabola passes through the logarithms of detail of the frame with the most and its neighbours,
-//! as the blur of a sweep suggests; its vertex is u.
+//! a Gaussian window. A parabola is fitted to the logarithm of detail in the frame with the most detail and its
+//! neighbours, as the blur of a sweep suggests. Its vertex is u.
 
 use crate::base::color::LUMINANCE;
 use crate::base::{Decode, Error, Frame};
@@ -10,17 +10,17 @@ use crate::engine::stages::ingest;
 
 /// Standard deviation of the window, px.
 const WINDOW: f64 = 4.0;
-/// Standard deviations at which the window is cut off.
+/// Distance at which the window is cut off, in standard deviations.
 const REACH: f64 = 4.0;
 /// Added to the detail, white = 1, so that its logarithm is finite.
 const LEAST: f64 = 1e-6 / 255.0;
 
 /// The setting at which each pixel is in focus, between the least and the greatest of `positions`.
 ///
-/// The frames must be registered and of one brightness; their positions ascend or descend.
+/// The frames must be registered and have equal brightness. Their positions ascend or descend.
 ///
 /// # Errors
-/// [`Error::Mismatch`]: fewer than three frames, or sizes or positions that do not fit.
+/// [`Error::Mismatch`]: fewer than three frames, or sizes or positions that do not match.
 pub fn shape_from_focus(frames: &[Frame], positions: &[f64], decode: Decode) -> Result<Vec<f32>, Error> {
     let size = |frame: &Frame| [frame.width() as usize, frame.height() as usize];
     let fits = frames.len() >= 3 && frames.len() == positions.len();
@@ -39,7 +39,7 @@ pub fn shape_from_focus(frames: &[Frame], positions: &[f64], decode: Decode) -> 
     Ok((0..details[0].len()).map(setting).collect())
 }
 
-/// The modified Laplacian in a window. Pixels are mirrored at the border.
+/// The modified Laplacian, averaged in a window. Pixels are mirrored at the border.
 fn detail(image: &[f64], [width, height]: [usize; 2]) -> Vec<f64> {
     let at = |x: usize, y: usize| image[y * width + x];
     let laplacian = |i: usize| {
@@ -54,7 +54,7 @@ fn detail(image: &[f64], [width, height]: [usize; 2]) -> Vec<f64> {
     windowed(&along_rows, [width, height], width, height)
 }
 
-/// The indices before and after one of a line.
+/// The indices before and after an index of a line.
 fn beside(i: usize, length: usize) -> [usize; 2] {
     [mirrored(i as isize - 1, length), mirrored(i as isize + 1, length)]
 }
@@ -66,7 +66,7 @@ fn mirrored(i: isize, length: usize) -> usize {
     i.min(2 * length - 1 - i) as usize
 }
 
-/// The values smoothed along lines of `length` samples that are `stride` apart.
+/// Smooths the values along lines of `length` samples with a distance of `stride`.
 fn windowed(values: &[f64], [width, height]: [usize; 2], stride: usize, length: usize) -> Vec<f64> {
     let reach = (REACH * WINDOW) as isize;
     let weights: Vec<f64> = (-reach..=reach).map(|d| (-(d as f64 / WINDOW).powi(2) / 2.0).exp()).collect();
@@ -80,7 +80,8 @@ fn windowed(values: &[f64], [width, height]: [usize; 2], stride: usize, length: 
     (0..width * height).map(smooth).collect()
 }
 
-/// The x of the summit of the parabola through three points, clamped between them; the middle x if it has no summit.
+/// The x of the vertex of the parabola through three points, clamped between them. The middle x if the parabola has no
+/// maximum.
 fn vertex([p0, p1, p2]: [f64; 3], [a, b, c]: [f64; 3]) -> f64 {
     let (before, after) = ((b - a) / (p1 - p0), (c - b) / (p2 - p1));
     let curvature = (after - before) / (p2 - p0);
@@ -94,7 +95,7 @@ mod tests {
     use crate::lab::scene::{Preset, Scene, SweepScene};
 
     #[test]
-    fn the_summit_of_a_parabola_comes_back_from_uneven_positions() {
+    fn the_vertex_of_a_parabola_is_recovered_from_uneven_positions() {
         let of = |p: f64| 3.0 - 2.0 * (p - 1.7) * (p - 1.7);
         for positions in [[1.0, 2.0, 2.5], [2.5, 2.0, 1.0], [0.0, 1.7, 3.0]] {
             assert!((vertex(positions, positions.map(of)) - 1.7).abs() < 1e-12);
@@ -105,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulated_sweep_is_read_to_a_fraction_of_a_step() {
+    fn a_simulated_sweep_is_solved_to_a_fraction_of_a_step() {
         let scene = Scene { width: 160, height: 96, noise: 0.002, ..Preset::Plane.scene() };
         let sweep = SweepScene::new(scene, 11).render().unwrap();
         let positions: Vec<f64> = sweep.shots.iter().map(|shot| 20.0 + 0.5 * shot.position).collect();

@@ -1,7 +1,7 @@
-//! A similarity from matched points, some of which are wrong.
+//! Fits a similarity to matched points that include outliers.
 //!
-//! RANSAC over pairs of matches (Fischler and Bolles 1981) finds the matches that agree; least squares reweighted by
-//! Tukey's biweight fits them. Points and displacements are complex numbers: T x - x = t + (a + ib) (x - c), as in
+//! RANSAC over pairs of matches (Fischler and Bolles 1981) finds the inliers. Least squares, reweighted by Tukey's
+//! biweight, fits them. Points and displacements are complex numbers: T x - x = t + (a + ib) (x - c), as in
 //! [`Similarity`].
 
 use nalgebra::Complex;
@@ -9,23 +9,24 @@ use nalgebra::Complex;
 use super::Match;
 use crate::base::Similarity;
 
-/// Pairs of matches that are tried; half of the matches may be wrong and 1e-100 is the chance that no pair was right.
+/// Number of tested pairs of matches. With half of the matches wrong, no tested pair is correct with a probability of
+/// 1e-100.
 const TRIALS: usize = 1000;
-/// Distance within which a match agrees, pixels: defocus moves key-points by one or two.
+/// Distance within which a match is an inlier, px. Defocus moves key-points by one or two.
 const TOLERANCE: f64 = 3.0;
-/// Number of reweighted fits, a few more than convergence takes.
+/// Number of reweighted fits, a few more than convergence needs.
 const FITS: usize = 20;
-/// Tukey's constant: 95 % of the efficiency of least squares where all errors are normal.
+/// Tukey's constant: 95 % efficiency relative to least squares for normal errors.
 const TUKEY: f64 = 4.685;
 
-/// A place relative to the centre, and its displacement.
+/// A position relative to the centre, and its displacement.
 #[derive(Clone, Copy)]
 struct Displaced {
     place: Complex<f64>,
     by: Complex<f64>,
 }
 
-/// `by = t + m place`.
+/// A linear displacement field: the point at `place` moves by `t + m place`.
 #[derive(Clone, Copy)]
 struct Linear {
     t: Complex<f64>,
@@ -41,7 +42,7 @@ impl Linear {
         all.iter().filter(|d| self.error(d) < TOLERANCE).count()
     }
 
-    /// Fits by weighted least squares; `None` where all places coincide.
+    /// Fits by weighted least squares; `None` if all positions are equal.
     fn fit(all: &[Displaced], weights: &[f64]) -> Option<Self> {
         let total: f64 = weights.iter().sum();
         let mean = |value: &dyn Fn(&Displaced) -> Complex<f64>| {
@@ -49,7 +50,7 @@ impl Linear {
         };
         let (place, by) = (mean(&|d| d.place), mean(&|d| d.by));
         let spread = mean(&|d| (d.place - place).norm_sqr().into()).re;
-        // Not a number where the total is zero.
+        // NaN if the total is zero.
         if spread.is_nan() || spread < 1e-6 {
             return None;
         }
@@ -58,8 +59,8 @@ impl Linear {
     }
 }
 
-/// The similarity about `centre` on which most matches agree within 3 px, and their number: 0 where all places
-/// coincide.
+/// Returns the similarity about `centre` with the most inliers, within 3 px, and their number. The number is 0 if all
+/// positions are equal.
 pub(super) fn fit(matches: &[Match], centre: [f64; 2]) -> (Similarity, usize) {
     let all: Vec<Displaced> = matches
         .iter()
@@ -78,10 +79,10 @@ pub(super) fn fit(matches: &[Match], centre: [f64; 2]) -> (Similarity, usize) {
     (Similarity::from_displacement([found.m.re, found.m.im, found.t.re, found.t.im]), found.agreeing(&all))
 }
 
-/// The map through a pair of matches on which most matches agree. Equal matches give equal pairs.
+/// Returns the map through a pair of matches with the most inliers. Equal matches give equal pairs.
 fn consensus(all: &[Displaced]) -> Option<Linear> {
     let mut state = 1u64;
-    // The multiplier of Knuth's MMIX; its high bits are random enough.
+    // The multiplier is that of Knuth's MMIX. Its high bits are random enough.
     let mut any = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         all[(state >> 33) as usize % all.len()]
@@ -90,7 +91,7 @@ fn consensus(all: &[Displaced]) -> Option<Linear> {
     let mut most = 0;
     for _ in 0..if all.is_empty() { 0 } else { TRIALS } {
         let pair = [any(), any()];
-        // No camera has a scale outside this range.
+        // A scale outside this range does not occur between photographs.
         let possible = |l: &Linear| (0.1..10.0).contains(&(l.m + 1.0).norm());
         if let Some(linear) = Linear::fit(&pair, &[1.0, 1.0]).filter(possible) {
             let agreeing = linear.agreeing(all);
@@ -102,12 +103,12 @@ fn consensus(all: &[Displaced]) -> Option<Linear> {
     best
 }
 
-/// Tukey's weights of the matches, scaled by the median error of those that agree.
+/// Tukey's weights of the matches, scaled by the median error of the inliers.
 fn weights(all: &[Displaced], linear: &Linear) -> Vec<f64> {
     let errors: Vec<f64> = all.iter().map(|d| linear.error(d)).collect();
     let mut near: Vec<f64> = errors.iter().copied().filter(|e| *e < TOLERANCE).collect();
     near.sort_unstable_by(f64::total_cmp);
-    // The length of a normal error of deviation σ in both axes has the median 1.1774 σ.
+    // A two-dimensional normal error of standard deviation σ per axis has the median length 1.1774 σ.
     let sigma = near.get(near.len() / 2).map_or(0.0, |median| median / 1.1774);
     let reach = (TUKEY * sigma).clamp(1e-6, TOLERANCE);
     errors.iter().map(|e| (1.0 - (e / reach).powi(2)).max(0.0).powi(2)).collect()
@@ -124,7 +125,7 @@ mod tests {
         Similarity::new(-12.3, 8.1, 1.7, 1.06)
     }
 
-    /// Matches, a share of which is wrong; the others err by up to `noise` px along each axis.
+    /// Matches with a share of outliers. The others have errors up to `noise` px along each axis.
     fn matches(count: usize, wrong: f64, noise: f64) -> Vec<Match> {
         let numbers = random(6 * count, 5);
         let place = |n: &[f64]| [640.0 * n[0], 480.0 * n[1]];
@@ -161,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn no_matches_or_one_place_are_no_agreement() {
+    fn no_matches_or_equal_positions_give_no_inliers() {
         assert_eq!(fit(&[], CENTRE).1, 0);
         assert_eq!(fit(&[[[10.0, 20.0], [11.0, 21.0]]; 9], CENTRE).1, 0);
         assert!(fit(&matches(60, 1.0, 0.0), CENTRE).1 < 6);

@@ -1,5 +1,5 @@
-//! Benchmark: the time of solves by size, method and kernel, and the time and memory traffic of each pass beside the
-//! bandwidth of a copy.
+//! Benchmark: the time of solves by size, method and kernel, and the time and memory traffic of each pass compared with
+//! the bandwidth of a copy.
 //!
 //! ```no_run
 //! use parfocal::internals::bench::{self, Options};
@@ -11,7 +11,7 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! A size that the device cannot solve is a [`Refused`] of the report; the other runs go on.
+//! A size that the device cannot solve becomes a [`Refused`] of the report, and the other runs continue.
 
 mod report;
 mod synthetic;
@@ -30,10 +30,10 @@ pub use report::{
 pub use table::compare;
 pub use trace::Trace;
 
-/// What is measured: every size with every method and kernel.
+/// The options of a benchmark: every size is measured with every method and kernel.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// What is solved.
+    /// The pairs to solve.
     pub input: Input,
     /// Methods of registration.
     pub methods: Vec<Method>,
@@ -41,17 +41,17 @@ pub struct Options {
     pub kernels: Vec<Kernel>,
     /// All other settings.
     pub settings: Settings,
-    /// T that the method `aligned` holds; ignored for synthetic pairs, whose T is known.
+    /// T for the method `aligned`. Ignored for synthetic pairs, since their T is known.
     pub held: Homography,
-    /// Solves after the first that are not measured.
+    /// Number of solves after the first that are not measured.
     pub warmup: u32,
-    /// Solves that are measured, at least one.
+    /// Number of measured solves, at least one.
     pub repeats: u32,
-    /// Whether to time every dispatch, for a [trace](Trace), instead of the passes alone. Timing costs time itself.
+    /// Whether to time every dispatch, for a [trace](Trace), instead of only the passes. Timing itself takes time.
     pub traced: bool,
 }
 
-/// What is solved.
+/// The pairs to solve.
 #[derive(Clone, Debug)]
 pub enum Input {
     /// Synthetic pairs of these widths and heights, pixels; grey, 16 bits.
@@ -61,7 +61,7 @@ pub enum Input {
 }
 
 impl Default for Options {
-    /// Two small sizes by the unified method, five times after one warm-up.
+    /// Two small sizes by the unified method, with one warm-up and five measured solves.
     fn default() -> Self {
         Self {
             input: Input::Synthetic(vec![[512, 512], [1024, 1024]]),
@@ -81,11 +81,11 @@ impl Default for Options {
 pub struct Measured {
     /// The figures.
     pub report: Report,
-    /// The last solve of each run, dispatch by dispatch.
+    /// A trace of the last solve of each run, with each dispatch.
     pub trace: Trace,
 }
 
-/// Opens a device; also returns the time that this takes, milliseconds.
+/// Opens a device. Also returns the duration of opening it, ms.
 ///
 /// # Errors
 /// As [`Engine::new`].
@@ -95,7 +95,7 @@ pub fn open(options: &EngineOptions) -> Result<(Engine, f64), Error> {
     Ok((engine, started.elapsed().as_secs_f64() * 1e3))
 }
 
-/// Runs the benchmark; `log` is called with a line for each run. A run that fails is in the report.
+/// Runs the benchmark. Calls `log` with a line for each run. The report contains a run that fails.
 ///
 /// # Errors
 /// [`Error::Setting`] and [`Error::Mismatch`] for settings or a pair that no run could use; [`Error::Timeout`],

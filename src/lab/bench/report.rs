@@ -10,29 +10,29 @@ use super::{Input, Options};
 use crate::base::{DeviceInfo, Error, Settings};
 use crate::files::export::{self, Destination, FileKind};
 
-/// The largest report that is read, 64 MiB: a thousand runs of a thousand repeats take less.
+/// Greatest size of a report that is read, 64 MiB. A thousand runs with a thousand repeats take less.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// A benchmark of one device, in milliseconds, 10⁶ pixels and 10⁹ bytes; `null` where the device has no clock.
+/// A benchmark of one device, in milliseconds, 10⁶ pixels and 10⁹ bytes; `null` if the device has no timestamps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Version of parfocal that wrote it.
     pub version: String,
     /// The device.
     pub device: DeviceReport,
-    /// "synthetic", or "pair".
+    /// The kind of pairs: "synthetic" or "pair".
     pub input: String,
-    /// Solves after the first that were not measured.
+    /// Number of solves after the first that were not measured.
     pub warmup: u32,
-    /// Solves that were measured.
+    /// Number of measured solves.
     pub repeats: u32,
-    /// The most outer iterations on each level.
+    /// Greatest number of outer iterations on each level.
     pub outer_iterations: u32,
     /// Relaxation sweeps per outer iteration.
     pub relaxation_sweeps: u32,
-    /// Bytes that a pass which only copies an image reads and writes per second.
+    /// Bytes per second that a pass which only copies an image reads and writes.
     pub copy_gb_per_s: Option<Spread>,
-    /// Time to open the device, cold.
+    /// Duration of opening the device, cold.
     pub engine_ms: f64,
     /// A run for each size, method and kernel.
     pub runs: Vec<RunReport>,
@@ -44,17 +44,17 @@ pub struct Report {
 /// The device of a benchmark.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceReport {
-    /// Name, driver, UUID.
+    /// Name, driver and UUID.
     #[serde(flatten)]
     pub device: export::DeviceReport,
     /// Invocations in a subgroup.
     pub subgroup_size: u32,
 }
 
-/// One number, measured several times.
+/// A quantity with several measurements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// Median; for an even number of samples the mean of the middle two.
+    /// Median; for an even number of samples, the mean of the middle two.
     pub median: f64,
     /// Least.
     pub min: f64,
@@ -68,7 +68,7 @@ pub struct Spread {
 /// One run of a size, method and kernel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunReport {
-    /// Pixels a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
@@ -76,13 +76,13 @@ pub struct RunReport {
     pub method: String,
     /// The kernel's name.
     pub kernel: String,
-    /// Time of a warm solve from frames to borrowed results.
+    /// Duration of a warm solve from frames to borrowed results.
     pub solve_ms: Spread,
-    /// Time from submission to the end of the device's work.
+    /// Duration from submission to the end of the device's work.
     pub device_ms: Option<Spread>,
-    /// Pixels of the image over the median of `solve_ms`.
+    /// Pixels of the image divided by the median of `solve_ms`.
     pub mpx_per_s: f64,
-    /// Pixels of the image over the median of `device_ms`.
+    /// Pixels of the image divided by the median of `device_ms`.
     pub device_mpx_per_s: Option<f64>,
     /// Costs that occur once.
     pub cold: Cold,
@@ -94,20 +94,20 @@ pub struct RunReport {
     pub levels: Vec<LevelReport>,
     /// The red-black relaxation.
     pub relaxation: Option<Relaxation>,
-    /// The passes of one more solve, in order of first use; empty without a device clock.
+    /// The passes of an additional solve, in order of first use; empty without device timestamps.
     pub passes: Vec<PassReport>,
 }
 
 /// Costs that occur once.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cold {
-    /// [`PairSolver::for_size`](crate::PairSolver::for_size).
+    /// Duration of [`PairSolver::for_size`](crate::PairSolver::for_size).
     pub prepare_ms: f64,
-    /// The first solve, end to end.
+    /// Duration of the first solve, end to end.
     pub first_ms: f64,
 }
 
-/// Bytes per pixel of the image.
+/// Memory of a solver, bytes per pixel of the image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Memory {
     /// Images on the device.
@@ -119,30 +119,30 @@ pub struct Memory {
 /// Dispatches of one solve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dispatches {
-    /// Dispatches in the recording.
+    /// Dispatches in the recorded command buffer.
     pub recorded: usize,
-    /// Those over any workgroups: a level that has settled dispatches none.
+    /// Dispatches with at least one workgroup: a level that has converged dispatches none.
     pub executed: usize,
 }
 
 /// One level of the pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LevelReport {
-    /// Pixels a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Outer iterations done.
+    /// Number of outer iterations.
     pub iterations: usize,
 }
 
 /// The red-black relaxation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Relaxation {
-    /// Pixels of all relaxation sweeps on all levels over the time of `relax` and `relax_level`. A sweep updates the
-    /// red and the black pixels.
+    /// Pixels of all relaxation sweeps on all levels divided by the time of `relax` and `relax_level`. A sweep updates
+    /// the red and the black pixels.
     pub mpx_sweeps_per_s: f64,
-    /// Compulsory traffic over the bytes that the copy moves in the same time.
+    /// Compulsory traffic divided by the bytes that the copy moves in the same time.
     pub share_of_copy: Option<f64>,
 }
 
@@ -151,22 +151,22 @@ pub struct Relaxation {
 pub struct PassReport {
     /// Name of the pass.
     pub name: String,
-    /// Time of all its dispatches.
+    /// Duration of all its dispatches.
     pub ms: f64,
-    /// Dispatches over any workgroups.
+    /// Dispatches with at least one workgroup.
     pub dispatches: usize,
-    /// Compulsory traffic: every input element is read once, every output element is written once.
+    /// Compulsory traffic: every input element is read once, and every output element is written once.
     pub bytes: u64,
-    /// Traffic over time.
+    /// Traffic divided by time.
     pub gb_per_s: f64,
-    /// Bandwidth over that of the copy; above 1 where a cache holds the data.
+    /// Bandwidth divided by that of the copy; above 1 if a cache holds the data.
     pub share_of_copy: Option<f64>,
 }
 
 /// A run that failed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refused {
-    /// Pixels a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
@@ -203,13 +203,13 @@ impl Report {
     /// The report as JSON, without a newline at its end.
     ///
     /// # Errors
-    /// No input is known to cause one; serde_json's signature allows it.
+    /// None known; serde_json's signature allows one.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         serde_json::to_string_pretty(self)
     }
 
-    /// Writes the report as JSON; the folder of the file is created if it is missing. An earlier report is replaced,
-    /// another file only if the [`Destination`] forces it. On failure the file stays as it was.
+    /// Writes the report as JSON. Creates the folder of the file if it is missing. Replaces an earlier report; the
+    /// [`Destination`] must force the replacement of another file. On failure the file stays unchanged.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -235,7 +235,7 @@ impl Report {
 }
 
 impl Spread {
-    /// The spread of some samples; `None` for none.
+    /// The spread of some samples; `None` without samples.
     pub fn of(samples: &[f64]) -> Option<Self> {
         let mut sorted = samples.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_no_report_is_named() {
+    fn an_error_names_a_file_that_is_not_a_report() {
         let folder = tempfile::TempDir::new().unwrap();
         let file = folder.path().join("old.json");
         for (text, expected) in [("", "no report of a bench"), ("{}", "missing field"), ("[1]", "no report of a bench")]

@@ -1,15 +1,15 @@
 //! A synthetic pair for benchmarks, rendered in a fraction of a second per megapixel: approximate, not for accuracy.
 //!
-//! The radiance is periodic noise of four correlation lengths on a tile of 512x512 px. The tile is blurred,
-//! periodically, by Gaussians of a few variances; between these the blurred tile is interpolated linearly in the
-//! variance. With V1 and V2 the blur of the images, which varies slowly, and `q = T x`:
+//! The radiance is periodic noise of four correlation lengths on a tile of 512x512 px. The tile is blurred periodically
+//! by Gaussians of a few variances. Between these variances the blurred tile is interpolated linearly. V1 and V2 are
+//! the blur of the images, which varies slowly. With `q = T x`:
 //!
 //! ```text
 //! I1(x) = tile(x; V1(x)),  I2(q) = 0.96 tile(x; V2(x)) + 0.02
 //! V2 - V1 = 6 sin(2π x/W) cos(2π y/H) px²
 //! ```
 //!
-//! I2 is interpolated by Keys' cubic. A [`scene`](crate::internals::scene) is exact, and takes seconds per megapixel.
+//! I2 is interpolated by Keys' cubic. A [`scene`](crate::internals::scene) is exact, but takes seconds per megapixel.
 
 use std::f64::consts::TAU;
 
@@ -19,21 +19,21 @@ use crate::engine::filter;
 
 /// Side of the tile, px; a power of two.
 const SIDE: usize = 512;
-/// Variances at which the tile is blurred, px².
+/// Variances of the blurred tiles, px².
 const VARIANCES: [f64; 10] = [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.5];
 /// Least blur, and half the range of V, px².
 const BLUR: [f64; 2] = [0.5, 3.0];
 /// Standard deviations of the Gaussians that make the noise's correlation lengths, px.
 const GRAINS: [f64; 4] = [0.8, 1.8, 4.0, 10.0];
-/// Half the range of the noise of each image, which is uniform.
+/// Half the range of the uniform noise of each image.
 const NOISE: f64 = 0.004;
 
-/// T of every pair.
+/// T of all pairs.
 pub(super) fn transform() -> Similarity {
     Similarity::new(3.4, -2.2, 0.15, 1.003)
 }
 
-/// V at a place of a pair of this size, px².
+/// V at a position in a pair of this size, px².
 pub(super) fn relative_blur([x, y]: [f64; 2], [width, height]: [u32; 2]) -> f64 {
     2.0 * BLUR[1] * (TAU * x / f64::from(width)).sin() * (TAU * y / f64::from(height)).cos()
 }
@@ -75,7 +75,7 @@ fn tiles() -> Vec<Vec<f32>> {
 fn blurred(tile: &[f32], variance: f64) -> Vec<f32> {
     let weights: Vec<f32> = filter::gaussian(variance).iter().map(|&w| w as f32).collect();
     let radius = weights.len() / 2;
-    // Each call transposes: two calls blur both axes.
+    // Each call transposes, so two calls blur both axes.
     let along_rows = |from: &[f32]| {
         let mut to = vec![0.0; SIDE * SIDE];
         for (y, row) in from.chunks_exact(SIDE).enumerate() {
@@ -89,7 +89,7 @@ fn blurred(tile: &[f32], variance: f64) -> Vec<f32> {
     along_rows(&along_rows(tile))
 }
 
-/// The repeated tile at a place and a variance.
+/// The repeated tile at a position and a variance.
 fn read(tiles: &[Vec<f32>], [x, y]: [f64; 2], v: f64) -> f64 {
     let above = VARIANCES.iter().position(|&node| node > v).unwrap_or(VARIANCES.len() - 1).max(1);
     let share = ((v - VARIANCES[above - 1]) / (VARIANCES[above] - VARIANCES[above - 1])).clamp(0.0, 1.0);

@@ -1,11 +1,11 @@
-//! A report as text, and two reports side by side.
+//! Formats a report as text, and compares two reports.
 
 use super::{Report, RunReport, Spread};
 
-/// Stands for a value that does not exist.
+/// The text for a missing value.
 const DASH: &str = "-";
 
-/// Rows of cells as lines. The first column is aligned left, the others right, with two spaces between.
+/// Formats rows of cells as lines. The first column is aligned left, the others right, with two spaces between.
 fn aligned(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let wide = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|c| c.chars().count()).max();
@@ -24,7 +24,7 @@ fn row<const N: usize>(cells: [&str; N]) -> Vec<String> {
     cells.map(str::to_string).to_vec()
 }
 
-/// A number with three digits or more; a dash for none and for one that is not finite.
+/// Formats a number with three digits or more; a dash if it is missing or not finite.
 fn number(value: impl Into<Option<f64>>) -> String {
     match value.into().filter(|v| v.is_finite()) {
         None => DASH.to_string(),
@@ -37,12 +37,12 @@ fn percent(share: Option<f64>) -> String {
     share.map_or(DASH.to_string(), |share| format!("{:.0} %", 100.0 * share))
 }
 
-/// The median, and the least to the greatest value.
+/// The median, and the range from the least to the greatest value.
 fn spread(values: Option<&Spread>) -> String {
     values.map_or(DASH.to_string(), |s| format!("{} ({} to {})", number(s.median), number(s.min), number(s.max)))
 }
 
-/// A line for each name and its value.
+/// Formats a line for each name and its value.
 fn lines(indent: &str, facts: &[(&str, String)]) -> String {
     facts.iter().map(|(name, value)| format!("{indent}{name:<11}{value}")).collect::<Vec<_>>().join("\n")
 }
@@ -122,11 +122,11 @@ impl RunReport {
     }
 }
 
-/// A table of the ratios new over old of all runs that both reports hold, without a newline at its end; above 1 is
-/// slower.
+/// A table of the ratios new/old of all runs that both reports contain, without a newline at its end. A ratio above 1
+/// means slower.
 ///
 /// It has the time end to end and on the device, each with the least and the greatest ratio of the samples, and the
-/// median of every pass. Runs that only one report holds are named.
+/// median of every pass. Runs that only one report contains are named.
 pub fn compare(old: &Report, new: &Report) -> String {
     let mut rows = vec![["", "old ms", "new ms", "new/old", "least", "greatest"].map(str::to_string).to_vec()];
     let mut notes: Vec<String> = Vec::new();
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn ratios_are_new_over_old_with_the_spread_of_the_samples() {
+    fn ratios_are_new_divided_by_old_with_the_spread_of_the_samples() {
         let old = report(vec![run(64, [9.0, 10.0, 12.0], 4.0), run(32, [1.0; 3], 1.0)]);
         let new = report(vec![run(64, [18.0, 20.0, 24.0], 2.0), run(128, [1.0; 3], 0.0)]);
         let text = compare(&old, &new);
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_report_over_itself_is_one_and_zero_over_zero_a_dash() {
+    fn equal_reports_have_ratios_of_one_and_zero_by_zero_is_a_dash() {
         let one = report(vec![run(64, [5.0; 3], 0.0)]);
         let text = compare(&one, &one);
         assert_eq!(cells(&text, "solve")[2..], ["1.00", "1.00", "1.00"]);

@@ -1,4 +1,4 @@
-//! One run of a size, method and kernel: a cold solve, warm-ups, and the solves that count; and the bandwidth of a
+//! One run of a size, method and kernel: a cold solve, warm-ups, and measured solves. Also measures the bandwidth of a
 //! copy.
 
 use std::sync::Arc;
@@ -14,13 +14,13 @@ use crate::engine::stages::pass::Pass;
 use crate::engine::vulkan::{Clock, Image, Pipeline, Recorder, Resource, Texel, Workgroups};
 use crate::engine::{Engine, PairOptions, PreparedSolver};
 
-/// The passes that relax: half-iterations, and small levels in one.
+/// The relaxation passes: half-iterations, and whole small levels.
 const RELAX: [&str; 2] = ["relax", "relax_level"];
 
-/// Measures one run. One more solve, in which the device's clock is read, measures the passes.
+/// Measures one run. An additional solve with device timestamps measures the passes.
 ///
-/// Each solver is dropped before the next is prepared, for its memory. `pair` is the pair of this size, made here once
-/// the size is known to fit. `copy` is the bandwidth of a copy, 10⁹ bytes per second.
+/// Each solver is dropped before the next is prepared, to free its memory. `pair` is the pair of this size, which is
+/// made here once the size is known to fit. `copy` is the bandwidth of a copy, 10⁹ bytes per second.
 pub(super) fn run(
     engine: &Engine,
     options: &Options,
@@ -91,7 +91,7 @@ fn milliseconds(since: Instant) -> f64 {
     since.elapsed().as_secs_f64() * 1e3
 }
 
-/// The dispatches of a pass over any workgroups, and the bytes that they must move.
+/// The dispatches of a pass with at least one workgroup, and the bytes that they must move.
 fn pass(profile: &Profile, name: &str, ms: f64, copy: Option<f64>) -> PassReport {
     let (mut dispatches, mut bytes) = (0, 0);
     for dispatch in profile.executed().filter(|dispatch| dispatch.pass == name) {
@@ -101,7 +101,7 @@ fn pass(profile: &Profile, name: &str, ms: f64, copy: Option<f64>) -> PassReport
     PassReport { name: name.to_string(), ms, dispatches, bytes, gb_per_s, share_of_copy: copy.map(|c| gb_per_s / c) }
 }
 
-/// The relaxation on all levels; `None` where no pass has a time.
+/// The relaxation on all levels; `None` if no pass has a time.
 fn relaxation(levels: &[LevelReport], sweeps: u32, passes: &[PassReport], copy: Option<f64>) -> Option<Relaxation> {
     let relaxing = || passes.iter().filter(|pass| RELAX.contains(&pass.name.as_str()));
     let ms: f64 = relaxing().map(|pass| pass.ms).sum();
@@ -118,14 +118,14 @@ fn relaxation(levels: &[LevelReport], sweeps: u32, passes: &[PassReport], copy: 
     Some(Relaxation { mpx_sweeps_per_s: megapixels / ms * 1e3, share_of_copy })
 }
 
-/// Width and height of the copied image, pixels: as wide as every Vulkan device takes. Two images of 64 MiB exceed most
+/// Width and height of the copied image, px, within the limits of every Vulkan device. Two images of 64 MiB exceed most
 /// caches.
 const COPY_SIZE: [u32; 2] = [4096, 4096];
-/// Number of copies that are timed.
+/// Number of timed copies.
 const COPIES: u32 = 8;
 
 /// The bandwidth of a pass that copies an image of floats, in the memory that all passes use: 10⁹ bytes read and
-/// written per second; `None` without a device clock.
+/// written per second. `None` without device timestamps.
 pub(super) fn copy_bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     let device = engine.device();
     let pipeline = Arc::new(Pipeline::new(device, &copy::STAGE)?);
@@ -138,7 +138,7 @@ pub(super) fn copy_bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
         let groups = Workgroups::Direct(copy::STAGE.groups(COPY_SIZE));
         recorder.dispatch(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)
     };
-    // The first copy touches the pages.
+    // The first copy commits the memory pages.
     let mut first = Recorder::new(device, Clock::Never)?;
     first.initialize(&[&from, &to]);
     first.clear_image(&from);

@@ -1,8 +1,8 @@
-//! A trace of the last solve of each run, dispatch by dispatch, which Perfetto and chrome://tracing open.
+//! A trace of the last solve of each run, with each dispatch, for Perfetto and chrome://tracing.
 //!
-//! The format is Chrome's Trace Event Format: times in µs, a process for each run's device and one for its host, a
-//! thread for each level. Device and host have clocks of their own: the device's first pass starts when the host
-//! submits.
+//! The format is Chrome's Trace Event Format. Times are in µs. Each run has a process for its device and one for its
+//! host, and each level has a thread. Device and host have separate clocks: the device's first pass starts when the
+//! host submits.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -60,7 +60,7 @@ impl Trace {
         self.start_ms += last + GAP;
     }
 
-    /// Adds a complete event; its start and end are in ms since the run began.
+    /// Adds a complete event. Its start and end are in ms since the run began.
     fn span(&mut self, name: &str, (process, thread): (usize, usize), [from, to]: [f64; 2], arguments: Value) {
         let (ts, dur) = (1e3 * (self.start_ms + from), 1e3 * (to - from).max(0.0));
         self.events.push(json!({
@@ -80,8 +80,8 @@ impl Trace {
         json!({ "displayTimeUnit": "ms", "traceEvents": self.events }).to_string()
     }
 
-    /// Writes the trace; the folder of the file is created if it is missing. An earlier trace is replaced, another file
-    /// only if the [`Destination`] forces it. On failure the file stays as it was.
+    /// Writes the trace. Creates the folder of the file if it is missing. Replaces an earlier trace; the
+    /// [`Destination`] must force the replacement of another file. On failure the file stays unchanged.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_device_clock_the_trace_has_the_host_alone() {
+    fn without_a_device_clock_the_trace_has_only_the_host() {
         let mut trace = Trace::default();
         trace.add("run", [64, 48], &Profile { ends_ms: Vec::new(), ..profile() });
         assert_eq!(trace.events.iter().filter(|e| e["ph"] == "X").count(), 4);

@@ -1,4 +1,4 @@
-//! How far a registration and V are off, and whether σ says so.
+//! Errors of registration and V, and the coverage of these errors by σ.
 
 use super::pairs::KnownPair;
 use super::runner::Runner;
@@ -7,17 +7,17 @@ use crate::base::{Settings, statistics};
 use crate::engine::Solution;
 use crate::engine::stages::uncertainty::LARGEST;
 
-/// Pixels along the border that are left out of all errors of V.
+/// Width of the border that is left out of all errors of V, px.
 pub(super) const BORDER: usize = 16;
 
-/// The indices of the pixels that are at least `border` px inside the frame.
+/// The indices of the pixels at least `border` px inside the frame.
 pub(super) fn inside(width: u32, height: u32, border: usize) -> impl Iterator<Item = usize> {
     let (width, height) = (width as usize, height as usize);
     let rows = border..height.saturating_sub(border);
     rows.flat_map(move |y| (border..width.saturating_sub(border)).map(move |x| y * width + x))
 }
 
-/// Root mean square of a field, [`BORDER`] px inside the frame, over its finite values; `None` if there is none.
+/// Root mean square of the finite values of a field, [`BORDER`] px inside the frame; `None` if there is none.
 pub(super) fn rms(width: u32, height: u32, value: impl Fn(usize) -> f64) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0usize);
     for v in inside(width, height, BORDER).map(value).filter(|v| v.is_finite()) {
@@ -27,14 +27,14 @@ pub(super) fn rms(width: u32, height: u32, value: impl Fn(usize) -> f64) -> Opti
     (count > 0).then(|| (sum / count as f64).sqrt())
 }
 
-/// Errors of a solution whose truth is known; V in px², [`BORDER`] px inside the frame.
+/// Errors of a solution with known truth; V in px², [`BORDER`] px inside the frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Errors {
-    /// The largest distance of a corner from its true place, px.
+    /// The largest distance of a corner from its true position, px.
     pub corner: f64,
-    /// Root mean square of V less the true V.
+    /// Root mean square of V minus the true V.
     pub rms: f64,
-    /// Mean of V less the true V.
+    /// Mean of V minus the true V.
     pub bias: f64,
     pub coverage: Coverage,
 }
@@ -70,19 +70,19 @@ impl Errors {
     }
 }
 
-/// The shares of the pixels whose error is within a multiple of their σ.
+/// The shares of the pixels with an error within a multiple of their σ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Coverage {
-    /// Within one σ: 0.68 of Gaussian errors.
+    /// Within one σ: 0.68 for Gaussian errors.
     pub one: f64,
-    /// Within two: 0.95.
+    /// Within two σ: 0.95 for Gaussian errors.
     pub two: f64,
-    /// Beyond five.
+    /// Beyond five σ.
     pub beyond_five: f64,
 }
 
 impl Coverage {
-    /// Of errors and their σ. A pixel of the largest σ states nothing and is left out.
+    /// Computes the shares from errors and their σ. Pixels with the largest σ have no information and are left out.
     pub(super) fn of(pixels: impl Iterator<Item = (f64, f64)>) -> Self {
         let stated = pixels.filter(|(error, sigma)| error.is_finite() && *sigma < f64::from(LARGEST));
         let ratios: Vec<f64> = stated.map(|(error, sigma)| error.abs() / sigma).collect();
@@ -101,7 +101,7 @@ impl Coverage {
     }
 }
 
-/// Least, median and greatest. A failure counts as worse than any number: it is infinite.
+/// Least, median and greatest value. A failure counts as infinite.
 pub(super) fn spread(values: &[Option<f64>]) -> [f64; 3] {
     let mut sorted: Vec<f64> = values.iter().map(|v| v.unwrap_or(f64::INFINITY)).collect();
     sorted.sort_by(f64::total_cmp);
@@ -115,12 +115,12 @@ mod tests {
     use crate::base::Similarity;
 
     #[test]
-    fn the_corner_error_of_a_rotation_and_a_scale_is_in_closed_form() {
+    fn the_corner_error_of_a_rotation_and_a_scale_is_exact() {
         // Half the diagonal of 301 x 401 px is 250 px: corners are at (±150, ±200).
         let corner = |t: Similarity| t.corner_distance(&Similarity::IDENTITY, 301, 401);
         assert!((corner(Similarity::new(0.0, 0.0, 2.0, 1.0)) - 2.0 * 250.0 * 1f64.to_radians().sin()).abs() < 1e-9);
         assert!((corner(Similarity::new(0.0, 0.0, 0.0, 1.01)) - 2.5).abs() < 1e-9);
-        // The corner that both move the same way: 3 + 1.5 and 4 + 2.
+        // The corner that rotation and scale move in the same direction: 3 + 1.5 and 4 + 2.
         assert!((corner(Similarity::new(3.0, 4.0, 0.0, 1.01)) - 7.5).abs() < 1e-9);
     }
 

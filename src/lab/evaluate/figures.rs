@@ -1,4 +1,4 @@
-//! The figures: those of the paper, under its numbers, and curves of robustness.
+//! The figures: those of the paper, with its numbers, and curves of robustness.
 
 use super::Figure;
 use super::pairs::PhotographedPair;
@@ -12,12 +12,12 @@ use crate::lab::contact_sheet::{PALETTE, Panel, Row, Sheet};
 use crate::page::figure::{Axis, Plot, Series};
 use crate::page::view::{Surface, View};
 
-/// What stands for no registration: T held at the identity.
+/// The name of the solve without registration, with T held at the identity.
 pub(super) const NONE: &str = "no registration";
-/// The pair without displacement, T held at the identity.
+/// The name of the solve of the pair without displacement, with T held at the identity.
 pub(super) const ALIGNED: &str = "aligned pair";
 
-/// A method by name, and its solution or the reason why there is none.
+/// The name of a method, and its solution or the reason for its failure.
 pub(super) type Solved = (&'static str, Result<Solution, String>);
 
 const SCENES: &str = "fig4-scenes";
@@ -34,7 +34,8 @@ fn surface_name(pair: &PhotographedPair) -> String {
     format!("fig8-{}", pair.name)
 }
 
-/// Rows of the sheets, drawn as soon as a pair is solved: all solutions together would not fit into memory.
+/// Rows of the sheets. They are drawn as soon as a pair is solved, since all solutions together would not fit into
+/// memory.
 #[derive(Default)]
 pub(super) struct Collector {
     scenes: Vec<Row>,
@@ -43,9 +44,9 @@ pub(super) struct Collector {
 }
 
 impl Collector {
-    /// Adds a row to Figure 4; below each panel the corner error, px.
+    /// Adds a row to Figure 4, with the corner error in px below each panel.
     pub(super) fn scene(&mut self, name: &str, i1: &Frame, solved: &[Solved], corners: &[Option<f64>]) {
-        // Zero belongs to the scale: where V is the same everywhere, rounding must not fill the colours.
+        // The scale includes zero. Otherwise rounding would fill the colours where V is constant.
         let zero = [0.0];
         let trusted = [Method::Unified.name(), ALIGNED];
         let fields = solved.iter().filter(|(name, _)| trusted.contains(name)).filter_map(|(_, s)| s.as_ref().ok());
@@ -58,7 +59,7 @@ impl Collector {
         self.scenes.push(Row::new(name).scale(scale).panels([photograph]).panels(panels.collect::<Vec<_>>()));
     }
 
-    /// Adds a row to Figure 6, and a Figure 8.
+    /// Adds a row to Figure 6, and a surface for Figure 8.
     pub(super) fn photographs(&mut self, pair: &PhotographedPair, [i1, _]: [&Frame; 2], solved: &[Solved]) {
         let unified = solved.iter().find(|(name, _)| *name == Method::Unified.name());
         let Some(unified) = unified.and_then(|(_, solution)| solution.as_ref().ok()) else {
@@ -118,7 +119,7 @@ fn blur(solution: &Result<Solution, String>, scale: &Scale) -> Panel {
     }
 }
 
-/// A frame whose samples may leave 0 to 1, clipped to it.
+/// A frame with its samples clipped to 0 to 1.
 fn clipped(frame: &Frame) -> Frame {
     let Samples::F32(values) = frame.samples() else { return frame.clone() };
     let clipped = values.iter().map(|v| v.clamp(0.0, 1.0)).collect();
@@ -126,7 +127,7 @@ fn clipped(frame: &Frame) -> Frame {
         .unwrap_or_else(|_| frame.clone())
 }
 
-/// Robustness: a plot for each property.
+/// Draws robustness: a plot for each property.
 fn curves(curves: &[Curve]) -> Figure {
     let caption = "Corner error as scenes get harder: median over the seeds, bars from least to greatest.";
     let plots: Vec<Panel> = curves.iter().map(|curve| Panel::image(plot(curve))).collect();

@@ -10,7 +10,7 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! A solve that fails is a row of a table that says why; the others go on. Only writing can fail.
+//! A solve that fails becomes a row with its reason, and the other solves continue. Only writing can fail.
 
 mod defaults;
 mod errors;
@@ -34,12 +34,13 @@ use crate::base::Error;
 use crate::engine::Engine;
 use crate::files::export::{Destination, DeviceReport, Staging, write_drawing, write_json_to};
 
-/// What is evaluated.
+/// The options of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Folder of the photographs, each pair in a folder of its own. Absent ones are named in the report.
+    /// Folder of the photographs, with one folder for each pair. The report names missing photographs.
     pub data: PathBuf,
-    /// Small scenes, few cases, reduced photographs: shows that everything runs, not how exact it is.
+    /// Whether to use small scenes, few cases and reduced photographs. A quick run tests that everything works, not its
+    /// accuracy.
     pub quick: bool,
     /// The only part to run; `None` for all.
     pub only: Option<Part>,
@@ -53,12 +54,12 @@ pub enum Part {
     Paper,
     /// Bounds on the default settings: some 5 minutes. Reads part/57 and dual-pixel in DIR
     Defaults,
-    /// Bounds on focus sweeps, beside shape from focus: some 5 minutes. Reads cou in DIR
+    /// Bounds on focus sweeps, with shape from focus for comparison: some 5 minutes. Reads cou in DIR
     Sweeps,
 }
 
 impl Default for Options {
-    /// Everything in full, on the pairs in the folder `data`.
+    /// The default options: the full evaluation with the pairs in the folder `data`.
     fn default() -> Self {
         Self { data: PathBuf::from("data"), quick: false, only: None }
     }
@@ -70,7 +71,7 @@ pub struct Evaluation {
     figures: Vec<Figure>,
 }
 
-/// The content of `report.json`: the sections of each part; none for a part that was not run.
+/// The content of `report.json`: the sections of each part; empty for a part that was not run.
 #[derive(Serialize)]
 struct Report {
     program: &'static str,
@@ -87,7 +88,7 @@ struct Report {
 /// A picture and the name of its file.
 struct Figure {
     name: String,
-    /// What it shows, a sentence.
+    /// A sentence that describes the picture.
     caption: String,
     picture: RgbImage,
 }
@@ -102,7 +103,7 @@ const REPORT: &str = "report.json";
 const TABLES: &str = "report.md";
 
 impl Evaluation {
-    /// Runs the experiments; `log` is called with a line for each.
+    /// Runs the experiments. Calls `log` with a line for each.
     pub fn run(engine: &Engine, options: &Options, log: &mut dyn FnMut(&str)) -> Self {
         let mut runner = Runner::new(engine, options.quick, log);
         let (data, includes) = (&options.data, |part| options.only.is_none_or(|only| only == part));
@@ -135,7 +136,7 @@ impl Evaluation {
     /// The text of `report.json`, without a newline at its end.
     ///
     /// # Errors
-    /// No input is known to cause one; serde_json's signature allows it.
+    /// None known; serde_json's signature allows one.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         crate::files::export::to_json(&self.report)
     }
@@ -161,8 +162,8 @@ impl Evaluation {
         parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n")
     }
 
-    /// Writes `report.md`, `report.json` and the figures into a folder, which is created if it is missing: all of them,
-    /// or none. The files of an earlier evaluation are replaced, others only if the [`Destination`] forces it.
+    /// Writes `report.md`, `report.json` and the figures into a folder: all or none. Creates the folder if it is
+    /// missing. Replaces the files of an earlier evaluation; the [`Destination`] must force the replacement of others.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -176,8 +177,8 @@ impl Evaluation {
         staging.place()
     }
 
-    /// Refuses, before anything is run, a folder that [`write`](Self::write) would refuse: it has files of other
-    /// programs under the names of results.
+    /// Checks, before any experiment, that [`write`](Self::write) would accept a folder. A folder is refused if files
+    /// of other programs have the names of results.
     ///
     /// # Errors
     /// [`Error::File`].

@@ -1,4 +1,4 @@
-//! The pairs that are measured: scenes with their truth, a displaced photograph, and photographs.
+//! The pairs of the experiments: scenes with their truth, a displaced photograph, and photographs.
 
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
@@ -12,11 +12,11 @@ use crate::files::export::Nearer;
 use crate::files::image_io;
 use crate::lab::scene::{self, Preset, Scene, Shape};
 
-/// A pair whose registration is known.
+/// A pair with known registration.
 pub(super) struct KnownPair {
     pub images: [Frame; 2],
     pub transform: Similarity,
-    /// V at each pixel of I1, px²; empty where it is not known.
+    /// V at each pixel of I1, px²; empty if it is not known.
     pub relative_blur: Vec<f32>,
     pub kernel: Kernel,
 }
@@ -37,13 +37,14 @@ impl KnownPair {
         runner.solve(self.images.each_ref(), settings)
     }
 
-    /// The default settings. An asymmetric kernel is stated, as a user would have to.
+    /// The default settings, with the kernel stated if it is asymmetric, as a user would have to.
     pub(super) fn default_settings(&self) -> Settings {
         default_settings(&self.kernel)
     }
 }
 
-/// The default settings for a pair of this kernel, which is stated only where it is asymmetric; samples as stored.
+/// The default settings for a pair with this kernel, which is stated only if it is asymmetric. Samples are decoded as
+/// stored.
 pub(super) fn default_settings(kernel: &Kernel) -> Settings {
     let kernel = match kernel {
         Kernel::Gaussian | Kernel::Pillbox => Kernel::Auto,
@@ -52,13 +53,13 @@ pub(super) fn default_settings(kernel: &Kernel) -> Settings {
     Settings { kernel, decode: Decode::None, ..Settings::default() }
 }
 
-/// Two photographs of a data set, in a folder of its name.
+/// Two photographs of a data set, in a folder with its name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PhotographedPair {
     pub name: &'static str,
     files: [&'static str; 2],
-    /// Which photograph is focused nearer. A lens that refocuses moves out for near objects and magnifies them: where
-    /// T has a scale above 1, I2 is the nearer.
+    /// The photograph that is focused nearer. A lens that refocuses moves out for near objects and magnifies them: if T
+    /// has a scale above 1, I2 is the nearer.
     pub nearer: Nearer,
 }
 
@@ -71,11 +72,11 @@ const PAIRS: [PhotographedPair; 6] = [
     CUP,
 ];
 
-/// The Watanabe and Nayar pair, which is telecentric and aligned: the paper displaces it.
+/// The pair by Watanabe and Nayar, which is telecentric and aligned. The paper displaces it.
 const CUP: PhotographedPair =
     PhotographedPair { name: "cup", files: ["breakfast_near.png", "breakfast_far.png"], nearer: Nearer::First };
 
-/// Least width to which a quick run reduces photographs, px.
+/// Least width of the reduced photographs of a quick run, px.
 const QUICK_WIDTH: u32 = 240;
 
 impl PhotographedPair {
@@ -83,7 +84,7 @@ impl PhotographedPair {
         PAIRS.into_iter()
     }
 
-    /// The files of the pair that do not exist.
+    /// The missing files of the pair.
     pub(super) fn missing(&self, data: &Path) -> Vec<PathBuf> {
         self.paths(data).into_iter().filter(|path| !path.is_file()).collect()
     }
@@ -92,7 +93,7 @@ impl PhotographedPair {
         self.files.map(|file| data.join(self.name).join(file))
     }
 
-    /// Reads the photographs; a quick run reduces them.
+    /// Reads the photographs, reduced in a quick run.
     pub(super) fn read(&self, data: &Path, quick: bool) -> Result<[Frame; 2], String> {
         let [first, second] = self.paths(data);
         let (i1, i2) = image_io::read_pair(&first, &second).map_err(|e| e.to_string())?;
@@ -107,10 +108,10 @@ pub(super) struct TablePair {
     pub source: Source,
 }
 
-/// Where a pair of Table 1 comes from.
+/// The source of a pair of Table 1.
 pub(super) enum Source {
     Scene(Box<Scene>),
-    /// The Cup, whose I2 is displaced.
+    /// The Cup with a displaced I2.
     Cup,
 }
 
@@ -149,7 +150,7 @@ impl TablePair {
             }
             Source::Cup => {
                 let [i1, i2] = CUP.read(data, runner.quick)?;
-                // The small displacement of the photographs themselves is part of the truth.
+                // The truth includes the small displacement of the photographs themselves.
                 let own =
                     runner.solve([&i1, &i2], &settings(Method::Unified, &Kernel::Gaussian))?.transform.at_centre();
                 let by = Similarity::new(1.8, 2.3, 0.2, 1.01);
@@ -165,10 +166,10 @@ impl TablePair {
     }
 }
 
-/// Neighbours on either side that the interpolation reads. Its response is flat to 0.8 of the Nyquist frequency.
+/// Number of neighbours on either side for the interpolation. Its response is flat up to 0.8 of the Nyquist frequency.
 const RADIUS: isize = 12;
 
-/// The grey frame J with `J(T x) = frame(x)`, interpolated by a sinc under a squared cosine.
+/// The grey frame J with `J(T x) = frame(x)`, interpolated by a sinc with a squared-cosine window.
 fn displaced(frame: &Frame, transform: &Similarity) -> Result<Frame, String> {
     let (width, height) = (frame.width(), frame.height());
     let grey = ingest::cpu_reference(frame, Decode::None, LUMINANCE);
@@ -177,14 +178,14 @@ fn displaced(frame: &Frame, transform: &Similarity) -> Result<Frame, String> {
     Frame::gray(width, height, places.map(|place| read(&grey, back.apply(place, c)) as f32).collect())
 }
 
-/// The field at a place between its pixels, mirrored about its border.
+/// The field at a position between its pixels, mirrored at its border.
 fn read(field: &Field, [x, y]: [f64; 2]) -> f64 {
     let ((left, columns), (top, rows)) = (taps(x), taps(y));
     let row = |j: isize| -> f64 { columns.iter().zip(left..).map(|(w, i)| w * field.mirrored(i, j)).sum() };
     rows.iter().zip(top..).map(|(w, j)| w * row(j)).sum()
 }
 
-/// The first neighbour, and the weights from there on, whose sum is 1.
+/// The index of the first neighbour, and the weights from there on, with the sum 1.
 fn taps(place: f64) -> (isize, [f64; 2 * RADIUS as usize]) {
     let first = place.floor() as isize - RADIUS + 1;
     let weight = |n: usize| {
@@ -222,7 +223,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_displaced_wave_is_the_wave_elsewhere() {
+    fn a_displaced_wave_is_the_shifted_wave() {
         let wave = |[x, y]: [f64; 2]| 0.5 + 0.3 * (0.9 * x + 0.4 * y).cos() + 0.1 * (1.3 * y).sin();
         let (width, height) = (80, 64);
         let at = |i: u32| wave([f64::from(i % width), f64::from(i / width)]) as f32;
@@ -239,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn reducing_takes_means_of_each_colour() {
+    fn reduction_averages_each_colour() {
         let samples = vec![0, 10, 20, 255, 30, 40, 0, 0, 0, 255, 0, 0];
         let frame = Frame::new(2, 2, Channels::Rgb, Samples::U8(samples)).unwrap();
         let Samples::F32(values) = reduced(&frame, 2).unwrap().samples().clone() else { panic!("not floats") };

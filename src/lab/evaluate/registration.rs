@@ -1,5 +1,4 @@
-//! Tables 1 and 2: how well each method registers, and what V it finds, on pairs of known registration and on
-//! photographs.
+//! Tables 1 and 2: the registration and V by each method, on pairs of known registration and on photographs.
 
 use std::path::Path;
 
@@ -21,7 +20,7 @@ pub(super) const CORNER: &str = "corners, px";
 const TO_TRUTH: &str = "V to truth, px²";
 const TO_ALIGNED: &str = "V to aligned, px²";
 
-/// Table 1 and the targets that are judged by it.
+/// Makes Table 1 and the targets that judge it.
 pub(super) fn known(runner: &mut Runner, data: &Path, figures: &mut Collector) -> [Section; 2] {
     let mut rows = Vec::new();
     for pair in TablePair::all(data, runner.quick) {
@@ -46,7 +45,7 @@ pub(super) fn known(runner: &mut Runner, data: &Path, figures: &mut Collector) -
     [targets, Section::without_bounds("Table 1: registration errors", what, cases)]
 }
 
-/// Pairs that have targets of their own: scenes by the symmetry of their kernel, and the displaced photograph.
+/// Kinds of pairs with separate targets: scenes by the symmetry of their kernel, and the displaced photograph.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     Symmetric,
@@ -108,7 +107,7 @@ fn solve_all(runner: &mut Runner, pair: &KnownPair) -> Vec<Solved> {
     solved
 }
 
-/// A case of a solution: `values`, then energy and time; the reason where there is none. Without registration doubts
+/// A case of a solution: `values`, then energy and time, or the reason for a failure. Without registration, warnings
 /// are expected and left out.
 fn solution_case(
     name: &str,
@@ -125,7 +124,7 @@ fn solution_case(
     }
 }
 
-/// Adds T less the truth.
+/// Adds the errors of T against the truth.
 fn transform(case: Case, found: &Similarity, truth: &Similarity) -> Case {
     let case = case.value(TX, found.tx - truth.tx).value(TY, found.ty - truth.ty);
     let case = case.value(ROTATION, found.rotation_deg() - truth.rotation_deg());
@@ -137,11 +136,11 @@ fn rms_to_truth(solution: &Solution, pair: &KnownPair) -> Option<f64> {
     if pair.relative_blur.is_empty() { None } else { rms(solution.width, solution.height, error) }
 }
 
-/// V of the displaced pair less V of the aligned pair, each less its own truth: where a lens breathes the truths
-/// differ.
+/// V of the displaced pair minus V of the aligned pair, each minus its own truth. The truths differ if the lens
+/// breathes.
 fn rms_to_aligned(solution: &Solution, aligned: &Solution, [displaced, undisplaced]: &[KnownPair; 2]) -> Option<f64> {
     let truth = |pair: &KnownPair, i: usize| pair.relative_blur.get(i).map_or(0.0, |v| f64::from(*v));
-    // An rms over the few pixels that are valid in both would say nothing.
+    // An rms over the few pixels that are valid in both would be meaningless.
     if 2.0 * solution.valid_fraction < aligned.valid_fraction {
         return None;
     }
@@ -156,7 +155,7 @@ fn energy(solution: &Solution) -> Option<f64> {
     solution.levels.last()?.energy.last().copied()
 }
 
-/// A bound on one value of some rows of Table 1.
+/// A bound on one value of selected rows of Table 1.
 struct Target {
     name: &'static str,
     value: &'static str,
@@ -202,7 +201,7 @@ fn judge(rows: &[Row]) -> Vec<Case> {
         .map(|target| {
             let judged = rows.iter().filter(|row| target.kinds.contains(&row.kind));
             let judged = judged.filter(|row| target.methods.iter().any(|method| method.name() == row.method));
-            // Without key-points there is no registration, which is as far off as can be.
+            // Too few key-points mean no registration, which counts as an infinite error.
             let value = |row: &Row| match row.case.get(target.value) {
                 None if row.case.note.starts_with("SIFT cannot register") => Some(f64::INFINITY),
                 value => value.map(f64::abs),
@@ -226,20 +225,20 @@ fn judge(rows: &[Row]) -> Vec<Case> {
     cases
 }
 
-/// A case of the worst of some values: the greatest where the bound is an upper one, else the least. A value that is
-/// missing is the worst.
+/// A case with the worst of some values: the greatest for an upper bound, the least for a lower bound. A missing value
+/// is the worst.
 fn worst(name: &str, quantity: &'static str, bounds: [Option<f64>; 2], values: Vec<(&str, Option<f64>)>) -> Case {
     let meets = |v: f64| bounds[0].is_none_or(|least| v >= least) && bounds[1].is_none_or(|most| v <= most);
     let missed = values.iter().filter(|(_, value)| !value.is_some_and(meets));
     let missed: Vec<String> = missed.map(|(name, value)| format!("{name} ({})", number(*value))).collect();
     let all: Option<Vec<f64>> = values.iter().map(|(_, value)| *value).collect();
     let pick = if bounds[1].is_some() { f64::max } else { f64::min };
-    // Where all are infinite, any number meets the lower bound.
+    // If all values are infinite, the lower bound is met.
     let worst = all.and_then(|all| all.into_iter().reduce(pick)).map(|v| v.min(f64::MAX));
     Case::new(name).bounded(quantity, worst, bounds).value("judged", values.len() as f64).note(missed.join("; "))
 }
 
-/// Table 2: what each method makes of photographs, whose registration is not known.
+/// Makes Table 2: the results of each method on photographs of unknown registration.
 pub(super) fn photographs(runner: &mut Runner, data: &Path, figures: &mut Collector) -> Section {
     let mut cases = Vec::new();
     for pair in PhotographedPair::all() {
@@ -287,7 +286,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_worst_value_decides_and_a_missing_one_is_a_miss() {
+    fn the_worst_value_decides_and_a_missing_value_misses_the_bound() {
         let judge = |bounds, values: &[Option<f64>]| {
             let case = worst("a", "x", bounds, values.iter().map(|v| ("b", *v)).collect());
             (case.values[0].met, case.values[0].value, case.note.matches("b (").count())

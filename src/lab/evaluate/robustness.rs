@@ -1,4 +1,4 @@
-//! How well the methods register as a scene gets harder, and where they fail.
+//! The accuracy of the methods as a scene gets more difficult, and where they fail.
 
 use super::errors::spread;
 use super::runner::{METHODS, Runner, settings};
@@ -6,10 +6,10 @@ use super::section::{Case, Section, number};
 use crate::base::{Frame, Kernel, Method, Similarity};
 use crate::lab::scene::{Exposure, Preset, Scene, Shape};
 
-/// The paper's bound on translation, px: beyond it a registration counts as failed.
+/// The paper's bound on translation, px. A registration with a larger error counts as failed.
 pub(super) const PAPER_PX: f64 = 0.25;
 
-/// Corner errors over one property of the scene.
+/// Corner errors as a function of one property of the scene.
 pub(super) struct Curve {
     pub series: &'static Series,
     pub points: Vec<Point>,
@@ -21,12 +21,12 @@ pub(super) struct Point {
     pub spreads: [[f64; 3]; METHODS.len()],
 }
 
-/// One property of the slanted plane, from easy to hard.
+/// One property of the slanted plane, from easy to difficult.
 pub(super) struct Series {
     pub name: &'static str,
     /// The property and its unit.
     pub quantity: &'static str,
-    /// What else the scenes have.
+    /// The other properties of the scenes.
     note: &'static str,
     pub logarithmic: bool,
     values: &'static [f64],
@@ -130,13 +130,13 @@ fn point(runner: &mut Runner, series: &Series, value: f64) -> Point {
     Point { value, spreads: corners.map(|corners| spread(&corners)) }
 }
 
-/// Registration alone; `None` where the method fails.
+/// Registers only; `None` if the method fails.
 fn register(runner: &mut Runner, pair: [&Frame; 2], method: Method) -> Option<Similarity> {
     runner.register(pair, &settings(method, &Kernel::Gaussian)).ok().map(|registered| registered.transform.at_centre())
 }
 
 impl Curve {
-    /// The medians as a table, and where each method fails.
+    /// The medians as a table, and the value at which each method fails.
     pub(super) fn section(&self) -> Section {
         let Series { name, quantity, note, .. } = self.series;
         let row = |case: Case, value: &dyn Fn(usize) -> Option<f64>| {

@@ -1,23 +1,23 @@
-//! One engine for all experiments, and the solvers used last.
+//! One engine for all experiments, and the most recent solvers.
 
 use super::section::Case;
 use crate::base::{Decode, Error, Frame, Homography, Kernel, Method, Settings};
 use crate::engine::{Engine, Registered, Solution};
 use crate::solve::{PairSolver, SolveOptions};
 
-/// The methods that are compared, in the paper's order.
+/// The compared methods, in the paper's order.
 pub(super) const METHODS: [Method; 3] = [Method::Appearance, Method::Sift, Method::Unified];
 
-/// Solvers that are kept, one for each method.
+/// Number of solvers that are kept, one for each method.
 const MOST_SOLVERS: usize = METHODS.len();
 
-/// Solves pairs with reused solvers, and logs what is being done.
+/// Solves pairs with reused solvers, and logs the current work.
 pub(super) struct Runner<'a> {
     pub(super) engine: &'a Engine,
     /// Small scenes and few cases.
     pub(super) quick: bool,
     log: &'a mut dyn FnMut(&str),
-    /// The solver used last is the last.
+    /// The kept solvers; the last one was used last.
     solvers: Vec<PairSolver>,
 }
 
@@ -54,7 +54,7 @@ impl<'a> Runner<'a> {
         let solver = match self.solvers.iter().position(|solver| solver.settings() == settings) {
             Some(place) => self.solvers.remove(place),
             None => {
-                // The oldest is dropped before the next is prepared, for its memory.
+                // Drops the oldest solver before preparing the next, to free its memory.
                 if self.solvers.len() == MOST_SOLVERS {
                     self.solvers.remove(0);
                 }
@@ -67,7 +67,7 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// The default settings with a method and a kernel, on samples as stored.
+/// The default settings with a method and a kernel, with samples as stored.
 pub(super) fn settings(method: Method, kernel: &Kernel) -> Settings {
     Settings { method, kernel: kernel.clone(), decode: Decode::None, ..Settings::default() }
 }

@@ -1,14 +1,14 @@
-//! What is measured: sections of cases, each a row of values beside their bounds, as Markdown and JSON.
+//! Sections of a report: cases, each a row of values with their bounds, as Markdown and JSON.
 
 use serde::Serialize;
 
-/// Cases that are measured alike.
+/// A group of cases with the same values.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Section {
     pub name: String,
-    /// What is measured, on what; sentences.
+    /// The measured values and their data; sentences.
     pub what: String,
-    /// Whether its values have bounds: a case that cannot be measured then misses one.
+    /// Whether its values have bounds. If so, a case that cannot be measured misses a bound.
     #[serde(skip)]
     bounded: bool,
     pub cases: Vec<Case>,
@@ -19,22 +19,22 @@ pub(super) struct Section {
 pub(super) struct Case {
     pub name: String,
     pub values: Vec<Value>,
-    /// Remarks; the reason where there is no value.
+    /// Remarks; the reason if there is no value.
     pub note: String,
 }
 
-/// One number and its bounds.
+/// One number with its bounds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Value {
     /// The quantity, with its unit.
     pub name: &'static str,
-    /// `null` where there is no answer.
+    /// The number; `null` for no result.
     pub value: Option<f64>,
-    /// The least value that meets the bound; `null` for none.
+    /// The lower bound; `null` for none.
     pub least: Option<f64>,
-    /// The greatest value that meets the bound; `null` for none.
+    /// The upper bound; `null` for none.
     pub most: Option<f64>,
-    /// `null` for a value without bounds. No answer is a miss.
+    /// Whether the bounds are met; `null` for a value without bounds. A missing result misses its bounds.
     pub met: Option<bool>,
 }
 
@@ -43,7 +43,7 @@ impl Case {
         Self { name: name.into(), ..Self::default() }
     }
 
-    /// A case that cannot be measured, with the reason.
+    /// Makes a case that cannot be measured, with the reason.
     pub(super) fn failed(name: impl Into<String>, reason: impl Into<String>) -> Self {
         Self::new(name).note(reason)
     }
@@ -79,14 +79,14 @@ impl Case {
         self
     }
 
-    /// The value of this name; `None` where there is none.
+    /// The value of this name; `None` if there is none.
     pub(super) fn get(&self, name: &str) -> Option<f64> {
         self.values.iter().find(|value| value.name == name)?.value
     }
 }
 
 impl Value {
-    /// The value beside its bound, in bold where it misses it.
+    /// The value with its bound, in bold if it misses the bound.
     fn cell(&self) -> String {
         let value = number(self.value);
         let bound = match (self.least, self.most) {
@@ -108,14 +108,14 @@ impl Section {
         Self { bounded: false, ..Self::new(name, what, cases) }
     }
 
-    /// How many bounds are met, and how many there are. A case without values counts as one bound that is missed.
+    /// The number of bounds that are met, and the number of bounds. A case without values counts as one missed bound.
     fn met(&self) -> [usize; 2] {
         let failed = self.cases.iter().filter(|case| self.bounded && case.values.is_empty()).count();
         let bounded = || self.cases.iter().flat_map(|case| &case.values).filter_map(|value| value.met);
         [bounded().filter(|met| *met).count(), bounded().count() + failed]
     }
 
-    /// A heading, what is measured, and a table with a row for each case and a column for each value.
+    /// A heading, a description, and a table with a row for each case and a column for each value.
     fn markdown(&self) -> String {
         let mut columns: Vec<&str> = Vec::new();
         for value in self.cases.iter().flat_map(|case| &case.values) {
@@ -152,10 +152,10 @@ pub(super) fn markdown(heading: &str, sections: &[Section]) -> String {
     format!("## {heading}\n\n{} of {} bounds are met.\n\n{}", sum(0), sum(1), text.join("\n"))
 }
 
-/// Stands for a value that does not exist.
+/// The text for a missing value.
 const DASH: &str = "–";
 
-/// A number with three significant digits; a dash for none and for one that is not finite.
+/// Formats a number with three significant digits; a dash if it is missing or not finite.
 pub(super) fn number(value: impl Into<Option<f64>>) -> String {
     let Some(value) = value.into().filter(|v| v.is_finite()) else { return DASH.to_string() };
     if value == 0.0 {

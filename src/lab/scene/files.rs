@@ -29,26 +29,26 @@ pub struct Truth<F> {
     pub size: SizeReport,
     /// The frames in order: I1 and I2 of a pair.
     pub frames: Vec<FrameTruth>,
-    /// The true field of a pair or a sweep.
+    /// The true field.
     #[serde(flatten)]
     pub field: F,
     /// Shape of the blur.
     pub kernel: Kernel,
     /// Standard deviation of the noise, intensities.
     pub noise_sigma: f64,
-    /// The brightest less the darkest radiance, intensities.
+    /// The brightest minus the darkest radiance, intensities.
     pub contrast: f64,
-    /// Blur of all images in focus, px² of the reference.
+    /// Blur of all images even in focus, px² of the reference.
     pub base_blur_px2: f64,
     /// The texture of the surface.
     pub radiance: Radiance,
-    /// The shape of the surface. A sweep uses only its ends, not its V or focus distances.
+    /// The shape of the surface. A sweep uses only its ends, not V or focus distances.
     pub shape: Shape,
-    /// Occlusion at jumps of depth: "ignored", or "rendered" where the nearer side hides the other.
+    /// Occlusion at jumps of depth: "ignored", or "rendered" if the nearer side hides the other.
     pub occlusion: &'static str,
-    /// Number of samples outside [0, 1], which were clipped.
+    /// Number of clipped samples, outside [0, 1].
     pub clipped_samples: usize,
-    /// All files, this one included. A later run replaces and removes these and no others.
+    /// All files, including this one. A later run replaces or removes only these.
     pub files: Vec<String>,
 }
 
@@ -57,7 +57,7 @@ pub struct Truth<F> {
 pub struct PairField {
     /// The range of V, px².
     pub relative_blur: RangeReport,
-    /// The lens; absent where V is stated without one.
+    /// The lens; absent if V is stated without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<Lens>,
     /// The file of depth in mm, `depth.exr`; null without a lens.
@@ -67,9 +67,9 @@ pub struct PairField {
 /// The true field of a sweep.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SweepField {
-    /// Index of the frame on whose pixels the focus is.
+    /// Index of the reference frame; the focus is on its pixels.
     pub reference: usize,
-    /// c: growth of the variance of the blur with the squared distance from the focus in settings, px².
+    /// c: growth of the blur variance with the squared distance from the focus in settings, px².
     pub blur_rate_px2: f64,
     /// The range of the focus, settings.
     pub focus: RangeReport,
@@ -78,19 +78,19 @@ pub struct SweepField {
 /// The truth of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrameTruth {
-    /// Its file.
+    /// The file of the frame.
     pub file: String,
-    /// Focus setting of a frame of a sweep.
+    /// Focus setting of the frame in a sweep.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position: Option<f64>,
     /// T: the reference's pixel x lies at T x in this frame.
     pub transform: Similarity,
-    /// `gain` and `offset`, which map it onto the reference; they undo the exposure.
+    /// Gain and offset that map the frame onto the reference; they undo the exposure.
     #[serde(flatten)]
     pub photometric: Photometric,
     /// The exposure of the frame, `I ← gain I + offset`.
     pub exposure: Exposure,
-    /// Darkening of its corners against the reference's, which grows with the squared distance from the middle.
+    /// Darkening of the corners relative to the reference's. It increases with the squared distance from the middle.
     pub vignetting: f64,
 }
 
@@ -118,7 +118,7 @@ impl<F: Serialize> Truth<F> {
     /// The truth as JSON.
     ///
     /// # Errors
-    /// Numbers that JSON cannot express.
+    /// Numbers that JSON cannot represent.
     pub fn to_json(&self) -> serde_json::Result<String> {
         to_json(self)
     }
@@ -169,8 +169,8 @@ impl Truth<SweepField> {
     }
 }
 
-/// Writes the [`SIMULATED_FILES`] of a pair, images of 16 bits, into a folder that is created if it is missing: all of
-/// them, or none. The files of an earlier simulation are replaced or removed, no other file, as by
+/// Writes the [`SIMULATED_FILES`] of a pair, with images of 16 bits, into a folder: all or none. Creates the folder if
+/// it is missing. Replaces or removes the files of an earlier simulation and no others, like
 /// [`Results::write`](crate::export::Results::write).
 ///
 /// # Errors
@@ -193,7 +193,7 @@ pub fn write_simulated<'d>(
     staging.place()
 }
 
-/// Writes the [files](simulated_sweep_files()) of a sweep, as [`write_simulated()`] those of a pair.
+/// Writes the [files](simulated_sweep_files()) of a sweep, with the same rules as [`write_simulated()`].
 ///
 /// # Errors
 /// [`Error::File`].
@@ -213,20 +213,20 @@ pub fn write_simulated_sweep<'d>(
     staging.place()
 }
 
-/// The files of a pair whose scene has a lens or not.
+/// The files of a pair, for a scene with or without a lens.
 pub fn simulated_files(has_lens: bool) -> Vec<&'static str> {
     SIMULATED_FILES.into_iter().filter(|name| has_lens || *name != SIMULATED_FILES[3]).collect()
 }
 
-/// The files of a sweep: `frame_01.png` and so on, `focus.exr`, `truth.json`. Numbers have as many digits as the last,
-/// at least two.
+/// The files of a sweep: `frame_01.png` and so on, `focus.exr`, `truth.json`. Numbers have as many digits as the last
+/// number, and at least two.
 pub fn simulated_sweep_files(frames: usize) -> Vec<String> {
     let digits = frames.to_string().len().max(2);
     let names = (1..=frames).map(|k| format!("frame_{k:0digits$}.png"));
     names.chain([FOCUS_FILE, SIMULATED_FILES[4]].map(String::from)).collect()
 }
 
-/// The samples of a rendered frame, which are floats.
+/// The samples of a rendered frame, as floats.
 pub(super) fn floats(frame: &Frame) -> &[f32] {
     match frame.samples() {
         Samples::F32(samples) => samples,

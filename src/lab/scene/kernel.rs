@@ -1,10 +1,10 @@
-//! The kernels of the scenes: exact transfer functions, and quadrature for radiance that has no closed form.
+//! The kernels of the scenes: exact transfer functions, and quadrature for radiance without a closed form.
 
 use std::f64::consts::{FRAC_2_SQRT_PI, PI, TAU};
 
 use serde::{Deserialize, Serialize};
 
-/// The kernel of the blur of a scene: a family h(u; v) whose variance per axis is v, px².
+/// The blur kernel of a scene: a family h(u; v) with the variance v per axis, px².
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "program", derive(clap::ValueEnum))]
@@ -28,15 +28,15 @@ pub(super) struct Node {
     pub(super) weight: f64,
 }
 
-/// Standard deviations at which a Gaussian is cut off: 3e-7 of its mass remain.
+/// Distance at which a Gaussian is cut off, in standard deviations: 3e-7 of its mass remain.
 const REACH: f64 = 5.5;
 
 /// Largest angular frequency of radiance under quadrature, rad/px. Nyquist is π, but the edges of dots and the spline
-/// between noisy pixels have higher frequencies: with 7, noise was wrong by 1.3e-4.
+/// between noisy pixels have higher frequencies. With 7, noise had an error of 1.3e-4.
 const BANDWIDTH: f64 = 9.0;
 
 impl Kernel {
-    /// `ĥ(ω; v) = ∫ h(u; v) exp(-i ω·u) du` as real and imaginary part; ω in rad/px, v in px².
+    /// The transfer function `ĥ(ω; v) = ∫ h(u; v) exp(-i ω·u) du` as real and imaginary part; ω in rad/px, v in px².
     pub(super) fn transfer(self, [wx, wy]: [f64; 2], v: f64) -> [f64; 2] {
         let w2 = wx * wx + wy * wy;
         match self {
@@ -52,14 +52,14 @@ impl Kernel {
         }
     }
 
-    /// The distance beyond which all rules of the unit kernel are zero.
+    /// The radius beyond which all rules of the unit kernel are zero.
     pub(super) fn reach(self) -> f64 {
         if self == Kernel::Pillbox { 2.0 } else { REACH }
     }
 
-    /// A rule for the unit kernel with an error of at most 1e-5 for standard deviations up to `sigma` px.
+    /// Makes a rule for the unit kernel with an error of at most 1e-5 for standard deviations up to `sigma` px.
     fn rule(self, sigma: f64) -> Vec<Node> {
-        // Phase of the radiance over one unit of the kernel, radians.
+        // Phase of the radiance per unit of the kernel, radians.
         let turns = BANDWIDTH * sigma;
         let nodes = match self {
             Kernel::Gaussian => {
@@ -74,7 +74,7 @@ impl Kernel {
     }
 }
 
-/// A rule for the Gaussian of standard deviation `sigma` px along one axis; the weights add up to 1.
+/// Makes a rule for the Gaussian of standard deviation `sigma` px along one axis. The weights add up to 1.
 pub(super) fn gaussian_rule(sigma: f64) -> Vec<(f64, f64)> {
     let line = gaussian_line(BANDWIDTH * sigma);
     let sum: f64 = line.iter().map(|n| n.1).sum();
@@ -88,7 +88,7 @@ pub(super) struct Rules(Vec<Vec<Node>>);
 const CLASS: f64 = 0.5;
 
 impl Rules {
-    /// Rules for standard deviations up to `largest` px.
+    /// Makes rules for standard deviations up to `largest` px.
     pub(super) fn new(kernel: Kernel, largest: f64) -> Self {
         let classes = (largest / CLASS).ceil().max(1.0) as usize;
         Self((1..=classes).map(|i| kernel.rule(i as f64 * CLASS)).collect())
@@ -101,7 +101,7 @@ impl Rules {
     }
 }
 
-/// The trapezoidal rule: its error on a Gaussian falls faster than any power of the step.
+/// The trapezoidal rule. Its error for a Gaussian decreases faster than any power of the step.
 fn gaussian_line(turns: f64) -> Vec<(f64, f64)> {
     let step = TAU / (turns + 6.0);
     let count = (REACH / step).floor() as i32;
@@ -120,7 +120,7 @@ fn product(xs: &[(f64, f64)], ys: &[(f64, f64)]) -> Vec<Node> {
     nodes.filter(|n| n.u[0].hypot(n.u[1]) <= REACH).collect()
 }
 
-/// Gauss-Legendre along the radius, which is 2, and evenly around.
+/// Gauss-Legendre along the radius, which is 2, and equal steps around.
 fn disk(turns: f64) -> Vec<Node> {
     let radii = gauss_legendre((turns / 2.0) as usize + 10).into_iter();
     let around = (2.0 * turns) as usize + 16;
@@ -130,7 +130,8 @@ fn disk(turns: f64) -> Vec<Node> {
     rings.map(|(r, weight, angle)| Node { u: [r * angle.cos(), r * angle.sin()], weight }).collect()
 }
 
-/// Nodes in (-1, 1) and weights of the rule that is exact to degree 2n - 1 (Newton on the Legendre polynomial).
+/// Nodes in (-1, 1) and weights of the rule that is exact up to degree 2n - 1 (Newton's method on the Legendre
+/// polynomial).
 fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
     let root = |i: usize| {
         let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
@@ -157,7 +158,7 @@ fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
 fn dawson(x: f64) -> f64 {
     const STEP: f64 = 0.3;
     const TERMS: i32 = 10;
-    // The sum is centred on the even multiple of the step next to x, where its largest terms are.
+    // The sum is centred on the even multiple of the step nearest to x, where its largest terms are.
     let centre = 2.0 * (x / (2.0 * STEP)).round();
     let rest = x - centre * STEP;
     let term = |k: i32| {
@@ -206,7 +207,7 @@ mod tests {
                 assert!((moment(&|u| u[0]) - mean).abs() < 2e-6, "{kernel:?} {sigma}");
                 assert!(moment(&|u| u[1]).abs() < 1e-12);
                 for axis in 0..2 {
-                    // About the origin, half of a Gaussian has the second moment of the whole.
+                    // Around the origin, half of a Gaussian has the second moment of the whole.
                     let second = moment(&|u| u[axis] * u[axis]);
                     assert!((second - 1.0).abs() < 2e-5, "{kernel:?} {sigma}: {second}");
                 }

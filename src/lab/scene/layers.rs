@@ -1,16 +1,16 @@
 //! Flat layers through a thin lens, with occlusion: each ray through the lens shows the first layer that it meets.
 //!
-//! Through the point u of the lens (of unit variance along each axis, as the kernel) pixel q of image i sees, of the
-//! layer at depth z, the place
+//! Consider a ray through the point u of the lens, where u has unit variance along each axis like the kernel. By this
+//! ray, pixel q of image i sees the following point of the layer at depth z:
 //!
 //! ```text
 //! p = x - M u σ_i(z),   x = T⁻¹ q,   σ_i(z) = s_i κ a_i/pitch (X(z) - X(u_i))
 //! ```
 //!
-//! This is exact: rays are straight, and places are those on I1 that the middle of the lens sees. The sign of σ_i says
-//! on which side of the focus the layer is: the cone of rays opens the other way there. Where the whole cone meets one
-//! layer, its texture has a closed form; elsewhere the colour is a sum over a rule of the aperture. Textures and edges
-//! are softened by the blur in focus, so that the sum converges: its error is below 1e-3.
+//! This is exact: rays are straight, and points are stated as the middle of the lens sees them on I1. The sign of σ_i
+//! is the side of the focus on which the layer is: beyond the focus the cone of rays is inverted. Where the whole cone
+//! meets one layer, its texture has a closed form. Elsewhere the colour is a quadrature over the aperture. The base
+//! blur softens textures and edges, so that the quadrature converges: its error is below 1e-3.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,15 +21,15 @@ use super::view::{Row, View, fill_rows};
 use crate::base::random::Random;
 use crate::base::{Lens, centre};
 
-/// An arrangement of layers in front of the ground; the seed places them.
+/// An arrangement of layers in front of the background. The seed places them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Arrangement {
-    /// One large card, near, over a far ground.
+    /// One large near card in front of a far background.
     Card,
-    /// Eight plates at as many heights, all turned alike, as of a machined part.
+    /// Eight plates at different heights with the same rotation, as on a machined part.
     Blocks,
-    /// Thin bars of 4 to 30 px, near, over a far ground.
+    /// Thin near bars of 4 to 30 px in front of a far background.
     Bars,
 }
 
@@ -38,26 +38,26 @@ pub enum Arrangement {
 pub(super) struct Layer {
     /// Distance from the lens, mm.
     pub(super) depth: f64,
-    /// Its outline; the ground has none.
+    /// Its outline; `None` for the background.
     pub(super) outline: Option<Rectangle>,
-    /// Its mean radiance, about which its texture varies.
+    /// The mean radiance, around which its texture varies.
     pub(super) mean: f64,
-    /// Offset of its texture, px of I1: no two layers show the same.
+    /// Offset of its texture, px of I1. It differs between layers, so that no two have the same texture.
     pub(super) offset: [f64; 2],
 }
 
-/// A rectangle as the middle of the lens sees it, px of I1.
+/// A rectangle as seen by the middle of the lens, px of I1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rectangle {
     pub(super) centre: [f64; 2],
-    /// Half the lengths of its sides.
+    /// Half of the side lengths.
     pub(super) half: [f64; 2],
     /// Cosine and sine of the angle between its first side and the rows.
     pub(super) direction: [f64; 2],
 }
 
 impl Rectangle {
-    /// Distance of a place from the nearest edges along both sides; negative outside.
+    /// Distance of a position from the nearest edges along both sides; negative outside.
     pub(super) fn depth_inside(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let ([x, y], [c, s]) = ([x - self.centre[0], y - self.centre[1]], self.direction);
         [self.half[0] - (c * x + s * y).abs(), self.half[1] - (c * y - s * x).abs()]
@@ -72,7 +72,7 @@ impl Rectangle {
 pub(super) const CONTRAST: f64 = 0.7;
 
 impl Arrangement {
-    /// The layers, nearest first; the ground is the last. Depths lie between the focus distances of the lens.
+    /// The layers, nearest first; the background is the last. Depths are between the focus distances of the lens.
     pub(super) fn layers(self, seed: u64, size: [u32; 2], lens: &Lens) -> Vec<Layer> {
         let mut random = Random::new(seed, 4);
         let mut between = |low: f64, high: f64| low + (high - low) * random.uniform();
@@ -83,7 +83,7 @@ impl Arrangement {
             let middle = [cx, cy].map(|c| c + short * between(-reach, reach));
             Rectangle { centre: middle, half, direction: [cos, sin] }
         };
-        // Nearness from 0 at the far focus to 1 at the near one.
+        // Nearness: 0 at the far focus, 1 at the near one.
         let mut plates: Vec<(f64, Rectangle)> = match self {
             Arrangement::Card => vec![(0.9, rectangle(0.1, [0.28 * short, 0.22 * short], 12.0))],
             Arrangement::Blocks => (0..8)
@@ -100,7 +100,7 @@ impl Arrangement {
         plates.sort_by(|a, b| b.0.total_cmp(&a.0));
         let ground = (0.1, None);
         let all = plates.into_iter().map(|(nearness, outline)| (nearness, Some(outline))).chain([ground]);
-        // Neighbours in depth differ in brightness: an edge is seen even where the textures happen to agree.
+        // Neighbours in depth differ in brightness, so that an edge is visible even where the textures are equal.
         let layer = |(i, (nearness, outline)): (usize, (f64, Option<Rectangle>))| Layer {
             depth: far - (far - near) * nearness,
             outline,
@@ -111,14 +111,14 @@ impl Arrangement {
     }
 }
 
-/// The offset of the texture of layer `i`, on a ring of 48 px by the golden angle: any two of nine are at least 17 px
-/// apart, more than the longest correlation of the texture.
+/// The offset of the texture of layer `i`, on a ring of 48 px, by the golden angle. Any two of nine offsets are at
+/// least 17 px apart, more than the longest correlation length of the texture.
 fn offset(i: usize) -> [f64; 2] {
     let (sin, cos) = (2.399_963 * i as f64).sin_cos();
     [48.0 * cos, 48.0 * sin]
 }
 
-/// The layer that the middle of the lens sees at a place of I1.
+/// The layer that the middle of the lens sees at a position of I1.
 pub(super) fn front(layers: &[Layer], place: [f64; 2]) -> &Layer {
     let front = layers.iter().find(|layer| layer.outline.is_none_or(|outline| outline.contains(place)));
     front.unwrap_or(&layers[layers.len() - 1])
@@ -127,9 +127,9 @@ pub(super) fn front(layers: &[Layer], place: [f64; 2]) -> &Layer {
 /// Layers ready to be rendered.
 pub(super) struct Layered {
     layers: Vec<Layer>,
-    /// Softened by the base blur.
+    /// The texture softened by the base blur.
     waves: Waves,
-    /// The same, [`FINE`] samples per pixel, from [`MARGIN`] px outside the frame on.
+    /// Samples of this texture, [`FINE`] per pixel, beginning [`MARGIN`] px outside the frame.
     raster: Raster,
     /// Standard deviation of the base blur, px.
     softness: f64,
@@ -137,16 +137,16 @@ pub(super) struct Layered {
     size: [u32; 2],
 }
 
-/// Samples of the texture per pixel: the error of a cubic spline through them is below 1e-4.
+/// Samples of the texture per pixel. The error of a cubic spline through them is below 1e-4.
 const FINE: usize = 2;
-/// Margin of the raster around the frame, px: the offset of a texture, 48, and the reach of blur and displacement.
+/// Margin of the samples around the frame, px: the offset of a texture, 48, and the reach of blur and displacement.
 const MARGIN: usize = 80;
-/// Standard deviations of the base blur at which an edge ends: 3e-5 of its height remain.
+/// Distance at which a softened edge is cut off, in standard deviations of the base blur: 3e-5 of its height remain.
 const EDGE: f64 = 4.0;
-/// Share of the bandwidth of the rules of a kernel: edges are softer than these assume.
+/// Fraction of the bandwidth of the kernel's quadrature rules that is used: edges are softer than the rules assume.
 const BANDWIDTH: f64 = 2.0 / 3.0;
 
-/// The share of a cone of rays that meets a layer.
+/// The fraction of a cone of rays that meets a layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Share {
     None,
@@ -199,7 +199,7 @@ impl Layered {
         }
     }
 
-    /// A row of a layer that no other hides.
+    /// Renders a part of a row where one layer is visible and no other hides it.
     fn clear(&self, k: usize, view: &View, y: usize, sigma: f64) -> Vec<f64> {
         let (width, layer) = (self.size[0] as usize, &self.layers[k]);
         let variances = vec![sigma * sigma; width];
@@ -211,7 +211,7 @@ impl Layered {
         values
     }
 
-    /// A pixel whose cone meets several layers, nearest first.
+    /// Renders a pixel with a cone that meets several layers, nearest first.
     fn summed(&self, met: &[(usize, Share)], rules: &Rules, view: &View, x: [f64; 2], sigmas: &[f64]) -> f64 {
         let widest = met.iter().fold(0.0, |most: f64, (k, _)| most.max(sigmas[*k].abs()));
         let rule = rules.of(BANDWIDTH * widest);
@@ -238,7 +238,7 @@ impl Layered {
         rule.iter().map(|node| node.weight * ray(node.u)).sum()
     }
 
-    /// The coverage of a layer with softened edges at a place.
+    /// The coverage at a position of a layer with softened edges.
     fn coverage(&self, outline: &Rectangle, place: [f64; 2]) -> f64 {
         let limit = EDGE * self.softness;
         let along = |d: f64| match d {
@@ -256,14 +256,14 @@ impl Layered {
         if inside(place[0], self.size[0]) && inside(place[1], self.size[1]) {
             self.raster.at(place.map(|p| (p + margin) * FINE as f64))
         } else {
-            // Rare: the exact texture takes a hundred times as long.
+            // This is rare. The exact texture takes a hundred times as long.
             self.waves.at(place)
         }
     }
 }
 
 impl Layer {
-    /// The radiance where the texture, in [0, 1], has this value.
+    /// The radiance for a value of the texture in [0, 1].
     fn radiance(&self, texture: f64) -> f64 {
         self.mean + CONTRAST * (texture - 0.5)
     }
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_at_the_depth_of_the_ground_cannot_be_seen() {
+    fn an_edge_at_the_depth_of_the_background_is_invisible() {
         for kernel in [Kernel::Gaussian, Kernel::Pillbox] {
             for sigma in [0.0, 1.0, 2.5] {
                 let alone = image(vec![ground(0.5)], kernel, &[sigma]);
@@ -303,14 +303,14 @@ mod tests {
     }
 
     #[test]
-    fn a_blurred_half_plane_over_a_sharp_ground_has_the_edge_spread_of_its_kernel() {
+    fn a_blurred_half_plane_over_a_sharp_background_has_the_edge_spread_of_its_kernel() {
         let normal = |d: f64, v: f64| libm::erfc(-d / (2.0 * v).sqrt()) / 2.0;
         let disk = |d: f64, r: f64| {
             let t = (d / r).clamp(-1.0, 1.0);
             0.5 + (t * (1.0 - t * t).sqrt() + t.asin()) / std::f64::consts::PI
         };
         for (kernel, sigma) in [(Kernel::Gaussian, 2.5), (Kernel::Pillbox, 2.5), (Kernel::Pillbox, -2.5)] {
-            // Alike but for their brightness: what differs is the coverage alone.
+            // The layers differ only in brightness, so the difference is the coverage alone.
             let [bright, dark] =
                 [0.7, 0.3].map(|mean| image(vec![half_plane(mean), ground(0.5)], kernel, &[sigma, 0.0]));
             for x in 20..76 {
@@ -319,7 +319,7 @@ mod tests {
                 let expected = if kernel == Kernel::Gaussian {
                     normal(d, sigma * sigma + 0.3)
                 } else {
-                    // The disk's edge, softened by the base blur: a sum over its Gaussian.
+                    // The edge of the disk, softened by the base blur: a sum over its Gaussian.
                     let nodes = || (-400..=400).map(|i| f64::from(i) / 100.0);
                     let weight = |t: f64| (-t * t / 2.0).exp();
                     let sum: f64 = nodes().map(|t| weight(t) * disk(d + 0.3f64.sqrt() * t, 2.0 * sigma.abs())).sum();
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sharp_edge_hides_the_blurred_ground() {
+    fn a_sharp_edge_hides_the_blurred_background() {
         for kernel in [Kernel::Gaussian, Kernel::Pillbox] {
             let [bright, dark] = [0.7, 0.3].map(|mean| image(vec![half_plane(0.5), ground(mean)], kernel, &[0.0, 2.5]));
             for x in 0..96 {
@@ -342,11 +342,11 @@ mod tests {
         }
     }
 
-    /// Pixels near an edge are a sum, others a closed form: both must agree.
+    /// Checks that pixels near an edge, which are a quadrature, agree with the closed form.
     #[test]
-    fn the_sum_is_the_closed_form() {
+    fn quadrature_and_closed_form_agree() {
         for kernel in [Kernel::Gaussian, Kernel::Pillbox] {
-            // The second shift is beyond what the raster holds.
+            // The second shift exceeds the margin of the samples.
             for (shift, sigma) in [(1.3, 0.4), (1.3, 1.7), (-90.0, 1.0), (1.3, 3.0)] {
                 let view = View::new(&Similarity::new(shift, -0.9, 5.0, 1.02), SIZE);
                 let layers = vec![Layer { offset: [40.0, -20.0], ..ground(0.5) }];

@@ -1,8 +1,8 @@
 //! The image formation model: synthetic pairs with ground truth.
 //!
-//! A [`Scene`] is plain data: a shape (blur, or depth and a lens), a radiance, a kernel, and how the second image was
-//! displaced and exposed. [`Scene::render`] makes the pair; [`SweepScene::render`] makes a focus sweep of the same
-//! scene.
+//! A [`Scene`] is plain data: a shape (blur, or depth and a lens), a radiance, a kernel, and the displacement and
+//! exposure of the second image. [`Scene::render`] makes the pair; [`SweepScene::render`] makes a focus sweep of the
+//! same scene.
 //!
 //! ```
 //! use parfocal::internals::scene::{Preset, Scene};
@@ -26,11 +26,11 @@
 //! I2(q) = ∫ h(u; s² V2(x)) r(T⁻¹(q - u)) du          V(x) = V2(x) - V1(x)
 //! ```
 //!
-//! Blur is a gather, with the variance at the place that receives: **occlusion is ignored**, and at a jump in depth
-//! both sides show through each other's blur as if neither hid the other. The exception is [`Shape::Layers`], which is
-//! rendered ray by ray: each shows the first layer that it meets. The kernel is oriented with the sensor of its own
-//! image. Nothing is resampled: texture has a closed form under every kernel, other radiance is a continuous function
-//! over which the kernel is integrated. No code is shared with the solver's blur.
+//! Blur is a gather, with the variance at the receiving position: **occlusion is ignored**. At a jump in depth, both
+//! sides are visible through each other's blur, as if neither hid the other. The exception is [`Shape::Layers`], which
+//! is rendered by rays: each shows the first layer that it meets. The kernel is oriented with the sensor of its own
+//! image. Nothing is resampled: texture has a closed form with every kernel, and for other radiance the kernel is
+//! integrated over a continuous function. No code is shared with the solver's blur.
 
 mod files;
 mod kernel;
@@ -62,30 +62,31 @@ use self::view::{View, fill_rows};
 use crate::base::random::Random;
 use crate::base::{Channels, Error, Frame, Lens, Photometric, Samples, Similarity};
 
-/// A description from which a pair is rendered; [`Preset::scene`] gives one to change.
+/// A description from which a pair is rendered. [`Preset::scene`] makes one with defaults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scene {
-    /// Its name in `truth.json`.
+    /// The name in `truth.json`.
     pub name: String,
     /// Pixels per row, at least 16.
     pub width: u32,
     /// Rows, at least 16; at most 2^24 pixels in all.
     pub height: u32,
-    /// Seeds texture, dots, relief and noise, each with its own sequence of random numbers.
+    /// Seed of texture, dots, relief and noise. Each has its own sequence of random numbers.
     pub seed: u64,
-    /// Blur, or depth.
+    /// The shape: blur, or depth and a lens.
     pub shape: Shape,
     /// The texture of the surface.
     pub radiance: Radiance,
-    /// From the darkest to the brightest: radiance p in [0, 1] becomes `½ + contrast (p - ½)`. Above 0, at most 1.
+    /// The range from the darkest to the brightest radiance: p in [0, 1] becomes `½ + contrast (p - ½)`. Above 0, at
+    /// most 1.
     pub contrast: f64,
     /// Shape of the blur of both images.
     pub kernel: Kernel,
-    /// Blur that both images have even in focus, added to V1 and V2: px² of I1, 0 to 16.
+    /// Blur of both images even in focus, added to V1 and V2: px² of I1, 0 to 16.
     pub base_blur: f64,
-    /// T: `I2(T x)` lies over I1(x).
+    /// T: `I2(T x)` corresponds to I1(x).
     pub transform: Similarity,
-    /// Of I2, relative to I1.
+    /// The exposure of I2 relative to I1.
     pub exposure: Exposure,
     /// Standard deviation of the Gaussian noise of both images, added after the exposure, intensities; 0 to 1.
     pub noise: f64,
@@ -94,7 +95,7 @@ pub struct Scene {
 /// The exposure of I2, `I2 ← gain I2 + offset`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exposure {
-    /// Factor on I2, 0.01 to 100.
+    /// Factor applied to I2, 0.01 to 100.
     pub gain: f64,
     /// Added after the gain, intensities, -10 to 10.
     pub offset: f64,
@@ -107,9 +108,9 @@ impl Default for Exposure {
 }
 
 impl Exposure {
-    /// The gain and offset that undo it and map I2 onto I1.
+    /// The gain and offset that undo the exposure and map I2 onto I1.
     pub fn photometric(&self) -> Photometric {
-        // Adding zero turns the -0 of an exposure without offset into 0.
+        // Adding zero turns -0, of an exposure without offset, into 0.
         Photometric { gain: 1.0 / self.gain, offset: -self.offset / self.gain + 0.0 }
     }
 }
@@ -123,7 +124,7 @@ pub struct Simulated {
     pub i2: Frame,
     /// V at each pixel of I1, px² of I1, row-major.
     pub relative_blur: Vec<f32>,
-    /// Depth at each pixel of I1, mm, row-major, where the scene has a lens.
+    /// Depth at each pixel of I1, mm, row-major; only if the scene has a lens.
     pub depth: Option<Vec<f32>>,
     /// T.
     pub transform: Similarity,
@@ -134,14 +135,14 @@ pub struct Simulated {
 /// Least width and height, px.
 const LEAST_SIDE: u32 = 16;
 
-/// Most pixels: the texture of more takes minutes.
+/// Greatest number of pixels. The texture of more takes minutes.
 const MOST_PIXELS: u64 = 1 << 24;
 
 /// Largest variance of either blur, px² of its own image: σ 24 px.
 const MOST_VARIANCE: f64 = 576.0;
 
 impl Scene {
-    /// The lens, where the scene has one.
+    /// The lens, if the scene has one.
     pub fn lens(&self) -> Option<&Lens> {
         self.shape.lens()
     }
@@ -187,11 +188,11 @@ impl Scene {
         range("base blur of layers", self.base_blur, 0.09, 16.0)
     }
 
-    /// Renders the pair. Takes all processors, for a second or two at the default size.
+    /// Renders the pair. Uses all processors, for a second or two at the default size.
     ///
     /// # Errors
-    /// Those of [`check`](Self::check); [`Error::File`] where the radiance or the shape is a file that does not do;
-    /// [`Error::Setting`] where depth and lens make a blur beyond σ 24 px.
+    /// Those of [`check`](Self::check); [`Error::File`] if the file of the radiance or the shape cannot be used;
+    /// [`Error::Setting`] if depth and lens give a blur beyond σ 24 px.
     pub fn render(&self) -> Result<Simulated, Error> {
         self.check()?;
         let size = [self.width, self.height];
@@ -212,7 +213,7 @@ impl Scene {
         Ok(Simulated { i1, i2, relative_blur, depth, transform, photometric })
     }
 
-    /// Both images, with occlusion.
+    /// Renders both images with occlusion.
     fn layered_pair(&self, views: &[View; 2], layers: Vec<Layer>, lens: &Lens) -> Result<[Frame; 2], Error> {
         let deviations =
             [0, 1].map(|image| layers.iter().map(|l| lens.signed_sigma(image, l.depth)).collect::<Vec<_>>());
@@ -221,13 +222,14 @@ impl Scene {
         Ok([image(0)?, image(1)?])
     }
 
-    /// Layers ready to be rendered with blur of these standard deviations, px.
+    /// Prepares layers for blur of these standard deviations, px.
     fn layered<'a>(&self, layers: Vec<Layer>, deviations: impl Iterator<Item = &'a f64>) -> Result<Layered, Error> {
         check_widest(deviations.map(|d| d * d))?;
         Ok(Layered::new(layers, self.seed, [self.width, self.height], self.base_blur, self.kernel))
     }
 
-    /// An image without occlusion, each channel; `variance` is that of the blur of a place of I1, px² of I1.
+    /// Renders each channel of an image without occlusion. `variance` is that of the blur at a position of I1, px² of
+    /// I1.
     fn gathered(
         &self,
         view: &View,
@@ -235,7 +237,7 @@ impl Scene {
         channels: &[Pattern],
     ) -> Result<Vec<Vec<f64>>, Error> {
         let (size, width) = ([self.width, self.height], self.width as usize);
-        // The sensor sees the same blur s² times as large.
+        // On the sensor the same blur has s² times the variance.
         let own = view.scale.powi(2);
         let variances = fill_rows(size, |y, row| {
             for (x, v) in row.iter_mut().enumerate() {
@@ -252,12 +254,13 @@ impl Scene {
         Ok(channels.iter().map(render).collect())
     }
 
-    /// I1, image 0, or I2, image 1.
+    /// The view of I1, image 0, or of I2, image 1.
     fn exposed(&self, image: usize, planes: &[Vec<f64>]) -> Result<Frame, Error> {
         self.expose(image, if image == 0 { Exposure::default() } else { self.exposure }, |_| 1.0, planes)
     }
 
-    /// Contrast, `light` at each pixel, exposure and the noise of the image of this number; channels are interleaved.
+    /// Applies contrast, `light` at each pixel, exposure, and the noise of the image of this number. Channels are
+    /// interleaved.
     fn expose(
         &self,
         image: usize,
@@ -280,7 +283,7 @@ impl Scene {
     }
 }
 
-/// The largest of the variances of a blur, px² of its own image, if it can be rendered.
+/// The largest of the variances of a blur, px² of its own image. An error if it cannot be rendered.
 fn check_widest(variances: impl Iterator<Item = f64>) -> Result<f64, Error> {
     let largest = variances.fold(0.0, f64::max);
     range("largest variance of the blur", largest, 0.0, MOST_VARIANCE).map(|()| largest)
@@ -311,8 +314,7 @@ mod tests {
         Scene { width: 65, height: 65, base_blur: 0.0, shape, radiance, transform, ..Preset::Plane.scene() }
     }
 
-    /// With V = 0, `I2(T x) = I1(x)` for each T that takes pixels to pixels: by a right angle, by 3-4-5 triangles, by
-    /// shifts.
+    /// With V = 0, `I2(T x) = I1(x)` for each T that maps pixels to pixels: right angles, 3-4-5 triangles, and shifts.
     #[test]
     fn where_blur_is_equal_the_images_agree_under_every_similarity() {
         let triangle = (0.6f64).acos().to_degrees();
@@ -339,8 +341,8 @@ mod tests {
         }
     }
 
-    /// A symmetric kernel commutes with the similarity: blur of equal variance on I1's grid leaves the images alike. An
-    /// asymmetric one does not, being oriented with its own sensor.
+    /// A symmetric kernel commutes with the similarity: blur of equal variance on I1's grid keeps the images equal. An
+    /// asymmetric kernel does not, since it is oriented with its own sensor.
     #[test]
     fn equal_blur_on_the_grid_of_i1_stays_equal_under_scale_and_rotation() {
         let t = Similarity::new(0.0, 0.0, 90.0, 2.0);
@@ -360,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn the_seed_decides_and_noise_has_its_deviation() {
+    fn the_seed_determines_all_and_noise_has_its_standard_deviation() {
         let scene = Scene { width: 48, height: 32, noise: 0.01, ..Preset::Relief.scene() };
         let pair = scene.render().unwrap();
         assert_eq!(pair, scene.render().unwrap());
@@ -375,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_is_undone_by_its_photometric() {
+    fn the_photometric_of_an_exposure_undoes_it() {
         let plain = Scene { width: 32, height: 32, ..Preset::Plane.scene() };
         let exposed = Scene { exposure: Exposure { gain: 0.9, offset: 0.05 }, ..plain.clone() }.render().unwrap();
         let (plain, p) = (plain.render().unwrap(), exposed.photometric);
@@ -387,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn no_preset_clips_and_contrast_scales_about_the_middle() {
+    fn no_preset_clips_and_contrast_scales_around_the_middle() {
         for preset in Preset::ALL {
             let scene = Scene { width: 64, height: 64, ..preset.scene() };
             let pair = scene.render().unwrap();
@@ -401,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lens_decides_blur_and_depth() {
+    fn the_lens_determines_blur_and_depth() {
         let scene = Scene { width: 64, height: 64, ..Preset::Cylinders.scene() };
         let (pair, lens) = (scene.render().unwrap(), *scene.lens().unwrap());
         assert!((scene.transform.scale - lens.breathing()).abs() < 1e-12);
@@ -419,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_rendered_says_which_field() {
+    fn an_error_names_the_field_that_is_out_of_range() {
         let plane = || Preset::Plane.scene();
         let cases = [
             (Scene { width: 8, ..plane() }, "8x256 is too small"),

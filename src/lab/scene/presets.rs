@@ -11,21 +11,22 @@ use crate::files::image_io;
 pub enum Preset {
     /// A slanted plane, V from 4 to -4 px².
     Plane,
-    /// An asymmetric kernel on a texture: I1 sharp, I2 under a half-Gaussian of σ 2.5 px.
+    /// An asymmetric kernel on a texture: I1 is sharp, I2 has a half-Gaussian blur of σ 2.5 px.
     HalfGaussianTexture,
     /// The same kernel on black and white random dots, the paper's second test.
     HalfGaussianDots,
-    /// Two cylinders in front of a plane through a thin lens, which breathes by 0.8 %. The paper's own are not public.
+    /// Two cylinders in front of a plane, through a thin lens with a breathing of 0.8 %. The paper's own scenes are not
+    /// public.
     Cylinders,
     /// Terraces of V from 6 to -6 px².
     Steps,
     /// Hills and hollows of ±8 px², with steep sides.
     Relief,
-    /// One card in front of a ground through the lens of the cylinders, with occlusion and a disk's blur.
+    /// One card in front of a background, through the lens of the cylinders, with occlusion and disk blur.
     Card,
-    /// Plates at eight heights, as the card.
+    /// Plates at eight heights, with the lens, occlusion and blur of the card.
     Blocks,
-    /// Thin bars, as the card.
+    /// Thin bars, with the lens, occlusion and blur of the card.
     Bars,
 }
 
@@ -43,7 +44,7 @@ impl Preset {
         Self::Bars,
     ];
 
-    /// Its name on the command line and in `truth.json`.
+    /// The name on the command line and in `truth.json`.
     pub fn name(self) -> &'static str {
         match self {
             Preset::Plane => "plane",
@@ -58,9 +59,9 @@ impl Preset {
         }
     }
 
-    /// The scene, without noise, with equal exposures; change its fields as needed. 256 x 256 px; those with jumps or
-    /// steep sides 512 x 512, because there the model of the solver, for which V is constant within a window, is wrong
-    /// along them, and its error in T falls as the area without them grows.
+    /// The scene, without noise and with equal exposures; change its fields as needed. It has 256 x 256 px, or 512 x
+    /// 512 px with jumps or steep sides. The model of the solver, in which V is constant within a window, is wrong
+    /// along these. The resulting error in T decreases as the area without them grows.
     pub fn scene(self) -> Scene {
         let symmetric = |shape| Scene::new(self.name(), shape, Radiance::Texture);
         let large = |shape| Scene { width: 512, height: 512, ..symmetric(shape) };
@@ -86,8 +87,8 @@ impl Preset {
     }
 }
 
-/// A lens of 50 mm at f/5.6 close to its subject: 7 mm between the focus distances give V of ±6 px², over a field of
-/// 14 mm at 512 px.
+/// A lens of 50 mm at f/5.6 close to its subject. 7 mm between the focus distances give V of ±6 px², with a field of 14
+/// mm at 512 px.
 const MACRO: Lens = Lens {
     focal_length: 50.0,
     f_number: 5.6,
@@ -98,8 +99,8 @@ const MACRO: Lens = Lens {
 };
 
 impl Scene {
-    /// A scene with the defaults of the symmetric presets: displaced by (1.3, -0.9) px, 0.15°, and 1 % in scale, or
-    /// what the lens, where there is one, breathes.
+    /// A scene with the defaults of the symmetric presets: a displacement of (1.3, -0.9) px, a rotation of 0.15°, and a
+    /// scale of 1.01, or the breathing of the lens if there is one.
     fn new(name: &str, shape: Shape, radiance: Radiance) -> Self {
         let scale = shape.lens().map_or(1.01, Lens::breathing);
         Self {
@@ -118,10 +119,11 @@ impl Scene {
         }
     }
 
-    /// The scene "image": a picture on a shape given by another file, in the picture's size.
+    /// The scene "image": a picture on a shape from another file, with the picture's size.
     ///
     /// # Errors
-    /// [`Error::File`] where the picture is none; its pixels, and the shape, are read when the scene is rendered.
+    /// [`Error::File`] if the picture is not a readable image. Its pixels and the shape are read when the scene is
+    /// rendered.
     pub fn image(radiance: &Path, shape: Shape) -> Result<Self, Error> {
         let (width, height) = image_io::size(radiance)?;
         let radiance = Radiance::File { path: radiance.to_path_buf() };

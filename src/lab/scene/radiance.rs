@@ -13,24 +13,24 @@ use crate::base::random::Random;
 use crate::base::{Error, Frame, Samples, Similarity};
 use crate::files::image_io;
 
-/// The radiance of the surface in focus: a continuous function of the place, in [0, 1].
+/// The radiance of the surface in focus: a continuous function of the position, in [0, 1].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Radiance {
-    /// 480 random cosines with correlation lengths of 0.7 to 10 px, in closed form: blurred and read without error.
+    /// 480 random cosines with correlation lengths of 0.7 to 10 px. Blur and interpolation have an exact closed form.
     Texture,
-    /// Squares of 4 px, black or white at random, softened by a Gaussian of σ 0.6 px. The blur is integrated over the
-    /// continuous pattern, to 1e-5.
+    /// Random black and white squares of 4 px, softened by a Gaussian of σ 0.6 px. The blur is integrated over the
+    /// continuous pattern, with an error of 1e-5.
     Dots,
-    /// An image, grey or colour, through the cubic spline of its pixels. The blur is integrated over the spline, to
-    /// 1e-4 even of noise from pixel to pixel.
+    /// An image, grey or colour, as the cubic spline through its pixels. The blur is integrated over the spline, with
+    /// an error of 1e-4 even for pixel noise.
     File {
-        /// The image, of the scene's size.
+        /// The image, with the scene's size.
         path: PathBuf,
     },
 }
 
-/// One channel of radiance, ready to be rendered.
+/// One channel of radiance that is ready to be rendered.
 pub(super) enum Pattern {
     Waves(Waves),
     Dots(Dots),
@@ -109,17 +109,17 @@ struct Wave {
     amplitude: f64,
 }
 
-/// A random texture in [0, 1]: four Gaussian random fields of correlation lengths 0.7 to 10 px and equal strength.
+/// A random texture in [0, 1]: four Gaussian random fields with correlation lengths of 0.7 to 10 px and equal strength.
 pub(super) struct Waves(Vec<Wave>);
 
 /// Number of waves of each correlation length.
 const COUNT: usize = 120;
 
-/// Highest frequency, rad/px: below Nyquist, π, in an image that is shrunk a little, too.
+/// Highest frequency, rad/px. It is below Nyquist, π, even in an image that is reduced a little.
 const HIGHEST: f64 = 2.6;
 
 impl Waves {
-    /// A texture whose sharp image of this size fills [0, 1].
+    /// Makes a texture that fills [0, 1] in a sharp image of this size.
     pub(super) fn new(seed: u64, size: [u32; 2]) -> Self {
         let mut random = Random::new(seed, 1);
         let mut waves = Vec::new();
@@ -151,7 +151,7 @@ impl Waves {
     }
 }
 
-/// A random frequency of a field with this correlation length, px.
+/// A random frequency for a field with this correlation length, px.
 fn frequency(random: &mut Random, length: f64) -> [f64; 2] {
     loop {
         let k = [random.normal(), random.normal()].map(|n| n / (2f64.sqrt() * length));
@@ -162,8 +162,8 @@ fn frequency(random: &mut Random, length: f64) -> [f64; 2] {
 }
 
 impl Wave {
-    /// Adds `amplitude Re[exp(i (k·x + phase)) ĥ(ω; v)]` to each pixel. Along a row k·x grows evenly, so the
-    /// exponential turns by one factor a pixel.
+    /// Adds `amplitude Re[exp(i (k·x + phase)) ĥ(ω; v)]` to each pixel. Along a row k·x increases linearly, so one
+    /// constant factor per pixel advances the exponential.
     fn add(&self, kernel: Kernel, row: &Row, values: &mut [f64]) {
         let dot = |x: [f64; 2]| self.k[0] * x[0] + self.k[1] * x[1];
         let (mut sin, mut cos) = (dot(row.start) + self.phase).sin_cos();
@@ -181,13 +181,13 @@ impl Wave {
 }
 
 impl Waves {
-    /// The texture at a place, sharp.
+    /// The sharp texture at a position.
     pub(super) fn at(&self, [x, y]: [f64; 2]) -> f64 {
         0.5 + self.0.iter().map(|w| w.amplitude * (w.k[0] * x + w.k[1] * y + w.phase).cos()).sum::<f64>()
     }
 }
 
-/// Squares of 4 px, black (0) or white (1) at random, softened by a Gaussian of σ 0.6 px. The pattern repeats beyond a
+/// Random squares of 4 px, black (0) or white (1), softened by a Gaussian of σ 0.6 px. The pattern repeats outside a
 /// margin around the image.
 pub(super) struct Dots {
     cells: Vec<f64>,
@@ -199,13 +199,13 @@ pub(super) struct Dots {
 /// Side of a dot, px.
 const SIDE: f64 = 4.0;
 
-/// σ of the softening, px. Beyond the neighbours of a dot 1e-11 of it remain.
+/// σ of the softening, px. Beyond the neighbours of a dot 1e-11 of its weight remain.
 const SOFTNESS: f64 = 0.6;
 
-/// Dots around the image before the pattern repeats.
+/// Number of dots around the image before the pattern repeats.
 const MARGIN: usize = 32;
 
-/// Entries of the table of an edge. Its error, interpolated linearly, is below 1e-7.
+/// Number of entries of the table of an edge. With linear interpolation its error is below 1e-7.
 const ENTRIES: usize = 4096;
 
 impl Dots {
@@ -214,13 +214,13 @@ impl Dots {
         let count = |length: u32| (f64::from(length) / SIDE).ceil() as usize + 2 * MARGIN;
         let (columns, rows) = (count(width), count(height));
         let cells = (0..columns * rows).map(|_| if random.uniform() < 0.5 { 0.0 } else { 1.0 }).collect();
-        // The weight of a neighbour at a distance from the common edge.
+        // The weight of a neighbour at a distance from the shared edge.
         let tail = |d: f64| libm::erfc(d / (2f64.sqrt() * SOFTNESS)) / 2.0;
         let edge = (0..ENTRIES + 2).map(|i| tail(SIDE * i as f64 / ENTRIES as f64)).collect();
         Self { cells, columns, rows, edge }
     }
 
-    /// The pattern at a place, px, in [0, 1].
+    /// The pattern at a position, px, in [0, 1].
     pub(super) fn at(&self, [x, y]: [f64; 2]) -> f64 {
         // Dots are aligned so that edges fall between pixels.
         let (xs, wx) = self.neighbours((x + 0.5) / SIDE, self.columns);
@@ -229,12 +229,12 @@ impl Dots {
         (0..3).map(|j| wy[j] * row(j)).sum()
     }
 
-    /// The three dots around a position, counted in dots, and their weights.
+    /// The three dots around a position, in units of dots, and their weights.
     fn neighbours(&self, position: f64, count: usize) -> ([usize; 3], [f64; 3]) {
         let (whole, part) = split(position);
         let (before, after) = (self.tail(part), self.tail(1.0 - part));
         let (i, count) = (whole + MARGIN as i64, count as i64);
-        // Division only where the pattern repeats: it would take longer than all the rest.
+        // Divides only where the pattern repeats, since a division takes longer than the rest.
         let wrap = |i: i64| if (0..count).contains(&i) { i as usize } else { i.rem_euclid(count) as usize };
         ([wrap(i - 1), wrap(i), wrap(i + 1)], [before, 1.0 - before - after, after])
     }
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_under_each_kernel_is_its_line_integral() {
+    fn the_step_response_of_each_kernel_is_its_line_integral() {
         // A soft step at x = 0, blurred along x: for the Gaussian the variances add, for the half-Gaussian the centroid
         // moves by σ √(2/π) to the right.
         let soft = |x: f64, v: f64| libm::erfc(-x / (2.0 * v).sqrt()) / 2.0;
@@ -297,8 +297,8 @@ mod tests {
     }
 
     #[test]
-    fn dots_under_an_asymmetric_kernel_turn_with_the_sensor() {
-        // The image of a pattern p under a sensor turned by a right angle is that of the turned pattern.
+    fn dots_with_an_asymmetric_kernel_rotate_with_the_sensor() {
+        // A sensor rotated by a right angle sees the image of the rotated pattern.
         let dots = Dots::new(5, [64, 64]);
         let quarter = View::new(&Similarity::new(0.0, 0.0, 90.0, 1.0), [64, 64]);
         let rules = Rules::new(Kernel::HalfGaussian, 2.5);
@@ -315,7 +315,7 @@ mod tests {
     #[test]
     fn an_edge_is_an_error_function() {
         let mut dots = Dots::new(1, [16, 16]);
-        // A vertical edge between the dots at 4 to 8 and at 8 to 12, which lies at x = 7.5.
+        // A vertical edge at x = 7.5, between the dots at 4 to 8 and at 8 to 12.
         for (i, cell) in dots.cells.iter_mut().enumerate() {
             *cell = if i % dots.columns < MARGIN + 2 { 0.0 } else { 1.0 };
         }

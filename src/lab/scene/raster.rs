@@ -14,7 +14,7 @@ pub(super) struct Raster {
 const POLE: f64 = -0.267_949_192_431_122_7;
 
 impl Raster {
-    /// The spline through `width * height` values, row-major.
+    /// Makes the spline through `width * height` values, row-major.
     pub(super) fn new(mut values: Vec<f64>, width: usize, height: usize) -> Self {
         values.chunks_mut(width).for_each(prefilter);
         for x in 0..width {
@@ -25,7 +25,7 @@ impl Raster {
         Self { coefficients: values, width, height }
     }
 
-    /// The value at a place, px.
+    /// The value at a position, px.
     pub(super) fn at(&self, [x, y]: [f64; 2]) -> f64 {
         let ((x0, dx), (y0, dy)) = (split(x), split(y));
         let (wx, wy) = (weights(dx), weights(dy));
@@ -39,9 +39,9 @@ impl Raster {
 }
 
 impl Raster {
-    /// The value at a place under a Gaussian of standard deviation `sigma` px. Spline and Gaussian separate along the
-    /// axes, and so do the weights of the coefficients: the cost grows with σ², not with the nodes of a rule in the
-    /// plane.
+    /// The value at a position after a Gaussian blur of standard deviation `sigma` px. Spline and Gaussian separate
+    /// along the axes, and so do the weights of the coefficients. So the cost grows with σ², not with the nodes of a
+    /// quadrature in the plane.
     pub(super) fn gaussian(&self, [x, y]: [f64; 2], sigma: f64) -> f64 {
         let rule = gaussian_rule(sigma);
         let (xs, ys) = (spread(x, &rule), spread(y, &rule));
@@ -64,7 +64,7 @@ struct Spread {
     weights: Vec<f64>,
 }
 
-/// The sum of the splines at the nodes of a rule around `x`.
+/// The sum of the splines at the nodes of a quadrature rule around `x`.
 fn spread(x: f64, rule: &[(f64, f64)]) -> Spread {
     let reach = rule.last().map_or(0.0, |node| node.0);
     let first = split(x - reach).0 - 1;
@@ -83,7 +83,7 @@ fn prefilter(line: &mut [f64]) {
     if n < 2 {
         return;
     }
-    // z^40 is 1e-23. A shorter line repeats within the sum, as its mirror image does.
+    // z^40 is 1e-23. In a shorter line, the line and its mirror image repeat within the sum.
     let start: f64 = (0..40).map(|i| POLE.powi(i) * line[mirror(i64::from(i), n)]).sum();
     line.iter_mut().for_each(|v| *v *= 6.0);
     line[0] = 6.0 * start;
@@ -96,7 +96,7 @@ fn prefilter(line: &mut [f64]) {
     }
 }
 
-/// The cubic B-spline at the four samples around a place that lies `t` behind the second.
+/// The cubic B-spline at the four samples around a position that is `t` after the second.
 fn weights(t: f64) -> [f64; 4] {
     let r = 1.0 - t;
     [r * r * r / 6.0, 2.0 / 3.0 - t * t * (1.0 + r) / 2.0, 2.0 / 3.0 - r * r * (1.0 + t) / 2.0, t * t * t / 6.0]
@@ -127,7 +127,7 @@ mod tests {
     use crate::base::random::Random;
 
     #[test]
-    fn the_spline_goes_through_the_pixels_and_mirrors() {
+    fn the_spline_interpolates_the_pixels_and_mirrors() {
         for (width, height) in [(7, 5), (2, 3), (40, 17)] {
             let values: Vec<f64> = (0..width * height).map(|i| ((i * i * 7 + 3 * i) % 11) as f64 / 11.0).collect();
             let raster = Raster::new(values.clone(), width, height);
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn under_a_gaussian_the_axes_separate() {
+    fn a_gaussian_blur_separates_along_the_axes() {
         let mut random = Random::new(1, 0);
         let raster = Raster::new((0..23 * 31).map(|_| random.uniform()).collect(), 23, 31);
         for sigma in [0.3, 1.0, 2.9] {
@@ -150,14 +150,14 @@ mod tests {
                 let expected: f64 =
                     plane.map(|n| n.weight * raster.at([x[0] - sigma * n.u[0], x[1] - sigma * n.u[1]])).sum();
                 let error = (raster.gaussian(x, sigma) - expected).abs();
-                // Between noisy pixels the spline has a little detail beyond the bandwidth of the rules.
+                // Between noisy pixels the spline has some detail beyond the bandwidth of the quadrature rules.
                 assert!(error < 1e-4, "σ {sigma} at {x:?}: {error}");
             }
         }
     }
 
     #[test]
-    fn a_slow_cosine_is_followed_between_pixels() {
+    fn a_slow_cosine_is_interpolated_between_pixels() {
         let value = |x: f64, y: f64| 0.5 + 0.4 * (0.4 * x + 0.3 * y).cos();
         let size = 64;
         let values = (0..size * size).map(|i| value((i % size) as f64, (i / size) as f64)).collect();

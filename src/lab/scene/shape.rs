@@ -10,19 +10,19 @@ use super::radiance::read_sized;
 use crate::base::random::Random;
 use crate::base::{Channels, Error, Frame, Lens, Samples, centre};
 
-/// The shape of a scene: blur, and where there is a lens depth, at each place of I1.
+/// The shape of a scene: blur, and depth if there is a lens, at each position of I1.
 ///
-/// Plane, steps and relief state V itself. Their blur is that of a lens which focuses I1 where V is `limit` and I2
-/// where V is `-limit`: the deviation of each image's blur grows evenly with the distance from its focus.
+/// Plane, steps and relief state V itself. Their blur is that of a lens that focuses I1 where V is `limit` and I2 where
+/// V is `-limit`. The standard deviation of each image's blur grows linearly with the distance from its focus.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Shape {
-    /// V falls evenly from `limit` at the left border to `-limit` at the right one.
+    /// V decreases linearly from `limit` at the left border to `-limit` at the right border.
     Plane {
         /// Largest |V|, px².
         limit: f64,
     },
-    /// One image is sharp and the other blurred, I2 where V > 0 and I1 where V < 0: V is the same all over.
+    /// Uniform V: one image is sharp and the other is blurred, I2 if V > 0 and I1 if V < 0.
     Uniform {
         /// V, px².
         variance: f64,
@@ -42,42 +42,42 @@ pub enum Shape {
         /// The lens.
         lens: Lens,
     },
-    /// Cards in front of a ground, between the focus distances of a lens: the one shape whose edges hide what lies
-    /// behind them.
+    /// Cards in front of a background, between the focus distances of a lens. Only this shape has edges that hide the
+    /// background.
     Layers {
-        /// How they stand.
+        /// The arrangement of the cards.
         arrangement: Arrangement,
         /// The lens.
         lens: Lens,
     },
-    /// V as a file states it, read between its pixels by bilinear interpolation.
+    /// V from a file, interpolated bilinearly between its pixels.
     RelativeBlurFile {
         /// One channel of 32-bit floats, EXR or TIFF, px².
         path: PathBuf,
     },
-    /// Depth as a file states it, read between its pixels by bilinear interpolation.
+    /// Depth from a file, interpolated bilinearly between its pixels.
     DepthFile {
         /// One channel: EXR, PNG, TIFF or PNM, values as stored.
         path: PathBuf,
-        /// What a stored value of 1 means, mm.
+        /// The depth of a stored value of 1, mm.
         unit: f64,
         /// The lens.
         lens: Lens,
     },
 }
 
-/// Blur and depth at one place of I1.
+/// Blur and depth at one position of I1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Point {
     /// Variance of the blur of I1 and of I2 (on I1's grid), px² of I1.
     pub(super) variances: [f64; 2],
-    /// Where it is in focus: 0 where I1 is focused, 1 where I2 is; linear where the standard deviation of blur is.
+    /// The focus position: 0 where I1 is focused, 1 where I2 is, and linear in the standard deviation of blur.
     pub(super) share: f64,
     /// Depth, mm.
     pub(super) depth: Option<f64>,
 }
 
-/// A shape ready to be rendered: blur and depth at a place, px of I1, inside or outside the frame.
+/// A shape that is ready to be rendered: it gives blur and depth at a position, px of I1, inside or outside the frame.
 pub(super) type Surface = Box<dyn Fn([f64; 2]) -> Point + Sync>;
 
 /// Number of terraces of the steps.
@@ -87,7 +87,7 @@ const TERRACES: f64 = 7.0;
 const HILLS: usize = 12;
 
 impl Shape {
-    /// The lens, where the shape has one.
+    /// The lens, if the shape has one.
     pub fn lens(&self) -> Option<&Lens> {
         match self {
             Shape::Cylinders { lens } | Shape::Layers { lens, .. } | Shape::DepthFile { lens, .. } => Some(lens),
@@ -95,7 +95,7 @@ impl Shape {
         }
     }
 
-    /// Occlusion at jumps of depth, for `truth.json`.
+    /// The value of `occlusion` in `truth.json`.
     pub(super) fn occlusion(&self) -> &'static str {
         if matches!(self, Shape::Layers { .. }) { "rendered" } else { "ignored" }
     }
@@ -134,7 +134,7 @@ impl Shape {
             Shape::RelativeBlurFile { path } => {
                 let map = Map::read(&path, size, 1.0)?;
                 let limit = map.largest_blur(&path)?;
-                // A map of zeros is a plane in focus; any limit will do.
+                // A map of zeros is a plane in focus, for which any limit is correct.
                 let limit = if limit > 0.0 { limit } else { 1.0 };
                 Box::new(move |x| focused_at(limit, (1.0 - map.at(x) / limit) / 2.0))
             }
@@ -147,8 +147,8 @@ impl Shape {
     }
 }
 
-/// The blur at a `share` of the way from where I1 is focused, V = `limit`, to where I2 is, V = `-limit`. V is
-/// `limit ((1 - share)² - share²) = limit (1 - 2 share)`.
+/// The blur at a `share` of the way from the focus of I1, V = `limit`, to the focus of I2, V = `-limit`. V is `limit
+/// ((1 - share)² - share²) = limit (1 - 2 share)`.
 fn focused_at(limit: f64, share: f64) -> Point {
     Point { variances: [limit * share * share, limit * (1.0 - share) * (1.0 - share)], share, depth: None }
 }
@@ -159,13 +159,13 @@ fn through(lens: &Lens, scale: f64, z: f64) -> Point {
     Point { variances, share: share_of(lens, z), depth: Some(z) }
 }
 
-/// The share of a depth in mm between the focus distances of a lens: 0 at that of I1, 1 at that of I2.
+/// The position of a depth in mm between the focus distances of a lens: 0 at that of I1, 1 at that of I2.
 pub(super) fn share_of(lens: &Lens, z: f64) -> f64 {
     let [first, second] = lens.focus.map(|u| lens.coordinate(u));
     (lens.coordinate(z) - first) / (second - first)
 }
 
-/// Hills of both signs, scaled to fill [-1, 1] over the image.
+/// A sum of hills of both signs, scaled to fill [-1, 1] over the image.
 fn relief(seed: u64, [width, height]: [u32; 2]) -> impl Fn([f64; 2]) -> f64 + Sync {
     let mut random = Random::new(seed, 3);
     let short = f64::from(width.min(height));
@@ -188,13 +188,13 @@ fn relief(seed: u64, [width, height]: [u32; 2]) -> impl Fn([f64; 2]) -> f64 + Sy
     move |x| (2.0 * sum(x) - low - high) / (high - low)
 }
 
-/// The depth of the cylinders, mm. Across the image they measure a share of its width; along the view, a share of the
+/// The depth of the cylinders, mm. Their size across the image is relative to its width, and along the view to the
 /// distance between the focus distances.
 fn cylinders(focus: [f64; 2], [width, height]: [u32; 2]) -> impl Fn([f64; 2]) -> f64 + Sync {
     let (near, far) = (focus[0].min(focus[1]), focus[0].max(focus[1]));
     let (width, [_, cy]) = (f64::from(width), centre(width, height));
-    // A cylinder: where its axis crosses the middle row, its radius, both over the width; the slant of its axis; how
-    // near its axis is and how far it bulges, from 0 at the far focus to 1 at the near one.
+    // The parameters of a cylinder: where its axis crosses the middle row and its radius, both relative to the width;
+    // the slope of its axis; the nearness of its axis and its bulge, from 0 at the far focus to 1 at the near one.
     let shapes: [(f64, f64, f64, f64, f64); 2] = [(0.28, 0.16, 0.0, 0.20, 0.40), (0.70, 0.15, 0.21, 0.45, 0.45)];
     move |[x, y]| {
         let nearness = shapes.iter().fold(0.05, |nearest: f64, &(middle, radius, slant, axis, bulge)| {
@@ -226,7 +226,7 @@ impl Map {
         Ok(Self { values, float, width: size[0] as usize, height: size[1] as usize })
     }
 
-    /// The largest |V|, px²; refuses whole numbers.
+    /// The largest |V|, px². Refuses integers.
     fn largest_blur(&self, path: &Path) -> Result<f64, Error> {
         if !self.float {
             let problem = "holds whole numbers, which relative blur is not; give it as EXR or TIFF in 32-bit floats";
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_span_the_range_that_they_state() {
+    fn shapes_span_their_stated_range() {
         for (shape, limit) in [
             (Shape::Plane { limit: 4.0 }, 4.0),
             (Shape::Steps { limit: 6.0 }, 6.0),
@@ -295,14 +295,14 @@ mod tests {
     }
 
     #[test]
-    fn the_cylinders_stand_on_both_sides_of_zero() {
+    fn the_cylinders_have_v_of_both_signs() {
         let v = values(&Preset::Cylinders.scene().shape);
         let (low, high) = v.iter().fold((0.0, 0.0), |(a, b): (f64, f64), v| (a.min(*v), b.max(*v)));
         assert!(low < -5.0 && low > -7.0 && high > 4.0 && high < 7.0, "{low} to {high}");
     }
 
     #[test]
-    fn a_map_is_read_between_its_pixels() {
+    fn a_map_is_interpolated_between_its_pixels() {
         let map = Map { values: vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0], float: true, width: 3, height: 2 };
         assert_eq!(map.at([1.5, 0.5]), 3.0);
         assert_eq!(map.at([-9.0, 9.0]), 3.0);

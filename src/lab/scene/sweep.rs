@@ -1,13 +1,13 @@
 //! A focus sweep of a scene instead of a pair, with its truth.
 //!
-//! Frame k is focused at the setting p_k = k. A point in focus at u is blurred in it by
+//! Frame k is focused at the setting p_k = k. A point in focus at u has in this frame the blur variance
 //!
 //! ```text
 //! v_k = c (p_k - u)² + base blur        px² of the reference
 //! ```
 //!
-//! and the scene lies between a tenth and nine tenths of the settings. Frames are displaced and exposed each in its own
-//! way; the middle one is the reference, on whose pixels u is stated, and is neither.
+//! The scene extends from a tenth to nine tenths of the range of settings. Each frame has its own displacement and
+//! exposure. The middle frame is the reference, which has neither. u is stated on its pixels.
 
 use std::f64::consts::TAU;
 
@@ -19,7 +19,7 @@ use super::{Exposure, Scene, Shape, range};
 use crate::base::random::Random;
 use crate::base::{Error, Frame, Lens, Similarity, centre};
 
-/// A description from which a focus sweep is rendered; [`SweepScene::new`] gives one to change.
+/// A description from which a focus sweep is rendered. [`SweepScene::new`] makes one with defaults.
 ///
 /// ```
 /// use parfocal::internals::scene::{Preset, Scene, SweepScene};
@@ -34,22 +34,22 @@ use crate::base::{Error, Frame, Lens, Similarity, centre};
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct SweepScene {
-    /// The scene. Its transform, its exposure and the limit of its blur belong to pairs and are ignored.
+    /// The scene. Its transform, exposure and blur limit apply to pairs and are ignored.
     pub scene: Scene,
     /// Number of frames, 3 to 999.
     pub frames: usize,
-    /// c, px² of variance a squared setting; above 0, at most 576.
+    /// c, px² of variance per squared setting; above 0, at most 576.
     pub blur_rate: f64,
-    /// Growth of the scene's size from the first to the last frame, over its size in the reference; -0.2 to 0.2.
+    /// Growth of the scene's size from the first to the last frame, relative to its size in the reference; -0.2 to 0.2.
     pub breathing: f64,
-    /// Distance of the last frame from the first, px, on a path that sways to either side; 0 to 1000.
+    /// Distance of the last frame from the first, px, on a path that sways to both sides; 0 to 1000.
     pub drift: f64,
-    /// Rotation of the last frame against the first, radians; -0.5 to 0.5.
+    /// Rotation of the last frame relative to the first, radians; -0.5 to 0.5.
     pub rotation: f64,
-    /// Largest difference of the gain from the reference's; the gain rises linearly. -0.5 to 0.5.
+    /// Largest difference of the gain from the reference's; -0.5 to 0.5. The gain increases linearly.
     pub gain_drift: f64,
-    /// Darkening of the corners of the last frame against the reference's; those of the first are brighter. The middle
-    /// of a frame stays. -0.5 to 0.5.
+    /// Darkening of the corners of the last frame relative to the reference's; -0.5 to 0.5. The corners of the first
+    /// frame are brighter. The middle of each frame stays unchanged.
     pub vignetting: f64,
 }
 
@@ -58,42 +58,42 @@ pub struct SweepScene {
 pub struct Shot {
     /// The setting at which it is focused.
     pub position: f64,
-    /// T: `I(T x)` lies over the reference at x.
+    /// T: `I(T x)` corresponds to the reference at x.
     pub transform: Similarity,
-    /// Its exposure against the reference.
+    /// The exposure relative to the reference.
     pub exposure: Exposure,
-    /// Darkening of its corners against the reference's, with the exposure undone; proportional to the squared distance
-    /// from the middle.
+    /// Darkening of the corners relative to the reference's, after the exposure is undone. It is proportional to the
+    /// squared distance from the middle.
     pub vignetting: f64,
 }
 
 /// A rendered sweep, and the truth about it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedSweep {
-    /// The frames in order, in the format of a pair's.
+    /// The frames in order, in the same format as the frames of a pair.
     pub frames: Vec<Frame>,
     /// The truth of each frame.
     pub shots: Vec<Shot>,
-    /// Index of the frame on whose pixels `focus` is.
+    /// Index of the reference frame; `focus` is on its pixels.
     pub reference: usize,
     /// u at each pixel of the reference, row-major, in settings.
     pub focus: Vec<f32>,
 }
 
-/// Most frames: their names have three digits.
+/// Greatest number of frames: their names have three digits.
 const MOST_FRAMES: usize = 999;
-/// Most pixels of all frames: 1 GiB.
+/// Greatest number of pixels of all frames: 1 GiB.
 const MOST_PIXELS: f64 = (1u64 << 28) as f64;
-/// Default blur, at one end, of a point in focus at the other: σ, px.
+/// Default blur at one end of a point in focus at the other end: σ, px.
 const END: f64 = 6.0;
-/// The part of the settings in which a scene lies.
+/// The range of the scene, as a fraction of the range of settings.
 const SPAN: [f64; 2] = [0.1, 0.9];
-/// Sway of the path of the drift, over its length.
+/// Sway of the drift path, as a fraction of its length.
 const SWAY: f64 = 0.15;
 
 impl SweepScene {
-    /// A sweep without displacement or change of brightness. A point in focus at one end of the settings is blurred by
-    /// σ 6 px at the other.
+    /// Makes a sweep without displacement or change of brightness. A point in focus at one end of the settings has the
+    /// blur σ 6 px at the other end.
     pub fn new(scene: Scene, frames: usize) -> Self {
         let blur_rate = (END / (frames.max(2) - 1) as f64).powi(2);
         Self { scene, frames, blur_rate, breathing: 0.0, drift: 0.0, rotation: 0.0, gain_drift: 0.0, vignetting: 0.0 }
@@ -102,8 +102,8 @@ impl SweepScene {
     /// Checks every range.
     ///
     /// # Errors
-    /// [`Error::Setting`] with the first field that is out of range; [`Error::Mismatch`] where the scene has no depth,
-    /// or the frames are too many for their size; those of [`Scene::check`].
+    /// [`Error::Setting`] with the first field that is out of range; [`Error::Mismatch`] if the scene has no depth, or
+    /// if there are too many frames for their size; those of [`Scene::check`].
     pub fn check(&self) -> Result<(), Error> {
         self.scene.check()?;
         let pixels = f64::from(self.scene.width) * f64::from(self.scene.height);
@@ -121,7 +121,7 @@ impl SweepScene {
         range("vignetting", self.vignetting, -0.5, 0.5)
     }
 
-    /// The frame on whose pixels the truth is: the middle one.
+    /// The index of the reference frame: the middle one.
     pub fn reference(&self) -> usize {
         self.frames / 2
     }
@@ -137,7 +137,7 @@ impl SweepScene {
             let (scale, rotation) = (1.0 + self.breathing * over, self.rotation * over);
             let [tx, ty] = place(k);
             let transform = Similarity { tx: tx - x, ty: ty - y, rotation, scale };
-            // The reference is in the middle, or half a step behind it: at most 1 on either side.
+            // The reference is in the middle, or half a step before it, so the value is at most 1 on either side.
             let aside = (k - reference) / reference;
             let exposure = Exposure { gain: 1.0 + self.gain_drift * aside, offset: 0.0 };
             Shot { position: k, transform, exposure, vignetting: self.vignetting * aside }
@@ -145,7 +145,7 @@ impl SweepScene {
         (0..self.frames).map(|k| of(k as f64)).collect()
     }
 
-    /// Renders the frames, each of them in the time of one image of a pair.
+    /// Renders the frames. Each takes the time of one image of a pair.
     ///
     /// # Errors
     /// Those of [`check`](Self::check) and of [`Scene::render`].
@@ -165,12 +165,12 @@ impl SweepScene {
         Ok(SimulatedSweep { frames, focus: focus.collect(), reference: self.reference(), shots })
     }
 
-    /// The setting at which a share of the way between the ends of the scene is in focus.
+    /// The setting at which a point is in focus, for a share of the way between the ends of the scene.
     fn setting(&self, share: f64) -> f64 {
         (SPAN[0] + (SPAN[1] - SPAN[0]) * share) * (self.frames - 1) as f64
     }
 
-    /// The content of all frames.
+    /// Prepares the content of all frames.
     fn content(&self, shots: &[Shot]) -> Result<Content, Error> {
         let scene = &self.scene;
         let Shape::Layers { arrangement, lens } = &scene.shape else {
@@ -186,14 +186,14 @@ impl SweepScene {
         layers.iter().map(|layer| self.setting(share_of(lens, layer.depth))).collect()
     }
 
-    /// Standard deviation of the blur on a frame's sensor of points in focus at these settings, px; negative beyond the
-    /// focus, where the cone of rays opens the other way.
+    /// Standard deviation of the blur on a frame's sensor of points in focus at these settings, px. Negative beyond the
+    /// focus, where the cone of rays is inverted.
     fn deviations(&self, shot: &Shot, focus: &[f64]) -> Vec<f64> {
         let over = shot.transform.scale * self.blur_rate.sqrt();
         focus.iter().map(|u| over * (shot.position - u)).collect()
     }
 
-    /// The light that vignetting leaves at each pixel of a frame.
+    /// The fraction of light that vignetting leaves at each pixel of a frame.
     fn light(&self, shot: &Shot) -> impl Fn(usize) -> f64 + use<> {
         let (width, amount) = (self.scene.width as usize, shot.vignetting);
         let [x, y] = centre(self.scene.width, self.scene.height);
@@ -222,7 +222,7 @@ enum Content {
     Layers(Layered, Vec<f64>),
 }
 
-/// A place on the path of the drift, at a time from 0 to 1.
+/// The displacement along the drift path at a time from 0 to 1.
 fn path(time: f64, drift: f64, direction: f64) -> [f64; 2] {
     let (along, across) = (drift * time, SWAY * drift * (TAU * time).sin());
     let (sin, cos) = direction.sin_cos();
@@ -237,13 +237,14 @@ mod tests {
 
     const SIZE: [u32; 2] = [70, 40];
 
-    /// Eleven frames: what the surface of a scene shares between its ends, 0 to 1, is in focus at settings 1 to 9.
+    /// Renders eleven frames. The surface of a scene, with shares 0 to 1 between its ends, is in focus at settings 1 to
+    /// 9.
     fn eleven(preset: Preset) -> SweepScene {
         let scene = Scene { width: SIZE[0], height: SIZE[1], noise: 0.0, ..preset.scene() };
         SweepScene::new(scene, 11)
     }
 
-    /// The second image of a pair on the same texture: under one blur all over, seen by T.
+    /// Renders the second image of a pair with the same texture, with uniform blur and the transform T.
     fn under(sweep: &SweepScene, variance: f64, transform: Similarity, exposure: Exposure) -> Frame {
         let shape = Shape::Uniform { variance };
         Scene { shape, transform, exposure, ..sweep.scene.clone() }.render().unwrap().i2
@@ -256,7 +257,7 @@ mod tests {
 
     /// The first terrace is in focus at 1, the last at 9.
     #[test]
-    fn each_terrace_is_sharp_in_its_frame_and_blurred_by_the_law_in_others() {
+    fn each_terrace_is_sharp_in_its_frame_and_follows_the_blur_law_in_others() {
         let sweep = eleven(Preset::Steps);
         let found = sweep.render().unwrap();
         for (terrace, u) in [(0, 1.0), (6, 9.0)] {
@@ -270,9 +271,9 @@ mod tests {
         }
     }
 
-    /// Where nothing is blurred, every frame is the second image of a pair of its T and exposure.
+    /// Without blur, every frame is the second image of a pair with the frame's T and exposure.
     #[test]
-    fn frames_lie_and_shine_as_the_truth_says() {
+    fn frames_have_the_transform_and_exposure_of_the_truth() {
         let moved =
             SweepScene { breathing: 0.06, drift: 8.0, rotation: 0.02, gain_drift: 0.05, ..eleven(Preset::Plane) };
         let sweep = SweepScene { blur_rate: 1e-9, ..moved };
@@ -287,13 +288,13 @@ mod tests {
         assert!((b.scale - a.scale - 0.06).abs() < 1e-12 && (b.rotation - a.rotation - 0.02).abs() < 1e-12);
         assert!(((b.tx - a.tx).hypot(b.ty - a.ty) - 8.0).abs() < 1e-12);
         assert!((first.exposure.gain - 0.95).abs() < 1e-12 && (last.exposure.gain - 1.05).abs() < 1e-12);
-        // Smooth: no step is much longer than the mean.
+        // The path is smooth: no step is much longer than the mean.
         let step = |s: &[Shot]| (s[1].transform.tx - s[0].transform.tx).hypot(s[1].transform.ty - s[0].transform.ty);
         assert!(found.shots.windows(2).all(|s| step(s) < 1.4 * 0.8), "{:?}", found.shots);
     }
 
-    /// With the rate of the lens, the frames at the settings of the scene's ends are the images of the pair, occlusion
-    /// and all.
+    /// With the blur rate of the lens, the frames at the settings of the scene's ends equal the images of the pair,
+    /// including occlusion.
     #[test]
     fn the_ends_of_a_scene_with_a_lens_are_its_pair() {
         for (preset, kernel) in [(Preset::Cylinders, Kernel::Gaussian), (Preset::Blocks, Kernel::Pillbox)] {
@@ -301,7 +302,7 @@ mod tests {
             sweep.scene.kernel = kernel;
             sweep.scene.transform = Similarity::IDENTITY;
             let lens = *sweep.scene.lens().unwrap();
-            // Setting 1 is where I1 is focused, eight settings before I2.
+            // I1 is focused at setting 1, and I2 eight settings further.
             sweep.blur_rate = lens.variance(0, lens.focus[1]) / 64.0;
             let (found, pair) = (sweep.render().unwrap(), sweep.scene.render().unwrap());
             let off = worst(&found.frames[1], &pair.i1, |_| true);
@@ -313,8 +314,8 @@ mod tests {
         }
     }
 
-    /// The pixels of the reference, darker towards the corners of the last frame and brighter towards those of the
-    /// first.
+    /// The brightness of the reference's pixels in other frames: corners are darker towards the last frame and brighter
+    /// towards the first.
     #[test]
     fn corners_darken_from_frame_to_frame() {
         let even = SweepScene { blur_rate: 1e-9, ..eleven(Preset::Plane) };
@@ -324,13 +325,13 @@ mod tests {
         for (k, corner) in [(0, 1.06), (10, 0.94)] {
             let factor = |i: usize| floats(&found.frames[k])[i] / floats(&plain.frames[k])[i];
             assert!((factor(0) - corner).abs() < 1e-6 && (factor(70 * 40 - 1) - corner).abs() < 1e-6, "frame {k}");
-            // Half-way to the corner, a quarter.
+            // Half-way to the corner the effect is a quarter.
             assert!(((factor(10 * 70 + 17) - 1.0) / (corner - 1.0) - 0.25).abs() < 0.02, "frame {k}");
         }
     }
 
     #[test]
-    fn the_seed_decides_and_every_frame_has_its_own_noise() {
+    fn the_seed_determines_all_and_every_frame_has_its_own_noise() {
         let mut sweep = SweepScene { drift: 3.0, ..eleven(Preset::Relief) };
         let clean = sweep.render().unwrap();
         sweep.scene.noise = 0.01;
@@ -344,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_rendered_says_which_field() {
+    fn an_error_names_the_field_that_is_out_of_range() {
         let plane = || eleven(Preset::Plane);
         let huge = Scene { width: 4096, height: 4096, ..Preset::Plane.scene() };
         for (sweep, part) in [

@@ -1,19 +1,20 @@
-//! The places of I1 that the pixels of an image see, and parallel work on rows.
+//! The positions on I1 that the pixels of an image see, and parallel work on rows.
 
 use crate::base::{Similarity, centre, workers};
 
-/// The map from an image to the frame of I1: pixel q sees `T⁻¹ q`, and its blur turns with the sensor.
+/// The map from an image to the frame of I1: pixel q sees `T⁻¹ q`, and its blur rotates with the sensor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
     back: Similarity,
     centre: [f64; 2],
     /// M = A⁻¹ as `[p, q]`: M u = (p u_x - q u_y, q u_x + p u_y), with A the linear part of T.
     linear: [f64; 2],
-    /// s, the scale of the image over I1.
+    /// s, the scale of the image relative to I1.
     pub(super) scale: f64,
 }
 
-/// A row of an image: pixel i sees the place `start + i step` of I1 under a blur of `variances[i]` px² on the sensor.
+/// A row of an image. Pixel i sees the position `start + i step` of I1, with a blur of `variances[i]` px² on the
+/// sensor.
 pub(super) struct Row<'a> {
     pub(super) view: &'a View,
     pub(super) start: [f64; 2],
@@ -22,30 +23,30 @@ pub(super) struct Row<'a> {
 }
 
 impl View {
-    /// The view of an image in which `T x` lies over x of I1; of I1 itself with the identity.
+    /// Makes the view of an image in which `T x` corresponds to x of I1. The identity gives I1 itself.
     pub(super) fn new(transform: &Similarity, [width, height]: [u32; 2]) -> Self {
         let back = transform.inverse();
         let [a, b, ..] = back.displacement();
         Self { back, centre: centre(width, height), linear: [1.0 + a, b], scale: transform.scale }
     }
 
-    /// `T⁻¹ q`.
+    /// The position on I1 that pixel q sees: `T⁻¹ q`.
     pub(super) fn place(&self, q: [f64; 2]) -> [f64; 2] {
         self.back.apply(q, self.centre)
     }
 
-    /// A displacement on the sensor, as a displacement in I1: M u.
+    /// Converts a displacement on the sensor to one in I1: M u.
     pub(super) fn turn(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [p, q] = self.linear;
         [p * x - q * y, q * x + p * y]
     }
 
-    /// A length on the sensor, as a length in I1.
+    /// Converts a length on the sensor to one in I1.
     pub(super) fn length(&self, length: f64) -> f64 {
         length * self.linear[0].hypot(self.linear[1])
     }
 
-    /// An angular frequency in I1 as the sensor sees it: Mᵀ k.
+    /// Converts an angular frequency in I1 to one on the sensor: Mᵀ k.
     pub(super) fn frequency(&self, [kx, ky]: [f64; 2]) -> [f64; 2] {
         let [p, q] = self.linear;
         [p * kx + q * ky, p * ky - q * kx]
@@ -58,14 +59,14 @@ impl View {
 }
 
 impl Row<'_> {
-    /// The place in I1 that pixel `i` sees.
+    /// The position in I1 that pixel `i` sees.
     pub(super) fn place(&self, i: usize) -> [f64; 2] {
         let i = i as f64;
         [self.start[0] + i * self.step[0], self.start[1] + i * self.step[1]]
     }
 }
 
-/// A field whose rows are filled in parallel on all processors.
+/// Makes a field. All processors fill its rows in parallel.
 pub(super) fn fill_rows([width, height]: [u32; 2], fill: impl Fn(usize, &mut [f64]) + Sync) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
     let mut values = vec![0.0; width * height];
@@ -73,8 +74,8 @@ pub(super) fn fill_rows([width, height]: [u32; 2], fill: impl Fn(usize, &mut [f6
     values
 }
 
-/// The integer at or below `p`, and the rest in [0, 1). Called thousands of times per pixel: `floor` may be a function
-/// call, a truncation and a comparison are not.
+/// The integer at or below `p`, and the remainder in [0, 1). It is called thousands of times per pixel. `floor` may be
+/// a function call, but a truncation and a comparison are not.
 pub(super) fn split(p: f64) -> (i64, f64) {
     let i = p as i64;
     let i = i - i64::from(p < i as f64);

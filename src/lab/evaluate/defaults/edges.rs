@@ -1,4 +1,4 @@
-//! Scenes whose near edges hide what lies behind: V close to these edges, and away from them.
+//! Scenes with near edges that hide the background: V close to these edges, and away from them.
 
 use super::super::errors::{BORDER, Errors, inside};
 use super::super::pairs::KnownPair;
@@ -10,14 +10,14 @@ use crate::lab::scene::{Kernel, Preset, Scene};
 const SCENES: [Preset; 3] = [Preset::Card, Preset::Blocks, Preset::Bars];
 const KERNELS: [(Kernel, &str); 2] = [(Kernel::Pillbox, "disk"), (Kernel::Gaussian, "gaussian")];
 
-/// Distance that is close to an edge, px: twice the radius of the widest disk of these scenes.
+/// Greatest distance of a pixel that is close to an edge, px: twice the radius of the widest disk of these scenes.
 const CLOSE: usize = 10;
-/// Jump of V between neighbours that is an edge, px²: the lowest plate rises by 1.1.
+/// Least jump of V between neighbours that counts as an edge, px². The lowest plate rises by 1.1.
 const JUMP: f32 = 0.5;
-/// Error of V beyond which a pixel is wrong, px².
+/// Error of V above which a pixel is wrong, px².
 const WRONG: f64 = 1.0;
 
-/// Every scene under a disk and under a Gaussian: the section "Depth edges", and cases of σ.
+/// Measures every scene with a disk and with a Gaussian: the section "Depth edges", and cases of σ.
 pub(super) fn run(runner: &mut Runner) -> (Section, Vec<Case>) {
     let scenes = if runner.quick { &SCENES[..1] } else { &SCENES[..] };
     let kernels = if runner.quick { &KERNELS[..1] } else { &KERNELS[..] };
@@ -57,7 +57,7 @@ fn away_and_close(case: Case, solution: &Solution, truth: &[f32]) -> Case {
     case.value("V rms close, px²", near).value("wrong close, %", wrong_near)
 }
 
-/// Root mean square of V's error over some pixels, px², and the percentage of them that are wrong.
+/// Root mean square of the error of V over some pixels, px², and the percentage of wrong pixels.
 fn errors(solution: &Solution, truth: &[f32], counts: impl Fn(usize) -> bool) -> [f64; 2] {
     let error = |i: usize| f64::from(solution.relative_blur[i]) - f64::from(truth[i]);
     let pixels = inside(solution.width, solution.height, BORDER).filter(|i| counts(*i));
@@ -67,7 +67,7 @@ fn errors(solution: &Solution, truth: &[f32], counts: impl Fn(usize) -> bool) ->
     [(errors.iter().map(|e| e * e).sum::<f64>() / count).sqrt(), 100.0 * wrong / count]
 }
 
-/// The pixels within [`CLOSE`] px, along rows and columns, of a jump in V.
+/// The pixels within [`CLOSE`] px of a jump in V, along rows and columns.
 fn close_to_jumps(relative_blur: &[f32], width: usize) -> Vec<bool> {
     let jumps = |i: usize| {
         let v = relative_blur[i];
@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn a_square_around_each_jump_is_close() {
-        // One pixel that differs, at (30, 20): jumps to and from it, across and down.
+        // A single pixel at (30, 20) differs: there are jumps to and from it in both directions.
         let mut v = vec![0.0; 60 * 40];
         v[20 * 60 + 30] = 2.0;
         let close = close_to_jumps(&v, 60);

@@ -1,6 +1,6 @@
-//! Bounds on what the default settings reach.
+//! Bounds on the accuracy of the default settings.
 //!
-//! Everything is solved as by a user who states no setting, except the kernel where it is asymmetric.
+//! All solves use the settings of a user who states none, except for an asymmetric kernel, which is stated.
 
 mod edges;
 mod photographs;
@@ -32,7 +32,7 @@ pub(super) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
     sections.extend([part, photographs::dual_pixel(runner, data), edges]);
     let what = "Shares of the pixels whose error of V is within a multiple of its standard deviation σ.";
     sections.push(Section::new("Sigma", what, sigma));
-    // A quick run leaves some sections empty.
+    // A quick run leaves out some sections.
     sections.retain(|section| !section.cases.is_empty());
     sections
 }

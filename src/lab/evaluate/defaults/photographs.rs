@@ -15,10 +15,10 @@ use crate::engine::Solution;
 use crate::files::export::Registration;
 use crate::files::image_io;
 
-/// Folder of the part within the data.
+/// Folder of the part within the data folder.
 const PART: &str = "part/57";
 const PART_NAME: &str = "part 57";
-/// Pixels along the border of the part that are left out.
+/// Width of the border of the part that is left out, px.
 const BORDER: usize = 24;
 /// Noise of the part, white = 1.
 const NOISE: f64 = 0.002;
@@ -30,7 +30,7 @@ struct Part {
     depth: Vec<f32>,
 }
 
-/// The section "Part", and cases of smoothness and of σ. A quick run has none of smoothness.
+/// Measures the section "Part", and cases of smoothness and of σ. A quick run has no cases of smoothness.
 pub(super) fn part(runner: &mut Runner, data: &Path) -> (Section, Option<Case>, Case) {
     let (mut smoothness, mut sigma) = (None, Case::failed(PART_NAME, "not solved: see Part"));
     let accuracy = runner.case("part", PART_NAME, |runner, case| {
@@ -74,14 +74,14 @@ impl Part {
         if size == images { Ok(part) } else { Err(format!("depth.exr is {size:?} and the images {images:?} px")) }
     }
 
-    /// V and depth of the pixels that are judged.
+    /// V and depth of the judged pixels.
     fn pixels(&self, solution: &Solution) -> Vec<[f64; 2]> {
         let both = |i: usize| [solution.relative_blur[i], self.depth[i]].map(f64::from);
         let pixels = inside(solution.width, solution.height, BORDER).map(both);
         pixels.filter(|both| both.iter().all(|v| v.is_finite())).collect()
     }
 
-    /// Of σ, with the true V by a cubic of depth.
+    /// The coverage by σ, with the true V from a cubic of depth.
     fn coverage(&self, solution: &Solution) -> Result<Coverage, String> {
         let exchanged: Vec<[f64; 2]> = self.pixels(solution).into_iter().map(|[v, z]| [z, v]).collect();
         let curve = Curve::fit(&exchanged).ok_or(FEW)?;
@@ -135,12 +135,13 @@ const DUAL_PIXEL: &str = "dual-pixel";
 const SCENES: [&str; 2] = ["001", "002"];
 const VIEWS: [&str; 2] = ["left", "right"];
 
-/// A grey value of objects.png is an object if it covers more than this share of the frame.
+/// Least share of the frame that a grey value of objects.png must cover to count as an object.
 const LEAST_OBJECT: f64 = 0.01;
 
-/// Real asymmetric blur: a sharp photograph against the view through each half of the aperture, with measured kernels.
+/// Measures real asymmetric blur, with measured kernels: a sharp photograph against the view through each half of the
+/// aperture.
 pub(super) fn dual_pixel(runner: &mut Runner, data: &Path) -> Section {
-    // A view takes longer than all other cases of a quick run.
+    // One view takes longer than all other cases of a quick run.
     let scenes = if runner.quick { &SCENES[..0] } else { &SCENES[..] };
     let cases = scenes.iter().flat_map(|scene| dual_pixel_scene(runner, &data.join(DUAL_PIXEL), scene)).collect();
     let what = "Sharp photographs against half-aperture views of a Pixel 4, each view with its own kernel. Objects by \
@@ -194,12 +195,12 @@ impl View {
     }
 }
 
-/// The 5th, 50th and 95th percentile of V of each object, px², from the least blurred.
+/// The 5th, 50th and 95th percentile of V of each object, px², beginning with the least blurred.
 #[derive(Debug, PartialEq)]
 struct Objects(Vec<[f64; 3]>);
 
 impl Objects {
-    /// Of labels that rise with blur; 0 marks pixels of no known object.
+    /// Computes the percentiles for labels that increase with blur. The label 0 marks pixels of no known object.
     fn of(labels: &[u8], relative_blur: &[f32]) -> Self {
         let mut values: Vec<Vec<f64>> = vec![Vec::new(); 256];
         let mut sizes = [0usize; 256];
@@ -222,7 +223,7 @@ impl Objects {
         let medians: Vec<f64> = self.0.iter().map(|o| o[1]).collect();
         let (low, high) = medians.iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
         let widest = self.0.iter().map(|o| o[2] - o[0]).fold(0.0, f64::max);
-        // A median that is not greater than the one before, or NaN, is out of order.
+        // A median is out of order if it is NaN or not greater than the previous one.
         let disorder = medians.windows(2).filter(|w| w[1].partial_cmp(&w[0]).is_none_or(|o| o.is_lt())).count();
         let objects: Vec<String> = self.0.iter().map(|[a, m, b]| format!("{m:.1} ({a:.1} to {b:.1})")).collect();
         let case = case.at_most("spread over range", widest / (high - low), 0.5);
@@ -235,7 +236,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cubic_comes_back_and_what_is_off_it_is_a_share_of_the_range() {
+    fn a_cubic_is_recovered_and_residuals_are_shares_of_the_range() {
         let cubic = |x: f64| 2.0 - x + 0.5 * x * x - 0.25 * x * x * x;
         let exact: Vec<[f64; 2]> = (0..101).map(|i| f64::from(i) / 50.0 - 1.0).map(|x| [x, cubic(x)]).collect();
         let curve = Curve::fit(&exact).unwrap();
@@ -247,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn objects_are_plateaus_in_the_order_of_their_labels() {
+    fn objects_have_plateaus_of_v_in_the_order_of_their_labels() {
         let labels: Vec<u8> = (0..400).map(|i| [0, 9, 5, 200][i / 100]).chain([7]).collect();
         let v: Vec<f32> =
             (0..401).map(|i| [f32::NAN, 4.0, 2.0, 3.0, 0.0][i / 100] + (i % 100) as f32 / 100.0).collect();

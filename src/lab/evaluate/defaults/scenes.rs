@@ -1,4 +1,4 @@
-//! Synthetic scenes: shading, noise, accuracy, smoothness, and whether σ says what V is off by.
+//! Synthetic scenes: shading, noise, accuracy, smoothness, and the coverage of errors by σ.
 
 use super::super::errors::Errors;
 use super::super::pairs::KnownPair;
@@ -19,11 +19,11 @@ const SHADINGS: [Shading; 5] = [
     ("cos⁴", |x, y| 1.0 - 2.0 * cos4(x, y)),
     ("ramp", |x, _| 2.0 * x - 1.0),
     ("diagonal", |x, y| x + y - 1.0),
-    // The farthest corner, (1, 0), is √1.13 away.
+    // The distance of the farthest corner, (1, 0), is √1.13.
     ("off-centre", |x, y| 1.0 - 2.0 * ((x - 0.3).powi(2) + (y - 0.8).powi(2)) / 1.13),
 ];
 
-/// 1 - cos⁴ of the angle to the axis, over its value in the corners, which are 30° away.
+/// 1 - cos⁴ of the angle to the axis, divided by its value in the corners, at 30°.
 fn cos4(x: f64, y: f64) -> f64 {
     let corner = (30f64.to_radians().tan()).powi(2);
     let lost = |tan2: f64| 1.0 - (1.0 + tan2).powi(-2);
@@ -36,7 +36,7 @@ const AMOUNTS: [(f64, f64, f64); 2] = [(0.06, 0.012, 0.08), (0.15, 0.02, 0.12)];
 /// Noise of the shaded pairs, white = 1.
 const SHADED_NOISE: f64 = 0.003;
 
-/// The slanted plane, whose I2 is shaded smoothly.
+/// Measures the slanted plane with a smoothly shaded I2.
 pub(super) fn shading(runner: &mut Runner) -> Section {
     let shadings = if runner.quick { &SHADINGS[2..3] } else { &SHADINGS };
     let mut cases = Vec::new();
@@ -67,14 +67,14 @@ fn shaded(frame: &Frame, gain: impl Fn(f64, f64) -> f64) -> Result<Frame, String
     Frame::gray(frame.width(), frame.height(), shaded.collect())
 }
 
-/// Noise, and the bounds: bias and rms of V in px², and the corner error when the bounds were set, px.
+/// Noise, and the bounds: bias and rms of V in px², and the corner error at the time when the bounds were set, px.
 const NOISES: [(f64, f64, f64, f64); 3] =
     [(0.003, 0.01, 0.06, 0.0045), (0.01, 0.02, 0.13, 0.016), (0.03, 0.05, 0.35, 0.0552)];
 
 /// Seeds of texture and noise.
 const SEEDS: [u64; 5] = [1, 2, 3, 4, 5];
 
-/// The slanted plane under noise.
+/// Measures the slanted plane with noise.
 pub(super) fn noise(runner: &mut Runner) -> Section {
     let noises = if runner.quick { &NOISES[1..2] } else { &NOISES[..] };
     let case = |&(noise, bias, rms, corner): &(f64, f64, f64, f64)| {
@@ -98,8 +98,8 @@ pub(super) fn noise(runner: &mut Runner) -> Section {
     Section::new("Noise", what, cases)
 }
 
-/// Scenes without noise: σ of the half-Gaussian, 0 where the scene has its own; the corner error in px and the rms of V
-/// in px² that they had when the bounds were set.
+/// Scenes without noise: σ of the half-Gaussian (0 for the scene's own), the corner error in px and the rms of V in px²
+/// at the time when the bounds were set.
 const ACCURACY: [(Preset, f64, [f64; 2]); 10] = [
     (Preset::Plane, 0.0, [0.00265, 0.0107]),
     (Preset::Relief, 0.0, [0.00115, 0.0626]),
@@ -113,12 +113,12 @@ const ACCURACY: [(Preset, f64, [f64; 2]); 10] = [
     (Preset::HalfGaussianDots, 2.5, [0.00134, 0.0182]),
 ];
 
-/// The factor by which an error may be worse than it was.
+/// The factor by which an error may exceed its value at that time.
 const AS_GOOD: f64 = 1.1;
-/// Half of the last digit of docs/evaluation.md, px: corners are off by a few thousandths of a pixel.
+/// Half of the last digit in docs/evaluation.md, px. Corner errors are a few thousandths of a pixel.
 const DIGIT: f64 = 0.0005;
 
-/// Every scene without noise.
+/// Measures every scene without noise.
 pub(super) fn accuracy(runner: &mut Runner) -> Section {
     let scenes = if runner.quick { &ACCURACY[..1] } else { &ACCURACY[..] };
     let case = |&(preset, sigma, [corner, rms]): &(Preset, f64, [f64; 2])| {
@@ -142,7 +142,7 @@ pub(super) fn accuracy(runner: &mut Runner) -> Section {
 const SCENES: [Preset; 5] = [Preset::Plane, Preset::Relief, Preset::Steps, Preset::Cylinders, Preset::HalfGaussianDots];
 const SCENE_NOISES: [f64; 4] = [0.0, 0.003, 0.01, 0.03];
 
-/// Scenes under noise, by default settings and by the best fixed α: the cases of smoothness and of σ.
+/// Measures scenes with noise, with default settings and with the best fixed α: the cases of smoothness and of σ.
 pub(super) fn smoothness_and_sigma(runner: &mut Runner) -> [Vec<Case>; 2] {
     let (scenes, noises) =
         if runner.quick { (&SCENES[..1], &SCENE_NOISES[2..3]) } else { (&SCENES[..], &SCENE_NOISES[..]) };
@@ -165,23 +165,23 @@ pub(super) fn smoothness_and_sigma(runner: &mut Runner) -> [Vec<Case>; 2] {
     [smoothness, sigma]
 }
 
-/// Adds the error by default settings against the least error by a fixed α.
+/// Adds the error with default settings relative to the least error with a fixed α.
 pub(super) fn against_best(case: Case, by_default: f64, [alpha, least]: [f64; 2]) -> Case {
     let case = case.value("by default", by_default).value("best", least).value("best α", alpha);
     case.at_most(RATIO, by_default / least, WORST)
 }
 
-/// The value of [`against_best`] that has a bound.
+/// The name of the value of [`against_best`] that has a bound.
 pub(super) const RATIO: &str = "times the best";
-/// The bound on the ratio of each case, and on their median.
+/// The bound on the ratio for each case, and the bound on their median.
 const WORST: f64 = 1.25;
 pub(super) const USUAL: f64 = 1.15;
 
-/// Values of α that are tried, two a decade.
+/// The tested values of α, two per decade.
 const ALPHAS: [f64; 9] = [1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0];
 
-/// The fixed α of least error, and that error. Goes downhill from a guess by noise, then tries the vertex of a parabola
-/// through the three best, in logarithms of α and error. The error has one minimum over α.
+/// The fixed α with the least error, and that error. Descends from a guess based on noise, then tests the vertex of a
+/// parabola through the three best, in logarithms of α and error. The error has one minimum over α.
 pub(super) fn best_alpha(settings: &Settings, noise: f64, mut error: impl FnMut(&Settings) -> f64) -> [f64; 2] {
     let mut known = [f64::NAN; ALPHAS.len()];
     let mut at = |i: usize, error: &mut dyn FnMut(&Settings) -> f64| {
@@ -190,7 +190,7 @@ pub(super) fn best_alpha(settings: &Settings, noise: f64, mut error: impl FnMut(
         }
         known[i]
     };
-    // Of the plane the best is 0.0003 without noise, and 0.01, 0.03 and 0.1 at noise 0.003, 0.01 and 0.03.
+    // For the plane the best α is 0.0003 without noise, and 0.01, 0.03 and 0.1 at noise 0.003, 0.01 and 0.03.
     let mut best = ALPHAS.partition_point(|alpha| *alpha < 3.0 * noise).clamp(1, ALPHAS.len() - 2);
     loop {
         let [low, middle, high] = [best - 1, best, best + 1].map(|i| at(i, &mut error));
@@ -205,7 +205,8 @@ pub(super) fn best_alpha(settings: &Settings, noise: f64, mut error: impl FnMut(
     three.into_iter().chain(tried).min_by(|a, b| a[1].total_cmp(&b[1])).unwrap_or([f64::NAN; 2])
 }
 
-/// The x of the vertex of the parabola through three points, in logarithms of both coordinates; `None` outside them.
+/// The x of the vertex of the parabola through three points, in logarithms of both coordinates; `None` if it is outside
+/// them.
 fn vertex(points: [[f64; 2]; 3]) -> Option<f64> {
     let [[x0, y0], [x1, y1], [x2, y2]] = points.map(|point| point.map(f64::ln));
     let (left, right) = ((y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1));
@@ -250,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_that_falls_to_the_end_is_least_there() {
+    fn a_monotonic_error_is_least_at_the_end() {
         let [alpha, _] = best_alpha(&Settings::default(), 0.01, |s| 1.0 / s.regularization.unwrap());
         assert_eq!(alpha, 1.0);
     }

@@ -1,4 +1,4 @@
-//! Whether the fused image is everywhere as sharp as the sharpest frame.
+//! Compares the sharpness of the fused image with the sharpest frame at each place.
 
 use std::path::Path;
 
@@ -15,19 +15,19 @@ use crate::solve::sweep::Sweep;
 const NOISE: f64 = 0.003;
 /// Size of a quick run, px.
 const SMALL: [u32; 2] = [160, 128];
-/// Folder within the data, and the numbers of the frames.
+/// Folder within the data folder, and the numbers of the frames.
 const HEAT_SINK: &str = "heatsink";
 const NUMBERS: [u32; 7] = [10, 15, 20, 25, 30, 35, 40];
 /// Side of a tile, px.
 const TILE: usize = 32;
-/// A tile has texture where the variance of the Laplacian of one frame is at least this many times that of another:
-/// where it is not, focus makes no difference.
+/// Least ratio of the variances of the Laplacian between two frames for a tile to count as textured. In other tiles
+/// focus makes no difference.
 const TEXTURED: f64 = 4.0;
-/// The share of the sharpest frame's variance that a tile must have, and the share of tiles that must, %.
+/// The share of the sharpest frame's variance that a tile must reach, and the share of tiles that must reach it, %.
 const SHARP: f64 = 0.95;
 const ENOUGH: f64 = 99.0;
 
-/// The heat sink, and simulated sweeps with edges that hide what is behind them.
+/// Measures the heat sink, and simulated sweeps with edges that hide what is behind them.
 pub(super) fn section(runner: &mut Runner, data: &Path) -> Section {
     let presets = [Preset::Card, Preset::Blocks, Preset::Bars];
     let presets = if runner.quick { &presets[..1] } else { &presets[..] };
@@ -74,7 +74,7 @@ fn judge(case: Case, sweep: &Sweep, frames: &[Frame]) -> Case {
     case.value("share of the median tile without texture", median(flat)).note(note)
 }
 
-/// Each tile's variance in the fused image over that in the sharpest frame: tiles with texture, and tiles without.
+/// The variance of each tile in the fused image over that in the sharpest frame, for tiles with and without texture.
 fn shares(frames: &[Vec<f64>], fused: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let (mut textured, mut flat) = (Vec::new(), Vec::new());
     for (tile, fused) in fused.iter().enumerate() {
@@ -87,7 +87,7 @@ fn shares(frames: &[Vec<f64>], fused: &[f64]) -> (Vec<f64>, Vec<f64>) {
     (textured, flat)
 }
 
-/// The variance of the Laplacian in each whole tile; NaN where a pixel is.
+/// The variance of the Laplacian in each whole tile; NaN if a pixel is NaN.
 fn variances(values: &[f32], [width, height]: [usize; 2]) -> Vec<f64> {
     let at = |x: usize, y: usize| f64::from(values[y.min(height - 1) * width + x.min(width - 1)]);
     let laplacian = |x: usize, y: usize| {
@@ -113,11 +113,11 @@ mod tests {
 
     #[test]
     fn tiles_are_compared_with_the_sharpest_frame_that_shows_them() {
-        // Checks of ±a have a Laplacian of ±8a, whose variance is 64 a².
+        // Checks of ±a have a Laplacian of ±8a, with the variance 64 a².
         let checks =
             |a: f32| (0..64 * 32).map(|i| if (i % 64 + i / 64) % 2 == 0 { a } else { -a }).collect::<Vec<f32>>();
         let found = variances(&checks(0.5), [64, 32]);
-        // The border has less.
+        // The Laplacian is smaller at the border.
         assert!(found.len() == 2 && found.iter().all(|v| (14.0..16.1).contains(v)), "{found:?}");
         let mut hidden = checks(0.5);
         hidden[5] = f32::NAN;

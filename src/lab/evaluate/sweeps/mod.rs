@@ -1,4 +1,4 @@
-//! How well focus sweeps are solved by default settings, beside shape from focus.
+//! Errors of focus sweeps with default settings, compared with shape from focus.
 
 mod fused;
 
@@ -26,18 +26,18 @@ pub(super) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
 const ERROR: &str = "MAD, frames";
 const BEYOND: &str = "off by more than a frame, %";
 
-/// Errors of the focus u, in frames. A pixel without an answer is off by more than any number.
+/// Errors of the focus u, in frames. A pixel without a result has an infinite error.
 struct Errors {
     /// Median of the absolute error.
     median: f64,
-    /// Share of the pixels whose error is above a frame.
+    /// Share of the pixels with an error above one frame.
     beyond: f64,
-    /// Share of the pixels without an answer.
+    /// Share of the pixels without a result.
     unanswered: f64,
 }
 
 impl Errors {
-    /// Of u and the truth, where there is one.
+    /// Computes the errors of u at the pixels with a known truth.
     fn of(pixels: impl Iterator<Item = (f32, f32)>) -> Self {
         let known = pixels.filter(|(_, truth)| truth.is_finite());
         let errors: Vec<f64> = known.map(|(u, truth)| f64::from(u - truth).abs()).collect();
@@ -54,7 +54,7 @@ impl Errors {
     }
 }
 
-/// Solves a sweep by default settings, values as stored.
+/// Solves a sweep with default settings, with values as stored.
 fn solve(runner: &Runner, frames: &[Frame], positions: Vec<f64>) -> Result<Sweep, String> {
     let settings = Settings { decode: Decode::None, ..Settings::default() };
     let options = SweepOptions { settings, positions: Positions::Settings(positions), ..SweepOptions::default() };
@@ -63,28 +63,28 @@ fn solve(runner: &Runner, frames: &[Frame], positions: Vec<f64>) -> Result<Sweep
     solved.map_err(|e| e.to_string())
 }
 
-/// Solves a sweep whose positions count its frames.
+/// Solves a sweep with the frame numbers as positions.
 fn solve_counted(runner: &Runner, frames: &[Frame]) -> Result<Sweep, String> {
     solve(runner, frames, (0..frames.len()).map(|n| n as f64).collect())
 }
 
-/// Adds errors of u and whether σ covers them, over some pixels of a sweep whose positions count frames.
+/// Adds errors of u and the coverage by σ, over some pixels of a sweep with frame numbers as positions.
 fn judge(case: Case, sweep: &Sweep, truth: &[f32], pixels: &[usize], most: f64) -> Case {
     let errors = Errors::of(pixels.iter().map(|&i| (sweep.focus[i], truth[i])));
     let error = |&i: &usize| (f64::from(sweep.focus[i] - truth[i]), f64::from(sweep.uncertainty[i]));
     Coverage::of(pixels.iter().map(error)).within(errors.bounded(case, most))
 }
 
-/// Folder of the generated stacks within the data.
+/// Folder of the generated stacks within the data folder.
 const GENERATED: &str = "cou";
 const STACKS: [&str; 3] = ["1", "2", "3"];
-/// Steps between the frames that are used, and the bound of the median error, frames.
+/// Steps between the frames that are used, and the bound on the median error, frames.
 const STEPS: [(usize, f64); 4] = [(1, 0.045), (2, 0.055), (4, 0.09), (8, 0.12)];
 /// The steps of a quick run.
 const QUICK_STEPS: &[(usize, f64)] = STEPS.split_at(2).1;
 const MOST_FRAMES: usize = 999;
 
-/// Generated stacks of known focus, with all frames and with fewer.
+/// Measures generated stacks of known focus, with all frames and with fewer.
 fn generated(runner: &mut Runner, data: &Path) -> Section {
     let (stacks, steps) = if runner.quick { (&STACKS[..1], QUICK_STEPS) } else { (&STACKS[..], &STEPS[..]) };
     let cases = stacks.iter().flat_map(|name| generated_stack(runner, &data.join(GENERATED), name, steps)).collect();
@@ -120,12 +120,12 @@ fn generated_stack(runner: &mut Runner, folder: &Path, name: &str, steps: &[(usi
 /// A generated stack.
 struct Stack {
     frames: Vec<Frame>,
-    /// The index of the frame in focus at each pixel; NaN where that is not known.
+    /// The index of the frame in focus at each pixel; NaN if it is not known.
     truth: Vec<f32>,
 }
 
 impl Stack {
-    /// Reads `image_1.jpg` and all that follow it, and `truth.exr`.
+    /// Reads `image_1.jpg` and all images with consecutive numbers, and `truth.exr`.
     fn read(folder: &Path) -> Result<Self, String> {
         let file = |n: usize| folder.join(format!("image_{n}.jpg"));
         let count = (2..=MOST_FRAMES).find(|n| !file(*n).is_file()).unwrap_or(MOST_FRAMES + 1) - 1;
@@ -142,17 +142,17 @@ impl Stack {
         }
     }
 
-    /// Every `step`-th frame from the first on, and their indices.
+    /// Every `step`-th frame, beginning with the first, and their indices.
     fn every(&self, step: usize) -> (Vec<Frame>, Vec<f64>) {
         let chosen = || (0..self.frames.len()).step_by(step);
         (chosen().map(|k| self.frames[k].clone()).collect(), chosen().map(|k| k as f64).collect())
     }
 }
 
-/// Frames of the sweeps that are rendered.
+/// Number of frames of the rendered sweeps.
 const FRAMES: usize = 11;
 
-/// A rendered sweep that breathes, drifts, turns, brightens and vignettes.
+/// Measures a rendered sweep with breathing, drift, rotation, brightening and vignetting.
 fn simulated(runner: &mut Runner) -> Section {
     const NOISE: f64 = 0.005;
     let mut scene = Scene { noise: NOISE, ..Preset::Relief.scene() };
@@ -185,17 +185,18 @@ fn simulated(runner: &mut Runner) -> Section {
     Section::new("Simulated sweep", what, vec![case])
 }
 
-/// Standard deviations of the noise of the flat patch, white = 1. A quick run has the middle one.
+/// Standard deviations of the noise of the flat patch, white = 1. A quick run uses the middle one.
 const PATCH_NOISES: [f64; 3] = [0.001, 0.005, 0.02];
 /// Half the side of the patch in the middle of 256 px, px.
 const HALF: f64 = 65.0;
-/// Distance from the patch's border at which texture is complete, px: so slow that blur hardly carries any into it.
+/// Distance from the patch's border at which the texture has full contrast, px. The transition is slow, so that blur
+/// carries hardly any texture into the patch.
 const FADES: f64 = 24.0;
-/// Pixels along the border of the patch that are not judged: there the window that judges a deviation, σ 4 px, has
-/// texture.
+/// Width of the border of the patch that is not judged, px. The window for the standard deviation (σ 4 px) contains
+/// texture there.
 const LEFT_OUT: f64 = 16.0;
 
-/// A patch without texture: the share of it that is said to have a focus.
+/// Measures a patch without texture: the share of its pixels that get a focus.
 fn flat_patch(runner: &mut Runner) -> Section {
     let noises = if runner.quick { &PATCH_NOISES[1..2] } else { &PATCH_NOISES[..] };
     let rendered = SweepScene::new(Preset::Plane.scene(), FRAMES).render().map_err(|e| e.to_string());
@@ -228,7 +229,7 @@ fn judge_patch(case: Case, sweep: &Sweep) -> Case {
     case.within("around, %", valid(&|distance| distance > FADES && distance < border), [99.0, 100.0])
 }
 
-/// Frames under noise, whose texture is removed in the patch.
+/// Adds noise to frames, and removes their texture in the patch.
 fn patched(frames: &[Frame], noise: f64) -> Result<Vec<Frame>, String> {
     let mut random = Random::new(1, 0);
     let mut patch = |frame: &Frame| {
@@ -255,7 +256,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pixel_without_answer_is_off_and_one_without_truth_is_left_out() {
+    fn a_pixel_without_result_is_an_error_and_one_without_truth_is_left_out() {
         let nan = f32::NAN;
         let pixels = [(1.0, 1.5), (nan, 1.0), (3.0, nan), (2.0, 2.0), (5.0, 3.0)];
         let errors = Errors::of(pixels.into_iter());
@@ -266,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn an_absent_stack_is_named() {
+    fn a_missing_stack_is_named() {
         let folder = tempfile::TempDir::new().unwrap();
         let read = || Stack::read(folder.path()).err().unwrap();
         assert!(read().contains("truth.exr") && read().contains("no such file"), "{}", read());
