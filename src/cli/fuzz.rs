@@ -36,7 +36,7 @@ fn text_files_of_any_content_are_read_or_refused() {
         target("lens", "lens.json", &lens, lens::reads),
         target("steps", "steps.json", &steps, calibrate::reads),
     ];
-    // Some 20 µs a case.
+    // A case takes some 20 µs.
     harness::run(
         "cli::fuzz::text_files_of_any_content_are_read_or_refused",
         &targets,

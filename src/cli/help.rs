@@ -33,7 +33,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Set-up", &["devices", "config", "completions", "man", "help"]),
 ];
 
-/// The options that `-h` shows of subcommands that take `--config`, so that it fits one screen.
+/// The options in `-h` of subcommands that take `--config`, so that it fits one screen.
 const MOST_USED: [&str; 23] = [
     "colors",
     "config",
@@ -60,7 +60,7 @@ const MOST_USED: [&str; 23] = [
     "transform",
 ];
 
-/// Columns of `--help`.
+/// Width of `--help`, columns.
 pub(crate) const WIDTH: usize = 100;
 
 /// Hides rarely used options from `-h`, and wraps the lines of `--help`.
@@ -94,7 +94,7 @@ pub(crate) fn wrapped(text: &str, width: usize) -> String {
     lines.join("\n")
 }
 
-/// Lists the subcommands in groups in the help of the program, which clap cannot.
+/// Lists the subcommands in groups in the help of the program. clap has no such groups.
 pub(crate) fn with_groups(mut command: Command) -> Command {
     command.build();
     let mut text = String::new();
@@ -165,8 +165,8 @@ mod tests {
     }
 
     #[test]
-    fn one_name_has_one_meaning() {
-        // The values of these differ between subcommands.
+    fn options_of_one_name_have_one_meaning() {
+        // The values of these options differ between subcommands.
         let alike = ["output", "kernel", "help", "version"];
         let mut meanings: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
         for command in program().get_subcommands() {

@@ -5,7 +5,7 @@ mod fuzz;
 mod help;
 mod signals;
 
-/// One file a subcommand: its options and what it does.
+/// The subcommands, one per file: their options and actions.
 mod commands {
     pub mod apply;
     pub mod batch;
@@ -50,7 +50,7 @@ mod output {
     pub mod summary;
 }
 
-/// Many pairs and sweeps: which they are, how they are solved, the summary.
+/// Batches of pairs and sweeps: how they are found and solved, and their summary.
 mod batch {
     pub mod pairs;
     pub mod progress;
@@ -58,7 +58,7 @@ mod batch {
     pub mod tasks;
 }
 
-/// One pair or one sweep, from its files to its results.
+/// Jobs of one pair or one sweep, from its files to its results.
 mod jobs {
     pub mod pair;
     pub mod sweep;
@@ -77,7 +77,7 @@ use self::commands::{
 use self::options::config_file;
 use self::output::failure::{self, Failure};
 
-/// Environment variable that turns the Vulkan validation layer on.
+/// Name of the environment variable that enables the Vulkan validation layer.
 const VALIDATE: &str = "PARFOCAL_VALIDATE";
 
 /// Depth from defocus on the GPU: relative blur and registration of two photographs, recovered together.
@@ -125,13 +125,13 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// The command line for clap, with the layout of help, and with switches that can be turned off against a configuration file.
+/// The command line for clap, with the layout of help. Against a configuration file, switches can be turned off.
 fn command() -> clap::Command {
     help::with_groups(Cli::command().mut_subcommands(|c| help::with_layout(config_file::with_optional_switches(c))))
 }
 
 fn run(command: Command) -> Result<(), Failure> {
-    // These finish the current pair.
+    // These subcommands finish the current pair on a signal.
     if !matches!(command, Command::Batch(_) | Command::Watch(_)) {
         signals::listen(|status| {
             parfocal::export::abandon();
@@ -162,7 +162,7 @@ fn run(command: Command) -> Result<(), Failure> {
     }
 }
 
-/// Whether two paths lead to the same existing file.
+/// Whether two paths refer to the same existing file.
 fn same_file(a: &Path, b: &Path) -> bool {
     let [(a, _), (b, _)] = [a, b].map(parfocal::image_io::split_page);
     matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
@@ -173,7 +173,7 @@ fn is_validation_requested() -> bool {
     std::env::var_os(VALIDATE).is_some_and(|value| !value.is_empty() && value != "0")
 }
 
-/// Fails if the validation layer has reported anything.
+/// Fails if the validation layer has reported a message.
 fn check_validation(engine: &parfocal::Engine) -> Result<(), Failure> {
     match engine.validation_messages().as_slice() {
         [] => Ok(()),

@@ -1,4 +1,4 @@
-//! Ctrl-C and SIGTERM.
+//! Handlers for Ctrl-C and SIGTERM.
 
 use std::thread;
 
@@ -7,20 +7,21 @@ pub(crate) const INTERRUPTED: i32 = 130;
 /// Exit status after SIGTERM.
 const TERMINATED: i32 = 143;
 
-/// Calls `end` with the exit status on each Ctrl-C and SIGTERM. Without a thread to listen, the signals end the program as
-/// usual, and the next run removes temporary files. SIGHUP keeps its default, so that nohup works.
+/// Calls `end` with the exit status on each Ctrl-C and SIGTERM. If no listening thread can be started, the signals end
+/// the program as usual, and the next run removes temporary files. SIGHUP keeps its default action, so that nohup
+/// works.
 pub(crate) fn listen(end: impl Fn(i32) + Clone + Send + 'static) {
-    // The crate `ctrlc` replaces the handler before it fails to start its thread.
+    // The crate `ctrlc` installs its handler before it fails to start its thread.
     if thread::Builder::new().spawn(|| ()).is_err() {
         return;
     }
     #[cfg(unix)]
     listen_for_term(end.clone());
-    // An ignored signal, as of background jobs of a script, stays ignored.
+    // A signal that is ignored, as for background jobs of a script, stays ignored.
     let _ = ctrlc::try_set_handler(move || end(INTERRUPTED));
 }
 
-/// Blocks SIGTERM in all threads but one, which waits for it.
+/// Blocks SIGTERM in all threads except one, which waits for it.
 #[cfg(unix)]
 fn listen_for_term(end: impl Fn(i32) + Send + 'static) {
     use nix::sys::signal::{SigSet, Signal};

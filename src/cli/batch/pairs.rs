@@ -1,4 +1,4 @@
-//! The pairs and sweeps of a folder, by the names of its files, or of a list in CSV or JSON.
+//! The pairs and sweeps of a folder, by the names of its files, or from a manifest in CSV or JSON.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::ErrorKind;
@@ -19,15 +19,15 @@ pub(crate) struct Group {
     pub(crate) files: Vec<PathBuf>,
 }
 
-/// The pairs and sweeps of a folder or a list.
+/// The pairs and sweeps of a folder or a manifest.
 #[derive(Debug, Default)]
 pub(crate) struct Grouped {
     pub(crate) groups: Vec<Group>,
-    /// Photographs that belong to no pair, and why, a line each.
+    /// Photographs that belong to no pair, and the reasons, one line each.
     pub(crate) left_over: Vec<String>,
 }
 
-/// The rule of pairs and lists, for `--help`.
+/// The rules for pairs and manifests, for `--help`.
 pub(crate) const RULE: &str = "\
 Pairs of a folder: photographs whose names differ only at the end are pairs, in the order of the ends. An end is a number \
 (shot_1.png shot_2.png; IMG_0417.tif IMG_0418.tif IMG_0419.tif IMG_0420.tif are two pairs), _near and _far, or _a and \
@@ -39,10 +39,10 @@ A manifest is CSV, lines of I1,I2 or I1,I2,NAME (or with semicolons; a header is
 {\"i1\": FILE, \"i2\": FILE, \"name\": NAME}, the name optional; {\"sweep\": FOLDER} or {\"sweep\": [FILE, ...]} is a focus \
 sweep. Paths are relative to the folder of the manifest.";
 
-/// The largest manifest, 64 MiB.
+/// Greatest size of a manifest, 64 MiB.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// The pairs and sweeps of a folder so far, possibly none.
+/// The pairs and sweeps that a folder has so far, possibly none.
 pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
     let Grouped { groups, left_over } = of_folder(folder, out, raw)?;
     let candidates = groups.into_iter().map(Candidate::of_folder).collect();
@@ -50,7 +50,7 @@ pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Resul
     Ok(Grouped { groups: settled(candidates, raw).map_err(failed)?, left_over })
 }
 
-/// The pairs and sweeps of a folder or a manifest, without results in `out`.
+/// The pairs and sweeps of a folder or a manifest. Leaves out results in `out`.
 pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
     let mut left_over = Vec::new();
@@ -72,7 +72,7 @@ pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<
     Ok(Grouped { groups: settled(pairs, raw).map_err(failed)?, left_over })
 }
 
-/// Gives each a unique name, and its files the format of files without a header.
+/// Gives each pair or sweep a unique name, and adds the format to its files without a header.
 fn settled(pairs: Vec<Candidate>, raw: Option<RawFormat>) -> Result<Vec<Group>, String> {
     let mut groups = named_apart(pairs)?;
     for file in groups.iter_mut().flat_map(|group| &mut group.files) {
@@ -106,7 +106,7 @@ fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Groupe
     Ok(all)
 }
 
-/// The kind of the last part of a name, which orders photographs that share the rest.
+/// The kind of the last part of a name. It orders photographs with the same other parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Kind {
     Number,
@@ -114,11 +114,11 @@ enum Kind {
     Letter,
 }
 
-/// Splits a stem before its last part; `None` if that orders nothing.
+/// Splits a stem before its last part; `None` if this part defines no order.
 fn split(stem: &str) -> Option<(&str, Kind, u64)> {
     let rest = stem.trim_end_matches(|c: char| c.is_ascii_digit());
     if rest.len() < stem.len() {
-        // A number of more than 18 digits is a date or a hash: its last 18 digits count.
+        // A number of more than 18 digits is a date or a hash. Its last 18 digits are used.
         let digits = &stem[rest.len()..];
         let last = &digits[digits.len().saturating_sub(18)..];
         return Some((rest, Kind::Number, last.parse().ok()?));
@@ -144,8 +144,8 @@ fn as_sweep(files: &[PathBuf]) -> Option<Vec<PathBuf>> {
     is_sweep.then(|| frames.into_iter().map(|frame| frame.2.clone()).collect())
 }
 
-/// Pairs files by their names. Files without a pair are left over, and all of a series of odd length, since the missing one is
-/// unknown.
+/// Pairs files by their names. Returns the files without a pair. All files of a series of odd length are returned,
+/// since it is unknown which file is missing.
 fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
     let mut series: BTreeMap<(String, Kind), BTreeMap<u64, &PathBuf>> = BTreeMap::new();
     let mut found = Grouped::default();
@@ -218,17 +218,17 @@ pub(crate) fn reads(file: &Path) {
     let _ = of_manifest(file, None);
 }
 
-/// Whether a name can be that of a visible folder directly in the folder of results.
+/// Whether a name is valid for a visible folder directly in the folder of results.
 fn is_folder_name(name: &str) -> bool {
     let elsewhere = name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']);
     let drive = cfg!(windows) && name.contains(':');
     !elsewhere && !drive && !name.chars().any(char::is_control) && !name.eq_ignore_ascii_case(SUMMARY)
 }
 
-/// A pair whose name may change.
+/// A pair, before its name is final.
 struct Candidate {
     pair: Group,
-    /// The line of the manifest.
+    /// The line number in the manifest.
     line: Option<usize>,
     /// Whether the manifest states the name.
     is_given: bool,
@@ -239,14 +239,15 @@ impl Candidate {
         Self { pair, line: None, is_given: false }
     }
 
-    /// The place of the pair, for messages.
+    /// The position of the pair, for messages.
     fn place(&self) -> String {
         let i1 = self.pair.files[0].display();
         self.line.map_or_else(|| i1.to_string(), |line| format!("line {line}, {i1}"))
     }
 }
 
-/// Adds the folder of I1 to equal names that are not stated. Refuses names that stay equal or cannot name a folder.
+/// Adds the folder of I1 to equal names, unless they are stated. Refuses names that are still equal or that cannot be
+/// the name of a folder.
 fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
     let mut count: HashMap<String, usize> = HashMap::new();
     pairs.iter().for_each(|Candidate { pair, .. }| *count.entry(pair.name.to_lowercase()).or_default() += 1);
@@ -296,7 +297,7 @@ impl Line {
         Self { i1: Some(i1.into()), i2: Some(i2.into()), sweep: None, name: name.map(String::from) }
     }
 
-    /// The files, and the default name. `folder` is that of the manifest.
+    /// The files, and the default name. `folder` is the folder of the manifest.
     pub(crate) fn files(self, folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, String), String> {
         let is_pair = self.sweep.is_none();
         let (files, name): (Vec<PathBuf>, _) = match (self.i1, self.i2, self.sweep) {
@@ -328,13 +329,13 @@ impl Line {
     }
 }
 
-/// The form of a line of JSON.
+/// The fields of a line of JSON.
 const JSON: &str = "{\"i1\": FILE, \"i2\": FILE, \"name\": NAME} or {\"sweep\": FOLDER, \"name\": NAME}";
 
-/// The lines of a manifest with their numbers, or the number and problem of the first wrong one.
+/// The lines of a manifest with their numbers, or the number and problem of the first invalid line.
 pub(crate) type Lines = Result<Vec<(usize, Line)>, (usize, String)>;
 
-/// Parses a manifest whose files are relative to `folder`.
+/// Parses a manifest. Its files are relative to `folder`.
 pub(crate) fn lines(text: &str, folder: &Path) -> Lines {
     if text.trim_start().starts_with('{') { json_lines(text) } else { csv_lines(text, folder) }
 }
@@ -351,7 +352,7 @@ fn json_lines(text: &str) -> Lines {
 
 fn csv_lines(text: &str, folder: &Path) -> Lines {
     let first = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
-    // Spreadsheets write semicolons where the comma is the decimal mark.
+    // Spreadsheets write semicolons where the comma is the decimal separator.
     let delimiter = [b';', b'\t'].into_iter().find(|mark| !first.contains(',') && first.as_bytes().contains(mark));
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
@@ -360,7 +361,7 @@ fn csv_lines(text: &str, folder: &Path) -> Lines {
         .trim(csv::Trim::All)
         .comment(Some(b'#'))
         .from_reader(text.as_bytes());
-    // Words of a header, which name no file.
+    // Words of a header, which are not file names.
     let is_word = |cell: &&str| !cell.contains(['.', '/', '\\']) && !folder.join(cell).exists();
     let mut lines = Vec::new();
     for (place, record) in reader.records().enumerate() {

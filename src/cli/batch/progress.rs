@@ -10,25 +10,25 @@ use crate::cli::batch::summary::{Outcome, Row};
 use crate::cli::options::output::RunArguments;
 use crate::cli::output::failure::plain;
 
-/// Progress of a batch: a bar on a terminal, else a line for each pair.
+/// Progress of a batch: a bar on a terminal, elsewhere a line for each pair.
 pub(crate) struct BatchProgress {
     bar: ProgressBar,
     lines: bool,
     /// Whether to print a line of JSON for each pair.
     json: bool,
-    /// The number of pairs; 0 if unknown.
+    /// Number of pairs; 0 if unknown.
     pairs: usize,
     done: AtomicUsize,
 }
 
 impl BatchProgress {
-    /// Progress of an unknown number of pairs: a line for each.
+    /// Makes the progress of an unknown number of pairs: a line for each.
     pub(crate) fn endless(run: &RunArguments) -> Self {
         let (quiet, json) = (run.report.is_quiet(), run.is_json());
         Self { bar: ProgressBar::hidden(), lines: !quiet && !json, json, pairs: 0, done: AtomicUsize::new(0) }
     }
 
-    /// Progress of a number of pairs.
+    /// Makes the progress of a number of pairs.
     pub(crate) fn new(pairs: usize, run: &RunArguments) -> Self {
         let (quiet, json) = (run.report.is_quiet() || run.is_json(), run.is_json());
         let terminal = io::stderr().is_terminal();
@@ -49,11 +49,11 @@ impl BatchProgress {
         Self { bar, lines: !terminal && !quiet, json, pairs, done: AtomicUsize::new(0) }
     }
 
-    /// Counts and shows the outcome of a pair.
+    /// Counts and displays the outcome of a pair.
     pub(crate) fn show(&self, row: &Row) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         if matches!(row.outcome(), Outcome::Kept(_)) {
-            // Kept results take no time and must not change the estimate.
+            // Kept results take no time, so they must not change the estimate.
             self.bar.dec_length(1);
         } else {
             self.bar.inc(1);

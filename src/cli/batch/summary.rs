@@ -13,30 +13,30 @@ use serde_json::Value;
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
 
-/// The file of the summary, in the folder of the results.
+/// Name of the summary file, in the folder of the results.
 pub(crate) const SUMMARY: &str = "batch.json";
 
-/// The index page, in the folder of the results.
+/// Name of the index page, in the folder of the results.
 pub(crate) const INDEX: &str = "index.html";
 
-/// The largest report, 16 MiB.
+/// Greatest size of a report, 16 MiB.
 const MAX_REPORT: u64 = 16 << 20;
 
-/// The largest picture of depth, 1 GiB.
+/// Greatest size of a picture of depth, 1 GiB.
 const MAX_PICTURE: u64 = 1 << 30;
 
 /// The fields of a report that the summary states.
 #[derive(Debug, Default, Deserialize, Serialize)]
 #[serde(default)]
 pub(crate) struct ReportExcerpt {
-    /// Of a pair.
+    /// For a pair.
     #[serde(skip_serializing_if = "Option::is_none")]
     converged: Option<bool>,
     warnings: Vec<String>,
-    /// Of a pair.
+    /// For a pair.
     #[serde(skip_serializing_if = "Value::is_null")]
     relative_blur: Value,
-    /// Of a sweep.
+    /// For a sweep.
     #[serde(skip_serializing_if = "Value::is_null")]
     focus: Value,
     valid_fraction: Option<f64>,
@@ -51,7 +51,7 @@ pub(crate) struct ReportExcerpt {
 }
 
 impl ReportExcerpt {
-    /// The excerpt of a report.
+    /// Reads the excerpt from a report.
     fn of(report: Value) -> serde_json::Result<Self> {
         let mut found: Self = serde_json::from_value(report)?;
         if let [_, second] = found.frames.as_mut_slice() {
@@ -73,20 +73,20 @@ pub(crate) enum Outcome {
     Solved(ReportExcerpt),
     /// Not solved: complete results exist.
     Kept(ReportExcerpt),
-    /// Failed, and why.
+    /// Failed, with the message.
     Failed { error: String },
-    /// The batch was interrupted before.
+    /// Not started: the batch was interrupted before.
     NotDone,
 }
 
 impl Outcome {
-    /// The outcome of a report that was just written.
+    /// The outcome for a report that was just written.
     pub(crate) fn solved(report: &impl Serialize) -> Result<Self, Failure> {
         let found = serde_json::to_value(report).and_then(ReportExcerpt::of);
         found.map(Self::Solved).map_err(|e| Failure::Failed(format!("the report cannot be summarized ({e})")))
     }
 
-    /// The outcome of existing results.
+    /// The outcome for existing results.
     pub(crate) fn kept(out: &Path) -> Result<Self, Failure> {
         let found = Self::report(out)?.map(ReportExcerpt::of).transpose();
         match found.map_err(|e| not_a_report(out, &e))? {
@@ -95,7 +95,7 @@ impl Outcome {
         }
     }
 
-    /// The report in a folder of results; `None` if there is none.
+    /// Reads the report in a folder of results; `None` if there is none.
     pub(crate) fn report(out: &Path) -> Result<Option<Value>, Failure> {
         let file = out.join(REPORT_FILE);
         match bounded_read::read(&file, MAX_REPORT) {
@@ -164,7 +164,8 @@ impl Row {
         &self.outcome
     }
 
-    /// The rank on the index page: failures first, then solves that did not converge, then warnings, then fewer valid pixels.
+    /// The rank on the index page: first failures, then solves that did not converge, then warnings, then fewer valid
+    /// pixels.
     fn badness(&self) -> f64 {
         let Some(found) = self.outcome.excerpt() else { return 1000.0 };
         let unsettled = if found.converged == Some(false) { 100.0 } else { 0.0 };
@@ -241,7 +242,7 @@ pub(crate) struct BatchSummary {
     not_done: usize,
     interrupted: bool,
     seconds: f64,
-    /// Photographs that belong to no pair, and why.
+    /// Photographs that belong to no pair, and the reasons, one line each.
     left_over: Vec<String>,
     pairs: Vec<Row>,
 }
@@ -263,7 +264,7 @@ impl BatchSummary {
             kept: count("kept"),
             failed: count("failed"),
             not_done: count("not done"),
-            // Ctrl-C after the last pair changes nothing.
+            // Ctrl-C after the last pair has no effect.
             interrupted: interrupted && count("not done") > 0,
             seconds: took.as_secs_f64(),
             left_over,
@@ -373,7 +374,7 @@ impl BatchSummary {
     }
 }
 
-/// Reads a picture and puts it on white, where it is transparent.
+/// Reads a picture and fills its transparent pixels with white.
 fn on_white(path: &Path) -> Option<image::RgbImage> {
     let picture = image::load_from_memory(&bounded_read::read(path, MAX_PICTURE).ok()?).ok()?.into_rgba8();
     let over =
@@ -384,7 +385,7 @@ fn on_white(path: &Path) -> Option<image::RgbImage> {
     }))
 }
 
-/// A path as a link.
+/// Escapes a path for a link.
 fn link(path: &Path) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~/".contains(&byte);
     let escaped = |byte: u8| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") };
@@ -396,7 +397,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_report_that_cannot_be_read_is_an_error_that_names_it() {
+    fn the_error_of_an_unreadable_report_names_it() {
         let folder = tempfile::TempDir::new().unwrap();
         assert_eq!(Outcome::report(folder.path()), Ok(None));
         let file = folder.path().join(REPORT_FILE);

@@ -1,4 +1,4 @@
-//! The tasks of a batch, a pair or a sweep each, and the devices that solve them: workers of a [`Stream`].
+//! The tasks of a batch, each a pair or a sweep, and their devices as workers of a [`Stream`].
 
 use std::ffi::OsString;
 use std::io::{self, Write};
@@ -22,10 +22,10 @@ use crate::cli::options::device::EngineArguments;
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
 
-/// Workers of a device: while one solves, the others read and write.
+/// Number of workers per device: while one solves, the others read and write.
 const WORKERS_PER_DEVICE: usize = 3;
 
-/// What all tasks of a batch share.
+/// The data that all tasks of a batch share.
 pub(crate) struct Context {
     pub(crate) request: Request,
     /// Whether complete results of the same photographs and options are kept.
@@ -39,13 +39,13 @@ pub(crate) struct Context {
 /// The devices of a batch.
 pub(crate) struct Devices(Vec<Arc<Mutex<Device>>>);
 
-/// A device, with a solver for pairs like the last one.
+/// A device, with the solver of its last pair.
 struct Device {
-    /// `None` after a fault, if the device cannot be opened again.
+    /// The engine; `None` after a fault, if the device cannot be opened again.
     engine: Option<Engine>,
     solver: Option<PairSolver>,
     arguments: EngineArguments,
-    /// Why it cannot be opened again.
+    /// The reason why it cannot be opened again.
     failure: Option<Failure>,
 }
 
@@ -60,7 +60,7 @@ enum Job {
     Sweep(SweepJob),
 }
 
-/// Why a task has no results.
+/// The reason why a task has no results.
 enum Ending {
     Failed(Failure),
     /// The batch was interrupted.
@@ -105,7 +105,7 @@ impl Devices {
         Ok(Stream::of_workers(workers, capacity)?)
     }
 
-    /// Fails if a device failed and could not be opened again, or if the validation layer has reported anything.
+    /// Fails if a device failed and could not be opened again, or if the validation layer has reported a message.
     pub(crate) fn check(&self) -> Result<(), Failure> {
         self.0.iter().try_for_each(|device| {
             let mut device = lock(device);
@@ -116,7 +116,7 @@ impl Devices {
 }
 
 fn lock(device: &Mutex<Device>) -> std::sync::MutexGuard<'_, Device> {
-    // A panic ended a solve: the engine can be used.
+    // A panic ended a solve. The engine can still be used.
     device.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -145,7 +145,7 @@ impl Device {
     }
 }
 
-/// Solves a pair with the solver of the pair before.
+/// Solves a pair with the solver of the previous pair.
 fn solve_pair(
     engine: &Engine,
     cached: &mut Option<PairSolver>,
@@ -177,7 +177,7 @@ impl Task {
         Row::new(&self.name, self.job.files(), self.job.out(), outcome)
     }
 
-    /// Refuses, before any work, a task that cannot be solved or written.
+    /// Refuses a task that cannot be solved or written, before any work.
     pub(crate) fn check(&self, request: &Request) -> Result<(), Failure> {
         match &self.job {
             Job::Pair(job) => pair::check(request, job),
@@ -185,7 +185,7 @@ impl Task {
         }
     }
 
-    /// Reads, solves and writes; `None` if the device is lost. A panic fails this task alone.
+    /// Reads, solves and writes a task; `None` if the device is lost. A panic fails only this task.
     fn run(&self, context: &Context, device: &Mutex<Device>) -> Option<Row> {
         let ended = catch_unwind(AssertUnwindSafe(|| self.outcome(context, device))).unwrap_or_else(|_| {
             let problem = "an internal error of parfocal, reported above; the other pairs go on";
@@ -265,12 +265,12 @@ impl Job {
     }
 }
 
-/// The program of `--on-done`, which gets the folder of results as its argument. No shell is involved.
+/// The program of `--on-done`. It gets the folder of results as its argument, without a shell.
 #[derive(Debug)]
 pub(crate) struct OnDone(pub(crate) OsString);
 
 impl OnDone {
-    /// Runs the program for a task that was solved or failed. A failure of the program is a warning.
+    /// Runs the program for a task that was solved or failed. A failure of the program gives a warning.
     pub(crate) fn run(&self, row: &Row) {
         if matches!(row.outcome(), Outcome::Kept(_) | Outcome::NotDone) {
             return;

@@ -1,4 +1,4 @@
-//! `parfocal apply`: photographs moved onto the pixels of the reference by a known registration.
+//! `parfocal apply`: moves photographs onto the pixels of the reference by a known registration.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,8 @@ use crate::cli::output::failure::Failure;
 
 /// Move other photographs of I2's camera, or all frames of a sweep, onto the pixels of the reference.
 ///
-/// The registration is known: for photographs with other lights or other channels. For a sweep, give one photograph per frame, in order.
+/// The registration is known, so the photographs may have other lights or channels. For a sweep, give one photograph
+/// per frame, in order.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
 pub(crate) struct Arguments {
@@ -36,13 +37,13 @@ pub(crate) struct Arguments {
     report: ReportArguments,
 }
 
-/// Reads, moves and writes one photograph after the other.
+/// Reads, moves and writes the photographs one by one.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let registration = Registration::read(&arguments.transform)?;
     if arguments.exposure && registration.frames.iter().all(|frame| frame.photometric.is_none()) {
         return Err(of_file(&arguments.transform, "states no gain and offset; leave out --exposure"));
     }
-    // Any number of photographs of I2's camera, each a file by itself.
+    // Any number of photographs of I2's camera, each written separately.
     if let Some(second) = registration.second() {
         let names = check(arguments, &arguments.images)?;
         for (path, name) in arguments.images.iter().zip(&names) {
@@ -57,7 +58,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         return list(arguments, &names);
     }
-    // One photograph for each frame of a sweep, all or none.
+    // One photograph for each frame of a sweep, all written or none.
     let images = photographs::sweep_frames(&arguments.images, false, None)?;
     let count = registration.frames.len();
     if images.len() != count {
@@ -75,7 +76,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     list(arguments, &names)
 }
 
-/// A photograph on the pixels of the reference; `None` for one that has them already.
+/// A photograph on the pixels of the reference; `None` if it is already on them.
 fn moved(
     arguments: &Arguments,
     registration: &Registration,
@@ -103,7 +104,7 @@ fn moved(
     }
 }
 
-/// Refuses a photograph of another size than those that were registered.
+/// Refuses a photograph if its size differs from the registered ones.
 fn check_size(arguments: &Arguments, path: &Path, found: [u32; 2], size: Option<[u32; 2]>) -> Result<(), Failure> {
     let Some([width, height]) = size.filter(|size| *size != found) else { return Ok(()) };
     let (file, [w, h]) = (arguments.transform.display(), found);
@@ -120,8 +121,8 @@ fn list(arguments: &Arguments, names: &[String]) -> Result<(), Failure> {
     arguments.report.print_json(|| serde_json::to_string(&serde_json::json!({ "files": files })))
 }
 
-/// The names of the results. Refuses names that would replace one another, an input, or a file of another program. The photographs are read
-/// one at a time.
+/// The names of the results. Refuses names that would replace one another, an input, or a file of another program. Only
+/// one photograph at a time is read.
 fn check(arguments: &Arguments, images: &[PathBuf]) -> Result<Vec<String>, Failure> {
     destination::check_folder(&arguments.output)?;
     let inputs: Vec<&PathBuf> = images.iter().chain([&arguments.transform]).collect();
@@ -140,7 +141,7 @@ fn check(arguments: &Arguments, images: &[PathBuf]) -> Result<Vec<String>, Failu
     Ok(names)
 }
 
-/// Name of the result of an image.
+/// Name of the result for an image.
 fn result_name(path: &Path, ending: &str) -> Result<String, Failure> {
     let stem = path.file_stem().ok_or_else(|| Failure::Usage(format!("{}: names no file", path.display())))?;
     Ok(format!("{}.{ending}", stem.to_string_lossy()))

@@ -36,8 +36,9 @@ pub(crate) struct Arguments {
     resume: bool,
     /// Solve share I of N (I from 1), for N processes or machines with one folder of results
     ///
-    /// The first pair belongs to share 1, the second to share 2, and so on. The summary is batch-I-of-N.json. When all are done, the
-    /// same batch with --resume and without --shard solves what is missing and writes batch.json and index.html.
+    /// The first pair belongs to share 1, the second to share 2, and so on. The summary is batch-I-of-N.json. When all
+    /// are done, the same batch with --resume and without --shard solves what is missing and writes batch.json and
+    /// index.html.
     #[arg(long, value_name = "I/N", help_heading = OUTPUT)]
     shard: Option<Shard>,
 }
@@ -95,7 +96,7 @@ pub(crate) fn check_output(request: &Request, out: &Path, summary: &str, has_pag
     Ok(())
 }
 
-/// A flag that the first Ctrl-C or SIGTERM sets. The second removes temporary files and ends the program.
+/// A flag that the first Ctrl-C or SIGTERM sets. The second signal removes temporary files and ends the program.
 pub(crate) fn stop_on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
@@ -109,10 +110,10 @@ pub(crate) fn stop_on_interrupt() -> Arc<AtomicBool> {
     stop
 }
 
-/// One of the shares of a batch, for several processes or machines.
+/// One share of a batch, for several processes or machines.
 #[derive(Clone, Copy, Debug)]
 struct Shard {
-    /// From 1.
+    /// Number of the share, from 1.
     index: usize,
     count: usize,
 }
@@ -130,10 +131,10 @@ impl FromStr for Shard {
 }
 
 impl Shard {
-    /// All pairs.
+    /// The share that has all pairs.
     const WHOLE: Self = Self { index: 1, count: 1 };
 
-    /// The pairs of the share: of three shares the first has the first, the fourth, the seventh, ...
+    /// The pairs of the share. The first of three shares has the first, the fourth, the seventh pair, and so on.
     fn of<T>(self, all: Vec<T>) -> impl Iterator<Item = T> {
         all.into_iter().skip(self.index - 1).step_by(self.count)
     }

@@ -99,7 +99,7 @@ fn square(megapixels: f64) -> [u32; 2] {
     [(1e6 * megapixels).sqrt().round() as u32; 2]
 }
 
-/// Measures, or compares two reports.
+/// Runs the benchmark, or compares two reports.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let [old, new] = arguments.compare.as_slice() {
         return print(&bench::compare(&Report::read(old)?, &Report::read(new)?));
@@ -155,7 +155,7 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
     })
 }
 
-/// Refuses output files that cannot be written or are inputs.
+/// Refuses output files that cannot be written or that are inputs.
 fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
     let inputs: Vec<&PathBuf> = arguments.pair.iter().chain(&arguments.transform).collect();
     let outputs = [(&arguments.output, FileKind::Bench), (&arguments.trace, FileKind::Trace)];
@@ -168,7 +168,7 @@ fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Prints the report on stdout, then the ratios: on stderr if the report is JSON.
+/// Prints the report on stdout, then the ratios. The ratios go to stderr if the report is JSON.
 fn print_report(report: &Report, base: Option<&Report>, arguments: &Arguments) -> Result<(), Failure> {
     if arguments.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;

@@ -98,7 +98,7 @@ struct StepOfFile {
     depth_mm: f64,
 }
 
-/// Fits the lens, writes and prints it.
+/// Fits, writes and prints the lens.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.lens.stated()?;
     let unknowns = unknowns(&arguments.fit)?;
@@ -153,7 +153,7 @@ fn target(arguments: &Arguments) -> Result<Target, Failure> {
     Ok(Target::Steps(steps))
 }
 
-/// The largest file of regions, 1 MiB: some ten thousand of them.
+/// Greatest size of a file of regions, 1 MiB: some ten thousand regions.
 const MAX_BYTES: u64 = 1 << 20;
 
 fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
@@ -173,7 +173,7 @@ pub(crate) fn reads(file: &Path) {
     let _ = read_steps(file);
 }
 
-/// Refuses an output file that cannot be written or is an input. An earlier lens can be replaced.
+/// Refuses an output file that cannot be written or that is an input. An earlier lens may be replaced.
 fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };
     let results = export::result_files().map(|name| arguments.of.results.join(name));

@@ -12,15 +12,16 @@ use crate::cli::options::output::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
-/// Compare two results of one scene: settings, numbers, and where they differ, in units of their standard deviation.
+/// Compare two results of one scene: settings, numbers, and their differences in units of the standard deviation.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
     /// Folder that `parfocal solve -o` or `stack -o` wrote
     first: PathBuf,
-    /// Another, of the same pixels
+    /// Folder of other results with the same pixels
     second: PathBuf,
-    /// Also write where they differ as a picture, PNG: from -5 (second nearer) to 5 standard deviations, white where not in both
+    /// Also write a picture of the differences, PNG: from -5 (second nearer) to 5 standard deviations, white where not
+    /// in both
     #[arg(short, long, value_name = "FILE.png")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -31,14 +32,14 @@ pub(crate) struct Arguments {
 
 const AFTER_HELP: &str = "\
 Depth in mm is compared where both have it, else V, or focus. The difference at a pixel is the second less the first, over the root of
-the sum of both variances: were nothing but noise between them, two in three lay within 1.
+the sum of both variances: if they differ only by noise, two in three pixels are within 1.
 
 Exit status: 0 done, 1 failed, 2 wrong usage.";
 
-/// Standard deviations at the ends of the picture's colours.
+/// Standard deviations at the ends of the picture's colour scale.
 const ENDS: f64 = 5.0;
 
-/// The comparison.
+/// The result of a comparison.
 #[derive(Serialize)]
 struct Compared {
     quantity: String,
@@ -49,15 +50,15 @@ struct Compared {
     difference: Difference,
 }
 
-/// The second less the first.
+/// The second minus the first.
 #[derive(Serialize)]
 struct Difference {
-    /// Pixels measured in both.
+    /// Number of pixels that both results measure.
     pixels: usize,
     median: Option<f64>,
-    /// Root mean square.
+    /// Root mean square of the difference.
     rms: Option<f64>,
-    /// In standard deviations.
+    /// Root mean square in standard deviations.
     median_sigmas: Option<f64>,
     rms_sigmas: Option<f64>,
     /// Fraction of those pixels beyond three standard deviations.
@@ -106,7 +107,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .print(&compared.table(paths, arguments.output.as_deref()), || serde_json::to_string_pretty(&compared))
 }
 
-/// Settings that differ, nested ones too, by name.
+/// Names of the settings that differ, including nested ones.
 fn differing(a: &Value, b: &Value) -> Vec<(String, [Value; 2])> {
     let keys = |value: &Value| value.as_object().map(|map| map.keys().cloned().collect::<Vec<_>>()).unwrap_or_default();
     let mut names = keys(a);

@@ -23,10 +23,10 @@ const HEADER: &str = "\
 # file overrides the defaults; --SWITCH=false turns a switch off. Keys of other subcommands are ignored, so that one
 # file serves solve, batch, watch, stack and register. Paths are relative to the working folder.";
 
-/// Columns of a comment.
+/// Width of a comment, columns.
 const WIDTH: usize = 110;
 
-/// Prints the file.
+/// Prints the configuration file.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let command = crate::cli::command();
     let names: Vec<&str> = command.get_subcommands().filter(|c| takes_config(c)).map(clap::Command::get_name).collect();
@@ -39,7 +39,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Err(Failure::Usage(format!("{name} takes no --config; {} do{hint}", names.join(", "))))
 }
 
-/// The file for a subcommand.
+/// The configuration file for a subcommand.
 fn text(subcommand: &str) -> String {
     let mut command = crate::cli::command();
     command.build();
@@ -62,13 +62,13 @@ fn comment(option: &Arg) -> String {
     wrapped(&words, WIDTH).lines().map(|line| format!("# {line}\n")).collect()
 }
 
-/// A value and its meaning.
+/// A value with its meaning.
 fn in_words(value: &PossibleValue) -> String {
     let name = value.get_name();
     value.get_help().map_or_else(|| name.to_string(), |help| format!("{name}: {help}"))
 }
 
-/// The key with the default; without a default a comment with a placeholder.
+/// The key with its default. Without a default it is a comment with a placeholder.
 fn line(option: &Arg) -> String {
     let key = option.get_long().unwrap_or_default();
     let values: Vec<String> =
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_the_defaults_changes_nothing() {
+    fn a_file_with_the_defaults_changes_nothing() {
         let folder = TempDir::new().unwrap();
         let file = folder.path().join("defaults.toml");
         let file = file.to_str().unwrap();

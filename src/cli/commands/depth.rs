@@ -27,7 +27,7 @@ pub(crate) struct Arguments {
     lens: LensArguments,
     #[command(flatten)]
     focus_at: FocusPositionArguments,
-    /// Of a sweep: whether the first (1) or the last (2) frame is focused nearest [default: by --focus-at]
+    /// For a sweep: whether the first (1) or the last (2) frame is focused nearest [default: by --focus-at]
     #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
     #[command(flatten)]
@@ -47,11 +47,11 @@ Results, in the same folder, all or none:
 
 Exit status: 0 done, 1 failed, 2 wrong usage.";
 
-/// Reads, derives depth, writes and prints.
+/// Reads results, computes depth, writes and prints it.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let results = &arguments.of.results;
     let usage = |problem: &str| Failure::Usage(format!("{}: {problem}", results.display()));
-    // Invalid flags are reported first.
+    // Invalid options are reported first.
     arguments.lens.stated()?;
     let mut solved = Results::read(results)?;
     let doubt = if solved.report.kind == Kind::Sweep {
@@ -62,12 +62,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         None
     } else {
         if arguments.focus_at.positions().is_some() || arguments.nearer.is_some() {
-            return Err(usage("holds a pair, to whose depth a lens leads; leave out --focus-at and --nearer"));
+            return Err(usage("holds a pair, which needs a lens for depth; leave out --focus-at and --nearer"));
         }
         solved.set_lens(&arguments.lens.required(&solved)?)
     };
     let force = arguments.of.force.is_given();
-    // A report may state the lens: it is read before it is written again.
+    // A report may state the lens. It is read before it is replaced.
     let inputs: Vec<&PathBuf> = arguments.lens.file().into_iter().filter(|file| !file.ends_with(REPORT_FILE)).collect();
     destination::check_folder(results)?;
     destination::check_inputs(results, &[DEPTH_FILE, DEPTH_PICTURE_FILE, REPORT_FILE], &inputs)?;
@@ -101,8 +101,8 @@ pub(crate) fn summary(report: &DepthReport) -> String {
     format!("{min:.digits$} to {max:.digits$} mm, median {median:.digits$}; {beyond}: {out} px")
 }
 
-/// Decimals of a number with this error: two digits of the error.
+/// Number of decimals for a number with this error: two digits of the error.
 pub(crate) fn decimals(error: f64) -> usize {
-    // 0 and NaN have no digits; six decimals are enough.
+    // The logarithm is not finite for 0 and NaN. Six decimals are enough.
     if error > 0.0 { (1.0 - error.log10().floor()).clamp(0.0, 6.0) as usize } else { 6 }
 }

@@ -49,7 +49,7 @@ impl<'a> From<&'a DeviceInfo> for Entry<'a> {
     }
 }
 
-/// Prints the devices; without a device prints an empty list of JSON and fails.
+/// Prints the devices. Without a device, prints an empty JSON list and fails.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let devices = match Engine::devices() {
         Ok(devices) if !devices.is_empty() => devices,
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn the_description_of_a_device_states_what_it_lacks() {
+    fn the_description_of_a_device_states_missing_features() {
         let text = describe(&device());
         for part in ["1  a device (CPU)", "a driver 1.2", "1.3.230", "1.5 GiB", "16384", "not usable: no timestamps"] {
             assert!(text.contains(part), "{part} is missing in {text}");

@@ -40,7 +40,7 @@ Example:
 
 Exit status: 0 done (whether or not the bounds are met: see the report), 1 failed, 2 wrong usage.";
 
-/// Evaluates and writes. Checks of the outputs come first.
+/// Evaluates and writes the report. Checks of the outputs come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let out = arguments.force.to(&arguments.output);
     destination::check_folder(&arguments.output)?;

@@ -17,31 +17,31 @@ use crate::cli::options::output::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
-/// Inspect a part against a golden one: go, or no-go where its heights deviate by more than they may.
+/// Inspect a part against a golden part: go, or no-go if its heights deviate by more than the tolerance.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
-    /// Folder that `parfocal solve -o` or `stack -o` wrote of the part
+    /// Folder of the part's results, from `parfocal solve -o` or `stack -o`
     part: PathBuf,
-    /// Folders of one golden part or of several, alike in size; places are stated on the pixels of the first
+    /// Folders of one or several golden parts of equal size; positions are stated on the pixels of the first
     #[arg(long, required = true, num_args = 1.., value_name = "GOLDEN")]
     golden: Vec<PathBuf>,
-    /// The difference of heights that is allowed: mm where all have depth in mm, else px² of V, or settings of a sweep
+    /// The allowed difference of heights: mm where all have depth in mm, else px² of V, or settings of a sweep
     #[arg(long, value_name = "T", value_parser = from_zero)]
     tolerance: f64,
-    /// Standard deviations that a difference must be larger than, too
+    /// Standard deviations that a difference must also exceed
     #[arg(long, value_name = "K", default_value_t = Limits::new(0.0).sigmas, value_parser = from_zero)]
     sigmas: f64,
-    /// Pixels of the smallest region that counts
+    /// Least number of pixels of a region that counts
     #[arg(long, value_name = "COUNT", default_value_t = Limits::new(0.0).min_area_px)]
     min_area: usize,
-    /// The share of the golden part's pixels that may be without a height of the part, 0 to 1
+    /// The allowed share of the golden part's pixels without a height of the part, 0 to 1
     #[arg(long, value_name = "SHARE", default_value_t = Limits::new(0.0).max_unjudged, value_parser = share)]
     max_unjudged: f64,
-    /// Do not register the pictures: the fixture holds every part in the same place
+    /// Do not register the pictures: the fixture holds every part in the same position
     #[arg(long)]
     in_place: bool,
-    /// Folder for inspect.json and inspect.png; that of the part will do
+    /// Folder for inspect.json and inspect.png; it may be that of the part
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -75,12 +75,12 @@ fn share(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(good).ok_or_else(|| "give a share from 0 to 1".to_string())
 }
 
-/// A part, from its folder.
+/// A part that was read from its folder.
 struct Part {
     folder: PathBuf,
-    /// The fused image, by which it is registered.
+    /// The fused image, used to register the part.
     picture: Frame,
-    /// Quantities, the best one last: name, unit, heights towards the camera.
+    /// Quantities with name, unit, and heights towards the camera; the best one is last.
     fields: Vec<(String, &'static str, Heights)>,
 }
 
@@ -91,7 +91,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let part = Part::read(&arguments.part)?;
     let goldens = arguments.golden.iter().map(|folder| Part::read(folder)).collect::<Result<Vec<_>, _>>()?;
-    // clap requires one.
+    // clap requires at least one.
     let Some(first) = goldens.first() else { return Ok(()) };
     let (quantity, unit) = common(&part, &goldens)?;
     let on_first = |other: &Part| other.on(first, quantity, arguments.in_place);
@@ -132,7 +132,7 @@ fn check_output(arguments: &Arguments, out: &Path) -> Result<(), Failure> {
     Ok(arguments.force.to(out).check_results(INSPECT_FILES[0], &INSPECT_FILES)?)
 }
 
-/// The best common quantity and its unit.
+/// The best quantity that all parts have, and its unit.
 fn common<'a>(part: &'a Part, goldens: &[Part]) -> Result<(&'a str, &'static str), Failure> {
     let has =
         |other: &Part, name: &str, unit| other.fields.iter().any(|field| (field.0.as_str(), field.1) == (name, unit));
@@ -156,7 +156,7 @@ impl Part {
         Ok(Self { folder: folder.to_path_buf(), picture: results.fused()?, fields })
     }
 
-    /// Its heights on the pixels of a golden part, and the transform T from those pixels to its own.
+    /// The heights of the part on the pixels of a golden part, and the transform T from those pixels to its own.
     fn on(&self, first: &Self, quantity: &str, in_place: bool) -> Result<(Heights, Similarity), Failure> {
         let heights = self.field(quantity, first)?;
         let transform = match in_place || self.folder == first.folder {
@@ -167,7 +167,7 @@ impl Part {
         Ok((heights.resample([heights.width, heights.height], &transform), transform))
     }
 
-    /// The heights; refuses another size than that of a golden part.
+    /// The heights. Refuses a size that differs from the golden part's.
     fn field(&self, quantity: &str, first: &Self) -> Result<&Heights, Failure> {
         let size = |part: &Self| [part.picture.width(), part.picture.height()];
         let ([w, h], [width, height]) = (size(self), size(first));
@@ -209,5 +209,5 @@ fn summary(report: &InspectReport, out: Option<&Path>) -> String {
     lines.join("\n")
 }
 
-/// Most regions of the summary.
+/// Greatest number of regions in the summary.
 const SHOWN: usize = 10;

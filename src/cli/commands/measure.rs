@@ -26,13 +26,14 @@ pub(crate) struct Arguments {
 pub(crate) struct MeasureArguments {
     /// Step height from the first region to the second; may be repeated
     ///
-    /// Rectangles in pixels of the results: the difference of their levels, medians without the tilt, in px², or settings of a
-    /// sweep, and, where the lens or its focus is known, in mm.
+    /// Rectangles in pixels of the results. The height is the difference of their levels, which are medians after
+    /// removing the tilt. It is in px², or settings of a sweep, and also in mm if the lens or the focus positions are
+    /// known.
     #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = MEASUREMENTS)]
     step: Vec<RegionArgument>,
     /// Profile from one pixel of the results to another; may be repeated
     ///
-    /// The mean over WIDTH px across, 1 if not given.
+    /// The mean over WIDTH px across the line, 1 if not given.
     #[arg(long, value_name = "X1,Y1,X2,Y2[,WIDTH]", help_heading = MEASUREMENTS)]
     profile: Vec<LineArgument>,
 }
@@ -40,7 +41,7 @@ pub(crate) struct MeasureArguments {
 impl MeasureArguments {
     pub(crate) fn request(&self) -> MeasurementRequest {
         MeasurementRequest {
-            // clap passes pairs.
+            // clap passes the values in pairs.
             steps: self.step.chunks_exact(2).map(|pair| [pair[0].0, pair[1].0]).collect(),
             lines: self.profile.iter().map(|line| line.0).collect(),
         }

@@ -16,12 +16,12 @@ use crate::cli::output::failure::{Failure, print};
 pub(crate) struct Arguments {
     /// Folder that `parfocal solve -o`, `stack -o` or `batch -o` wrote
     results: PathBuf,
-    /// Print where the page is, and open nothing
+    /// Print the path of the page, and do not open it
     #[arg(long)]
     print: bool,
 }
 
-/// The program that opens a file in the user's application.
+/// The program that opens a file in the user's preferred application.
 const OPENER: &str = if cfg!(target_os = "macos") {
     "open"
 } else if cfg!(windows) {
@@ -30,7 +30,7 @@ const OPENER: &str = if cfg!(target_os = "macos") {
     "xdg-open"
 };
 
-/// Longest wait for an error of the opener, in tenths of a second.
+/// Longest wait for an error of this program, in tenths of a second.
 const MAX_WAIT: u32 = 50;
 
 /// Finds and opens the page.
@@ -52,7 +52,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let null = Stdio::null;
     let started = Command::new(OPENER).arg(&page).stdin(null()).stdout(null()).stderr(null()).spawn();
     let mut opener = started.map_err(|e| failed(format!("cannot be run ({e})")))?;
-    // An opener that is the browser itself keeps running; the page is open.
+    // If the program is the browser itself, it keeps running, and the page is open.
     for _ in 0..MAX_WAIT {
         match opener.try_wait() {
             Ok(Some(status)) if status.success() => return Ok(()),

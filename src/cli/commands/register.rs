@@ -44,14 +44,14 @@ pub(crate) struct Arguments {
     run: RunArguments,
 }
 
-/// The methods that register, by their names.
+/// The methods that register, with their names.
 fn method_parser() -> impl TypedValueParser<Value = Method> {
     let methods = Method::value_variants().iter().filter(|method| **method != Method::Aligned);
     PossibleValuesParser::new(methods.filter_map(ValueEnum::to_possible_value))
         .map(|name| Method::from_str(&name, false).unwrap_or_default())
 }
 
-/// Registers a pair, writes and prints the registration.
+/// Registers a pair. Writes and prints the registration.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let run = &arguments.run;
     let mut settings = arguments.settings.settings(arguments.method, false)?;
@@ -86,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     run.check_strict(report.converged == Some(true), &report.warnings)
 }
 
-/// Registers a sweep, writes and prints the registration.
+/// Registers a sweep. Writes and prints the registration.
 fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     if settings.method != Method::Unified {
         return Err(Failure::Usage("--method is of pairs; a sweep is registered together with the blur".to_string()));
@@ -120,7 +120,7 @@ fn sweep_summary(found: &Report, file: Option<&Path>) -> String {
     lines.join("\n")
 }
 
-/// Refuses an output file that cannot be written or is an input.
+/// Refuses an output file that cannot be written or that is an input.
 fn check_output(arguments: &Arguments, files: &[PathBuf]) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };
     let inputs: Vec<&PathBuf> = files.iter().chain(arguments.settings.inputs()).collect();

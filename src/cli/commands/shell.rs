@@ -52,7 +52,7 @@ pub(crate) fn manual(arguments: &Manual) -> Result<(), Failure> {
     let Some(folder) = &arguments.output else { return print_bytes(&page(command)?) };
     let out = arguments.force.to(folder);
     destination::check_folder(folder)?;
-    // Once built, a subcommand's display name is "parfocal-solve" and the like.
+    // After `build`, the display name of a subcommand is "parfocal-solve" and the like.
     let pages = command.get_subcommands().cloned();
     let pages = pages.map(|sub| (format!("{}.1", sub.get_display_name().unwrap_or(sub.get_name())), sub));
     let all: Vec<_> = std::iter::once(("parfocal.1".to_string(), command.clone())).chain(pages).collect();

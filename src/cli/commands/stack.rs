@@ -33,8 +33,8 @@ pub(crate) struct Arguments {
     frames: Vec<PathBuf>,
     /// Focus setting of each frame [default: 0, 1, 2, ...]
     ///
-    /// Ascending or descending, and linear in 1/distance, as the travel of a lens is. Without them, steps are even unless the sweep shows
-    /// that frames are missing or steps are uneven; a warning then states the positions.
+    /// Ascending or descending, and linear in 1/distance, as the travel of a lens is. Without them, steps are even
+    /// unless the sweep shows that frames are missing or steps are uneven; a warning then states the positions.
     #[arg(
         long,
         value_name = "P,P,...",
@@ -103,7 +103,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     request.run.check_strict(true, &report.warnings)
 }
 
-/// The request, or an error if the options contradict each other.
+/// The request, or an error if options contradict each other.
 fn request(arguments: &Arguments) -> Result<Request, Failure> {
     let part = arguments.part.part();
     let request = Request {
@@ -160,7 +160,7 @@ fn near_and_far(report: &Report, palette: Palette) -> String {
     }
 }
 
-/// The share of the frame that is in focus nowhere, before the first frame and beyond the last.
+/// The share of the frame that is in focus in no frame, before the first frame and beyond the last.
 fn never_in_focus(report: &Report) -> Option<String> {
     let pixels = f64::from(report.size.width) * f64::from(report.size.height);
     let NeverReport { before_first_px, beyond_last_px } = report.never_in_focus?;
@@ -173,7 +173,7 @@ fn never_in_focus(report: &Report) -> Option<String> {
     (before_first_px + beyond_last_px > 0).then_some(text)
 }
 
-/// A range with enough digits to distinguish its ends.
+/// Formats a range with enough digits to distinguish its ends.
 fn in_words(range: &RangeReport, unit: &str) -> String {
     let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
         return "nowhere".to_string();

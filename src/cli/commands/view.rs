@@ -29,7 +29,8 @@ pub(crate) struct Arguments {
     /// How far the camera goes around to the right, degrees, -180 to 180 [default: -20, of the animation 0]
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     azimuth: Option<f64>,
-    /// Height from far to near over the longer side of the image, 0 to 2 [default: true to scale with a lens, else 0.15]
+    /// Height from far to near over the longer side of the image, 0 to 2 [default: true to scale with a lens, else
+    /// 0.15]
     #[arg(long, value_name = "R", allow_negative_numbers = true)]
     relief: Option<f64>,
     /// Radius of the median that takes spikes off the surface, px of a panel, 0 (none) to 16
@@ -47,10 +48,10 @@ pub(crate) struct Arguments {
     force: ForceArgument,
 }
 
-/// The picture in the folder of the results.
+/// Path of the picture in the folder of the results.
 pub(crate) const VIEW: &str = "view.png";
 
-/// Draws and writes. Inexpensive checks come first.
+/// Draws and writes the pictures. Inexpensive checks come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let [still, turning] = views(arguments, View::default().relief);
     still.check()?;
@@ -62,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         check_output(force.to(turntable), "gif", FileKind::Gif, &arguments.results)?;
     }
     if arguments.output.is_none() {
-        // Unlike a file that the user names, a result in its folder must not be a link.
+        // Unlike a file that the user names, a result in its folder must not be a symbolic link.
         force.to(&arguments.results).check_named(FileKind::Png, &[VIEW])?;
     }
     let results = Results::read(&arguments.results)?;
@@ -76,12 +77,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The file of the picture.
+/// The path of the picture.
 fn output_file(arguments: &Arguments) -> PathBuf {
     arguments.output.clone().unwrap_or_else(|| arguments.results.join(VIEW))
 }
 
-/// The views of the picture and of the animation, which are equally smooth.
+/// The views of the picture and of the animation, with the same smoothing.
 fn views(arguments: &Arguments, default_relief: f64) -> [View; 2] {
     let still = View {
         elevation: arguments.elevation,
@@ -102,7 +103,7 @@ fn views(arguments: &Arguments, default_relief: f64) -> [View; 2] {
     [still, turning]
 }
 
-/// Refuses a name with another extension than that of the format, a file of the results, and a file that must not be replaced.
+/// Refuses a name without the extension of the format, a file of the results, and a file that must not be replaced.
 fn check_output(file: Destination<'_>, extension: &str, kind: FileKind, results: &Path) -> Result<(), Failure> {
     let path = file.path();
     if !path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(extension)) {

@@ -39,8 +39,8 @@ pub(crate) struct Arguments {
     until_idle: Option<f64>,
     /// Program to run for each pair that was solved or failed, with its folder of results as argument
     ///
-    /// The environment holds PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed). No shell is involved. One program
-    /// runs at a time. If it fails, a warning is printed and the pairs go on.
+    /// The environment holds PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed). No shell is
+    /// involved. One program runs at a time. If it fails, a warning is printed and the pairs go on.
     #[arg(long, value_name = "PROGRAM", help_heading = OUTPUT)]
     on_done: Option<OsString>,
 }
@@ -61,10 +61,10 @@ fn after_help() -> String {
     )
 }
 
-/// The longest time between two looks at the folder.
+/// The longest interval between two checks of the folder.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Solves what arrives until Ctrl-C, or until nothing has arrived for a time.
+/// Solves arriving pairs until Ctrl-C, or until nothing has arrived for a time.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
     let Arguments { folder, output: out, .. } = arguments;
@@ -104,7 +104,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         if is_at_end && new.is_empty() && in_flight.is_empty() && waiting.is_empty() {
             break;
         }
-        // All results that are ready, after the first.
+        // Reads all other available results, after the first.
         let mut limit = if new.is_empty() { interval } else { Duration::ZERO };
         while let Some(result) = stream.next(limit).transpose() {
             in_flight.pop_front();
@@ -135,18 +135,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     summary.check(request.run.strict)
 }
 
-/// Size and time of the files of a pair.
+/// Size and modification time of the files of a pair.
 type Files = Vec<(PathBuf, u64, Option<SystemTime>)>;
 
 /// The state of a pair in the folder.
 struct Arrival {
     files: Files,
-    /// When the files last changed.
+    /// The time of the last change of the files.
     changed: Instant,
     is_taken: bool,
 }
 
-/// A folder, and the pairs in it so far.
+/// A watched folder, and its pairs so far.
 struct WatchedFolder<'a> {
     folder: &'a Path,
     out: &'a Path,
@@ -155,9 +155,9 @@ struct WatchedFolder<'a> {
     until_idle: Option<Duration>,
     arrivals: HashMap<String, Arrival>,
     left_over: Vec<String>,
-    /// The last problem of listing the folder.
+    /// The last error of listing the folder.
     problem: Option<String>,
-    /// The last change of a file, or the last result.
+    /// The time of the last change of a file, or of the last result.
     changed: Instant,
 }
 
@@ -176,14 +176,14 @@ impl<'a> WatchedFolder<'a> {
         }
     }
 
-    /// Whether nothing has changed for the time of `--until-idle`, and no pair waits.
+    /// Whether nothing has changed for the time of `--until-idle`, and no pair is pending.
     fn is_idle(&self) -> bool {
         let is_waiting = self.arrivals.values().any(|arrival| !arrival.is_taken);
         self.until_idle.is_some_and(|limit| !is_waiting && self.changed.elapsed() >= limit)
     }
 
-    /// Takes the pairs whose files have settled and that are not `is_busy`. If names contradict each other, or the folder cannot be
-    /// listed, takes none and warns once.
+    /// Takes the pairs that are not `is_busy` and have files without recent changes. If names contradict each other, or
+    /// the folder cannot be listed, takes none and warns once.
     fn settled(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<Group> {
         let found = pairs::so_far(self.folder, self.out, self.raw).map_err(|failure| failure.message());
         let problem = found.as_ref().err().cloned();
@@ -212,7 +212,7 @@ impl<'a> WatchedFolder<'a> {
         settled
     }
 
-    /// Size and time of the files of a pair; `None` if one is gone.
+    /// Size and modification time of the files of a pair; `None` if a file is missing.
     fn files(&self, group: &Group) -> Option<Files> {
         let describe = |file: &PathBuf| {
             let name = file.to_string_lossy();

@@ -1,4 +1,4 @@
-//! The job of one pair: its files are checked and read, its results written.
+//! The job of one pair: checks and reads its files, and writes its results.
 
 use std::path::{Path, PathBuf};
 
@@ -34,7 +34,7 @@ pub(crate) struct Photographs {
     lens: Option<Lens>,
 }
 
-/// Refuses an output folder that cannot be written, or whose results would replace an input.
+/// Refuses an output folder that cannot be written, or where a result would replace an input.
 pub(crate) fn check(request: &Request, job: &PairJob) -> Result<(), Failure> {
     if request.part.flat.as_ref().is_some_and(|flat| crate::cli::same_file(flat, &job.out)) {
         let problem = "holds the flat reference; give another folder for the results";
@@ -53,7 +53,7 @@ pub(crate) fn check_inputs(out: &Path, inputs: &[&PathBuf]) -> Result<(), Failur
     destination::check(out, REPORT_FILE, &possible, inputs)
 }
 
-/// Refuses an output folder where a file of another program has the name of a result.
+/// Refuses an output folder in which a file of another program has the name of a result.
 pub(crate) fn check_results(
     request: &Request,
     kind: Kind,
@@ -70,7 +70,8 @@ pub(crate) fn check_results(
     Ok(request.force.to(out).check_results(REPORT_FILE, &names)?)
 }
 
-/// Reads the pair. Returns `None` if results of these files exist already, by `settled`. Large photographs are checked against the device.
+/// Reads the pair. Returns `None` if `settled` finds complete results of these files. Checks large photographs against
+/// the device before decoding them.
 pub(crate) fn read(
     request: &Request,
     job: &PairJob,
@@ -99,7 +100,7 @@ pub(crate) fn read(
     Ok(Some(Photographs { frames, inputs, scope, settings, values, lens }))
 }
 
-/// Writes the results of a pair; returns their report.
+/// Writes the results of a pair. Returns their report.
 pub(crate) fn write(
     request: &Request,
     job: &PairJob,
@@ -124,14 +125,14 @@ pub(crate) fn write(
     if let Some(lens) = &photographs.lens {
         results.set_lens(lens);
     }
-    // V before the flat reference is subtracted determines which photograph is sharper.
+    // V before the subtraction of the flat reference determines which photograph is sharper.
     let sharpness = photographs.scope.flat.as_ref().map(|flat| flat.restored(solution));
     let labels = request.models.is_labels().then(|| export::labels(sharpness.as_ref().unwrap_or(solution)));
     let names = job.files.iter().map(|file| photographs::file_name(file)).collect();
     write_results(request, &job.out, results, photographs.frames.iter().collect(), names, labels)
 }
 
-/// Measures, writes the results with the files that the request asks for, and returns their report. Photographs and names are in the
+/// Measures, writes the results with the requested files, and returns their report. Photographs and names are in the
 /// order of the report's frames.
 pub(crate) fn write_results(
     request: &Request,
@@ -176,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn hash_and_pixels_are_of_one_file_even_if_it_is_replaced() {
+    fn hash_and_pixels_come_from_one_file_even_if_it_is_replaced() {
         let folder = tempfile::TempDir::new().unwrap();
         let [file, new] = ["a.pgm", "new.pgm"].map(|name| folder.path().join(name));
         fs::write(&file, b"P5 2 1 255 \x01\x02").unwrap();

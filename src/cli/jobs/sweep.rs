@@ -1,4 +1,4 @@
-//! The job of one focus sweep: its files are checked and read, its results written.
+//! The job of one focus sweep: checks and reads its files, and writes its results.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ use crate::cli::output::failure::Failure;
 pub(crate) struct SweepJob {
     pub(crate) files: Vec<PathBuf>,
     pub(crate) positions: Positions,
-    /// From 0.
+    /// Index of the reference frame, from 0.
     pub(crate) reference: Option<usize>,
     pub(crate) out: PathBuf,
 }
@@ -48,14 +48,14 @@ impl SweepJob {
         SweepOptions { settings, positions: self.positions.clone(), reference: self.reference }
     }
 
-    /// The digest of what changes the results, apart from the frames.
+    /// The digest of everything that changes the results, except the frames.
     pub(crate) fn digest(&self, request: &Request) -> Result<String, Failure> {
         request.digest(format!("{:?} {:?}", self.positions, self.reference).as_bytes())
     }
 }
 
-/// Refuses options of pairs, options that do not fit the sweep, and an output folder that cannot be written or where a result would
-/// replace an input.
+/// Refuses options of pairs, options that do not match the sweep, and an output folder that cannot be written or where
+/// a result would replace an input.
 pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
     if request.lens.is_some() || request.part.flat.is_some() || request.settings.method != Method::Unified {
         let problem = "is a focus sweep, and takes no lens, --flat or --method; leave them out, or use parfocal stack";
@@ -70,7 +70,7 @@ pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
     check_results(request, Kind::Sweep, &job.out, job.positions.millimetres().is_some(), false)
 }
 
-/// Reads the frames. Returns `None` if results of these files exist already, by `settled`.
+/// Reads the frames. Returns `None` if `settled` finds complete results of these files.
 pub(crate) fn read(
     request: &Request,
     job: &SweepJob,
@@ -100,7 +100,7 @@ pub(crate) fn read(
     Ok(Some(SweepFrames { frames, inputs, options, part, values, read_ms }))
 }
 
-/// Decodes the frames, after a check of the first.
+/// Decodes the frames, after checking the first.
 fn decode(
     files: &[PathBuf],
     fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
@@ -134,7 +134,7 @@ fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
     )))
 }
 
-/// Solves a sweep; returns also the time since reading began, ms.
+/// Solves a sweep. Also returns the time since reading began, ms.
 pub(crate) fn solve(
     engine: &Engine,
     read: &SweepFrames,
@@ -146,7 +146,7 @@ pub(crate) fn solve(
     Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
 }
 
-/// Writes the results of a sweep; returns their report.
+/// Writes the results of a sweep. Returns their report.
 pub(crate) fn write(
     request: &Request,
     job: &SweepJob,

@@ -1,7 +1,7 @@
 //! `--config FILE`: a TOML file whose keys are the long options without their dashes.
 //!
-//! Options of the file are inserted before the arguments of the command line. So one parser checks both, and each option is
-//! a key.
+//! Options of the file are inserted before the arguments of the command line. So the same parser checks both, and each
+//! option is a key.
 
 use std::any::TypeId;
 use std::collections::BTreeMap;
@@ -18,7 +18,7 @@ use toml::{Spanned, Value};
 use crate::cli::help::{INPUT, takes_config};
 use crate::cli::output::failure::{self, Failure, nearest};
 
-/// The most bytes that are read, 1 MiB.
+/// Greatest number of bytes that are read, 1 MiB.
 const MAX_BYTES: u64 = 1 << 20;
 
 /// `--config`, for the subcommands that take it.
@@ -36,7 +36,7 @@ impl ConfigArgument {
     }
 }
 
-/// The lines of the options in a file, for messages.
+/// The lines of the options in a file, for error messages.
 #[derive(Debug, Default)]
 pub(crate) struct Origin {
     file: PathBuf,
@@ -45,7 +45,7 @@ pub(crate) struct Origin {
 }
 
 impl Origin {
-    /// Adds file and line to a failure that begins with the name of an option from the file.
+    /// Adds file and line to an error message that begins with the name of an option from the file.
     pub(crate) fn locate(&self, failure: Failure) -> Failure {
         let Failure::Usage(message) = failure else { return failure };
         let begins = |key: &str| message.starts_with(&format!("--{key} is "));
@@ -64,8 +64,8 @@ struct Entry {
     line: usize,
 }
 
-/// Parses the command line together with the file of `--config`. Like `Command::get_matches_from`, ends the program on an
-/// error of the arguments.
+/// Parses the command line together with the file of `--config`. Like `Command::get_matches_from`, it ends the program
+/// if the arguments have an error.
 pub(crate) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(ArgMatches, Origin), Failure> {
     let Some((given, name, file)) = requested(command, &arguments) else {
         let matches = command.clone().try_get_matches_from(arguments);
@@ -96,7 +96,7 @@ pub(crate) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(Ar
 }
 
 impl Origin {
-    /// The failure, if the argument that clap refuses comes from the file.
+    /// The failure, if clap refuses an argument that comes from the file.
     fn blame(&self, error: &clap::Error) -> Option<Failure> {
         let Some(ContextValue::String(argument)) = error.get(ContextKind::InvalidArg) else { return None };
         let name = argument.trim_start_matches('-').split([' ', '=']).next()?;
@@ -112,7 +112,7 @@ impl Origin {
 
 /// The arguments and name of the subcommand, and the file of `--config`.
 fn requested(command: &Command, arguments: &[OsString]) -> Option<(ArgMatches, String, PathBuf)> {
-    // Other errors are reported once the file is read.
+    // Other errors are reported after the file is read.
     let matches = command.clone().ignore_errors(true).try_get_matches_from(arguments).ok()?;
     let (name, given) = matches.subcommand()?;
     let file = given.try_get_one::<PathBuf>("config").ok()??.clone();
@@ -151,7 +151,7 @@ fn parse(text: &str) -> Result<Vec<Entry>, (usize, String)> {
     Ok(entries)
 }
 
-/// Lets a subcommand that takes `--config` accept `--switch=false`, against a file that turns the switch on.
+/// Makes a subcommand with `--config` accept `--switch=false`, which turns off a switch of the file.
 pub(crate) fn with_optional_switches(command: Command) -> Command {
     if !takes_config(&command) {
         return command;
@@ -171,12 +171,13 @@ pub(crate) fn with_optional_switches(command: Command) -> Command {
     })
 }
 
-/// Whether an option is a key of the file.
+/// Whether an option can be a key of the file.
 pub(crate) fn is_key(option: &Arg) -> bool {
     option.get_long().is_some_and(|long| !["config", "help", "version"].contains(&long))
 }
 
-/// The option of a subcommand that a key names; `None` if it belongs to another subcommand, since one file can serve several.
+/// The option of a subcommand for a key; `None` if the key belongs to another subcommand, since one file can serve
+/// several.
 fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<&'a Arg>, String> {
     let takers = || command.get_subcommands().filter(|c| takes_config(c));
     let options = |c: &'a Command| c.get_arguments().filter(|a| is_key(a));
@@ -193,7 +194,7 @@ fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<
     Err(format!("there is no option '{key}'; {hint}"))
 }
 
-/// Whether the parser of an option returns a number.
+/// Whether an option takes a number.
 pub(crate) fn is_number(option: &Arg) -> bool {
     let parsed = option.get_value_parser().type_id();
     [TypeId::of::<f64>(), TypeId::of::<f32>(), TypeId::of::<u64>(), TypeId::of::<u32>(), TypeId::of::<u8>()]
@@ -207,7 +208,7 @@ pub(crate) fn is_bool(option: &Arg) -> bool {
     option.get_value_parser().type_id() == TypeId::of::<bool>()
 }
 
-/// The arguments for an entry.
+/// The arguments for a key and its value.
 fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
     let (key, value) = (&entry.key, &entry.value);
     let found = value.type_str();
@@ -229,7 +230,7 @@ fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
         let all = texts.join(&delimiter.to_string());
         return Ok(if texts.is_empty() { Vec::new() } else { vec![format!("--{key}={all}").into()] });
     }
-    // Options with several values per occurrence, as --step FROM TO, can also be repeated.
+    // Options with several values per occurrence, such as --step FROM TO, can also be repeated.
     let occurrence = |values: &[String]| match values {
         [one] => vec![format!("--{key}={one}").into()],
         several => [format!("--{key}")].iter().chain(several).map(OsString::from).collect(),
@@ -277,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn the_command_line_overrides_the_file_and_the_file_the_defaults() {
+    fn the_command_line_overrides_the_file_which_overrides_the_defaults() {
         let text =
             "output = 'out'\nrelaxation-sweeps = 7\nouter_iterations = 33\nno-photometric = true\nhold = false\n";
         let found = solve(text, &["--relaxation-sweeps", "9"]).unwrap();

@@ -7,7 +7,7 @@ use parfocal::{Engine, EngineOptions, Error, internals::baseline, settings::Devi
 use crate::cli::help::DEVICE;
 use crate::cli::output::failure::Failure;
 
-/// The environment variable that is the default of --device.
+/// The environment variable with the default of --device.
 const DEFAULT: &str = "PARFOCAL_DEVICE";
 
 /// The value of --device for all devices.
@@ -18,8 +18,8 @@ const ALL: &str = "all";
 pub(crate) struct EngineArguments {
     /// Index, part of the name, or UUID [default: PARFOCAL_DEVICE, else the most capable]
     ///
-    /// batch and watch also take all: each pair goes to the next free device. The processor is used only if there is no other
-    /// device.
+    /// batch and watch also take all: each pair goes to the next free device. The processor is used only if there is no
+    /// other device.
     #[arg(long, value_name = "D", help_heading = DEVICE)]
     device: Option<String>,
     /// Longest time of one solve on the device, s
@@ -54,7 +54,7 @@ impl EngineArguments {
         }
         let devices = Engine::devices()?;
         let found = DeviceInfo::usable(&devices);
-        // Without a device, opening it returns the reason.
+        // If there is no device, opening it returns the reason.
         let named = |index: usize| Self { device: Some(index.to_string()), ..self.clone() };
         Ok(if found.is_empty() { vec![named(0)] } else { found.iter().map(|device| named(device.index)).collect() })
     }

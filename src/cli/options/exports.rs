@@ -14,16 +14,17 @@ use crate::cli::output::failure::Failure;
 pub(crate) struct ExportArguments {
     /// Write also (comma-separated): ply, cloud, glb, stl, obj, depth16, npy, tiff, zarr, labels
     ///
-    /// The surface, in mm if the lens is known: ply (surface.ply, a mesh with colour and normals), cloud (points.ply, points with both),
-    /// glb (surface.glb, glTF with the fused image as texture), stl (surface.stl, triangles), obj (surface.obj, a mesh with colour and
-    /// normals as text).
+    /// The surface, in mm if the lens is known: ply (surface.ply, a mesh with colour and normals), cloud (points.ply,
+    /// points with both), glb (surface.glb, glTF with the fused image as texture), stl (surface.stl, triangles), obj
+    /// (surface.obj, a mesh with colour and normals as text).
     ///
-    /// Depth in mm if the lens is known, else V or focus: depth16 (depth16.png and depth16.tiff, 16-bit grey, 0 where not valid; scale and
-    /// offset are in the files and in report.json), npy (depth.npy and deviation.npy, 32-bit floats, NaN where not measured), tiff
-    /// (depth.tiff and deviation.tiff, the same), zarr (depth.zarr.zip, the same in one file).
+    /// Depth in mm if the lens is known, else V or focus: depth16 (depth16.png and depth16.tiff, 16-bit grey, 0 where
+    /// not valid; scale and offset are in the files and in report.json), npy (depth.npy and deviation.npy, 32-bit
+    /// floats, NaN where not measured), tiff (depth.tiff and deviation.tiff, the same), zarr (depth.zarr.zip, the same
+    /// in one file).
     ///
-    /// labels (labels.png): 1 where I1 is sharper, 2 where I2 is sharper, 3 where V is within its standard deviation of 0, 0 where not
-    /// valid; of a sweep the number of the frame whose focus is nearest to the pixel.
+    /// labels (labels.png): 1 where I1 is sharper, 2 where I2 is sharper, 3 where V is within its standard deviation of
+    /// 0, 0 where not valid; of a sweep the number of the frame whose focus is nearest to the pixel.
     #[arg(long, value_name = "KIND,...", help_heading = OUTPUT, value_enum, value_delimiter = ',', hide_possible_values = true)]
     export: Vec<Kind>,
     /// Vertices of a mesh along its longer side, at most (2 to 65536) [default: one for each pixel]
@@ -113,7 +114,7 @@ impl Exports {
             report.surface.as_ref().map_or((None, None), |stated| (stated.mesh_cells, stated.z_scale));
         let is_there = |kind: &Kind| kind.files().iter().all(|name| report.has_file(name));
         let kinds = MODELS.iter().map(|(kind, _)| *kind).chain(ARRAYS.map(|(kind, _)| kind)).filter(is_there).collect();
-        // The writer of the report has checked the numbers.
+        // The writer of the report has checked these numbers.
         Self {
             kinds,
             mesh_cells: mesh_cells.map(|cells| cells.max(2)),
@@ -155,11 +156,12 @@ impl Exports {
         self.kinds.contains(&Kind::Labels)
     }
 
-    /// Refuses labels for more frames than they can distinguish.
+    /// Refuses labels for more frames than they can represent.
     pub(crate) fn check_labels(&self, frames: usize) -> Result<(), Failure> {
         let most = export::MOST_LABELS;
         if self.kinds.contains(&Kind::Labels) && frames > most {
-            let problem = format!("--export labels: tells {most} frames apart, and there are {frames}; leave it out");
+            let problem =
+                format!("--export labels: there are {frames} frames, and labels.png can label {most}; leave it out");
             return Err(Failure::Usage(problem));
         }
         Ok(())

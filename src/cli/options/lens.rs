@@ -12,7 +12,7 @@ use serde_json::Value;
 use crate::cli::help::LENS;
 use crate::cli::output::failure::Failure;
 
-/// The largest file of a lens, 16 MiB, as of a report.
+/// Greatest size of a lens file, 16 MiB, like that of a report.
 const MAX_BYTES: u64 = 16 << 20;
 
 /// The lens; flags override the file.
@@ -20,8 +20,8 @@ const MAX_BYTES: u64 = 16 << 20;
 pub(crate) struct LensArguments {
     /// The lens, for depth in mm: JSON as calibrate writes it
     ///
-    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric, or a file that holds one
-    /// as lens: the file of calibrate, truth.json of simulate, report.json. Flags override the file.
+    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric, or a file that holds
+    /// one as lens: the file of calibrate, truth.json of simulate, report.json. Flags override the file.
     #[arg(long, value_name = "FILE", help_heading = LENS)]
     lens: Option<PathBuf>,
     /// Focal length, mm
@@ -87,7 +87,7 @@ impl From<Lens> for PartOfLens {
 }
 
 impl PartOfLens {
-    /// The fields that the photographs state, unless they contradict each other.
+    /// The fields that the photographs state; none if they contradict each other.
     pub(crate) fn of_photographs(inputs: &[Input]) -> Self {
         let agreed = |of: fn(&Exif) -> Option<f64>| {
             let mut stated = inputs.iter().filter_map(|input| of(input.exif.as_ref()?));
@@ -104,7 +104,7 @@ impl PartOfLens {
         }
     }
 
-    /// Its own fields; missing ones from `other`.
+    /// Fills in missing fields from `other`.
     pub(crate) fn or(self, other: Self) -> Self {
         Self {
             focal_length: self.focal_length.or(other.focal_length),
@@ -123,7 +123,7 @@ impl PartOfLens {
         is_whole.then(|| self.whole()).transpose()
     }
 
-    /// The whole lens, or an error that names the missing flags.
+    /// The whole lens, or an error that names the missing options.
     pub(crate) fn whole(self) -> Result<Lens, Failure> {
         let (Some(focal_length), Some(f_number), Some(pixel_pitch), Some(focus)) =
             (self.focal_length, self.f_number, self.pixel_pitch, self.focus)
@@ -148,22 +148,25 @@ impl PartOfLens {
 }
 
 impl LensArguments {
-    /// The lens, whole and checked; `None` if neither file nor flag states a field. Missing fields are taken from
+    /// The whole and checked lens; `None` if neither file nor options state a field. Missing fields are taken from
     /// `defaults`.
     pub(crate) fn lens(&self, defaults: PartOfLens) -> Result<Option<Lens>, Failure> {
         self.stated()?.map(|stated| stated.or(defaults).whole()).transpose()
     }
 
-    /// The fields of file and flags; `None` if there are none.
+    /// The fields of the file and the options; `None` if there are none.
     pub(crate) fn stated(&self) -> Result<Option<PartOfLens>, Failure> {
         let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
         Ok(self.is_given().then(|| self.flags().or(file)))
     }
 
-    /// The lens of a command that needs one. Missing fields are taken from the report of the results.
+    /// The lens for a command that needs one. Missing fields are taken from the report of the results.
     pub(crate) fn required(&self, results: &Results<'_>) -> Result<Lens, Failure> {
-        let none =
-            || Failure::Usage("give the lens: --lens FILE, or --focal-length and the flags beside it".to_string());
+        let none = || {
+            Failure::Usage(
+                "give the lens: --lens FILE, or --focal-length and the other options of the lens".to_string(),
+            )
+        };
         let known = results.lens().copied().map(PartOfLens::from);
         match (self.stated()?, known) {
             (Some(stated), known) => stated.or(known.unwrap_or_default()).whole(),
@@ -172,12 +175,12 @@ impl LensArguments {
         }
     }
 
-    /// Whether a file or a flag of the lens was given.
+    /// Whether a file or an option of the lens was given.
     pub(crate) fn is_given(&self) -> bool {
         self.lens.is_some() || self.flags() != PartOfLens::default()
     }
 
-    /// The file; no result may replace it.
+    /// The lens file. No result may replace it.
     pub(crate) fn file(&self) -> Option<&PathBuf> {
         self.lens.as_ref()
     }
@@ -194,7 +197,7 @@ impl LensArguments {
     }
 }
 
-/// The image that is focused nearer, by `--nearer` and by the lens, which must agree.
+/// The image that is focused nearer, from `--nearer` and from the lens, which must agree.
 pub(crate) fn nearer(stated: Option<u8>, lens: Option<&Lens>) -> Result<Nearer, Failure> {
     let stated = stated.map(|number| if number == 2 { Nearer::Second } else { Nearer::First });
     let Some(lens) = lens else { return Ok(stated.unwrap_or_default()) };
@@ -210,7 +213,7 @@ pub(crate) fn nearer(stated: Option<u8>, lens: Option<&Lens>) -> Result<Nearer, 
     Ok(nearer)
 }
 
-/// Reads a lens, or a file that holds one as `lens` or `depth.lens`.
+/// Reads a lens, or a file that contains one as `lens` or `depth.lens`.
 fn read(path: &Path) -> Result<PartOfLens, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", path.display()));
     let text = bounded_read::text(path, MAX_BYTES)

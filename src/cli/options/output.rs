@@ -1,4 +1,4 @@
-//! The options of output: reports, progress, strictness, colours, and the results that a command continues from.
+//! The options of output: reports, progress, strictness, colours; and the results that a command reads.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -63,7 +63,7 @@ impl QuietArgument {
     /// Prints lines on stderr.
     pub(crate) fn print_line(&self, line: &str) {
         if !self.quiet {
-            // A closed stderr has no reader.
+            // If stderr is closed, there is no reader.
             let text: Vec<String> = line.lines().map(plain).collect();
             let _ = writeln!(io::stderr(), "{}", text.join("\n"));
         }
@@ -101,7 +101,7 @@ impl RunArguments {
         self.engine.open()
     }
 
-    /// Opens the device into `opened` and describes it.
+    /// Opens the device into `opened`. Returns its description.
     pub(crate) fn info(&self, opened: &mut Option<Engine>) -> Result<DeviceInfo, Failure> {
         let engine = opened.insert(self.open_engine()?);
         Ok(engine.info().clone())
@@ -122,7 +122,7 @@ impl RunArguments {
     }
 }
 
-/// The options of a command that continues from the results of a solve.
+/// The options of a command that reads the results of a solve.
 #[derive(clap::Args, Debug)]
 pub(crate) struct ResultsArguments {
     /// Folder that `parfocal solve -o` or `stack -o` wrote

@@ -33,8 +33,8 @@ pub(crate) struct ScopeArguments {
     /// Folder of the results of a flat target with the same optics; its field curvature is subtracted from V
     #[arg(long, value_name = "DIR", help_heading = REGION)]
     flat: Option<PathBuf>,
-    /// Standard deviation of V above which a pixel counts as without texture (px², 1e-6 to 1e6) [default: half the range of V,
-    /// at least 1]
+    /// Standard deviation of V above which a pixel counts as without texture (px², 1e-6 to 1e6) [default: half the
+    /// range of V, at least 1]
     #[arg(long, value_name = "PX2", help_heading = REGION, value_parser = positive)]
     max_uncertainty: Option<f32>,
 }
@@ -62,15 +62,15 @@ impl ScopeArguments {
     }
 }
 
-/// The part of the photographs that is solved, and the files of the corrections.
+/// The part of the photographs that is solved, and the correction files.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Part {
     mask: Option<PathBuf>,
     region: Option<Region>,
     pub(crate) crop_valid: bool,
-    /// The folder of the flat reference; no result may replace it.
+    /// The folder of the flat reference. No result may replace it.
     pub(crate) flat: Option<PathBuf>,
-    /// Standard deviation of V beyond which a pixel is marked, px².
+    /// Standard deviation of V above which a pixel is marked, px².
     pub(crate) max_uncertainty: Option<f32>,
 }
 
@@ -83,7 +83,7 @@ impl Part {
         Ok(SolveOptions { region: self.region, mask, flat, crop_valid: self.crop_valid, ..SolveOptions::default() })
     }
 
-    /// Reads the files, and refuses those that do not fit photographs of this size.
+    /// Reads the files. Refuses files that do not match photographs of this size.
     pub(crate) fn fitting(&self, size: [u32; 2]) -> Result<SolveOptions, Failure> {
         let scope = self.scope()?;
         let [width, height] = size;
@@ -118,12 +118,12 @@ impl Part {
         self.region.is_none()
     }
 
-    /// The mask; no result may replace it.
+    /// The file of the mask. No result may replace it.
     pub(crate) fn mask(&self) -> Option<&PathBuf> {
         self.mask.as_ref()
     }
 
-    /// The files whose contents change the results.
+    /// The files with contents that change the results.
     pub(crate) fn files(&self) -> Vec<PathBuf> {
         let of_flat = ["relative_blur.exr", "uncertainty.exr", "report.json"];
         let flat = self.flat.iter().flat_map(|folder| of_flat.map(|name| folder.join(name)));

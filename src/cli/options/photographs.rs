@@ -1,4 +1,4 @@
-//! The photographs of a pair or a sweep: their files, their order, and the positions of their focus.
+//! The photographs of a pair or a sweep: their files, their order, and their focus positions.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -29,17 +29,19 @@ impl PairArguments {
     }
 }
 
-/// Opens two photographs; returns also their descriptions for the report.
+/// Opens two photographs. Also returns their descriptions for the report.
 pub(crate) fn open_pair([i1, i2]: &[PathBuf; 2]) -> Result<([Photograph; 2], Vec<Input>), Failure> {
     let photographs = Photograph::open_pair(i1, i2)?;
     let inputs = photographs.iter().map(Photograph::describe).collect::<Result<_, _>>()?;
     Ok((photographs, inputs))
 }
 
-/// Photographs of more pixels, 2^24, are decoded only once the device is known to hold them; smaller ones take no time.
+/// Number of pixels, 2^24, above which photographs are only decoded once the device is known to support their size.
+/// Decoding smaller ones takes little time.
 const LARGE: u64 = 1 << 24;
 
-/// Refuses photographs that are too large for the device, before they are decoded. `in_parts`: larger ones are solved in parts.
+/// Refuses photographs that are too large for the device, before they are decoded. `in_parts`: larger ones are solved
+/// in parts.
 pub(crate) fn check_size(
     photographs: [&Photograph; 2],
     settings: &Settings,
@@ -74,8 +76,8 @@ pub(crate) fn with_format(path: PathBuf, raw: Option<RawFormat>) -> PathBuf {
     }
 }
 
-/// The photographs of a folder in natural order, `frame_2` before `frame_10`, or the named files. Named files that are sorted, as a
-/// shell lists them, are put in natural order too, unless their positions are `stated`.
+/// The photographs of a folder in natural order, `frame_2` before `frame_10`, or the named files. Named files in
+/// alphabetical order, as from a shell, are also put in natural order, unless their positions are `stated`.
 pub(crate) fn sweep_frames(named: &[PathBuf], stated: bool, raw: Option<RawFormat>) -> Result<Vec<PathBuf>, Failure> {
     let folder = named.first().filter(|path| named.len() == 1 && path.is_dir());
     let mut files = match folder {
@@ -104,7 +106,7 @@ pub(crate) fn stem(file: &Path) -> String {
     file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The photographs and the folders in a folder, sorted, without hidden ones and results.
+/// The photographs and the folders in a folder, sorted, without hidden files and results.
 pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
     let failed = |e| Failure::Failed(format!("{}: cannot be listed ({e}); check its permissions", folder.display()));
     let (mut files, mut folders) = (Vec::new(), Vec::new());
@@ -129,14 +131,14 @@ pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<
     Ok((files, folders))
 }
 
-/// The parts of a path, each a text and the number after it.
+/// The parts of a path: pairs of a text and the number after it.
 fn natural_key(path: &Path) -> Vec<(String, u64)> {
     let (mut pieces, text) = (Vec::new(), path.to_string_lossy().into_owned());
     let mut rest = text.as_str();
     while !rest.is_empty() {
         let number = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
         let end = rest[number..].find(|c: char| !c.is_ascii_digit()).map_or(rest.len(), |end| number + end);
-        // The first 19 digits of a longer number.
+        // Uses the first 19 digits of a longer number.
         let digits = &rest[number..end.min(number + 19)];
         pieces.push((rest[..number].to_string(), digits.parse().unwrap_or(0)));
         rest = &rest[end..];
@@ -144,7 +146,7 @@ fn natural_key(path: &Path) -> Vec<(String, u64)> {
     pieces
 }
 
-/// The options of the positions of the frames.
+/// The options of the focus positions of the frames.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct FocusPositionArguments {
     /// Distance from the lens at which each frame is focused, in order (mm)
@@ -152,8 +154,8 @@ pub(crate) struct FocusPositionArguments {
     focus_at: Option<Vec<f64>>,
     /// Take the numbers of --focus-at as positions along the axis, from any origin
     ///
-    /// For a stage that moves the camera or the scene, or a lens that is telecentric on the side of the scene: depth is linear in them,
-    /// not in their inverse.
+    /// For a stage that moves the camera or the scene, or a lens that is telecentric on the side of the scene: depth is
+    /// linear in them, not in their inverse.
     #[arg(long, help_heading = INPUT, requires_if("true", "focus_at"))]
     stage: bool,
 }
@@ -166,7 +168,8 @@ impl FocusPositionArguments {
     }
 }
 
-/// The near end of the sweep, by `--nearer` and by the distances. `--nearer` overrides a stage, whose direction is unknown.
+/// The near end of the sweep, from `--nearer` and the distances. For a stage, `--nearer` takes precedence, since the
+/// direction of the stage is unknown.
 pub(crate) fn nearer_end(stated: Option<u8>, positions: &Positions) -> Result<Nearer, Failure> {
     let by_distance = positions.first_is_nearest().map(|first| if first { 1 } else { 2 });
     let contradicted = stated.is_some() && by_distance.is_some() && stated != by_distance;
@@ -181,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_list_of_a_shell_is_put_in_natural_order() {
+    fn files_listed_by_a_shell_are_put_in_natural_order() {
         let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
         let listed = paths(&["a/image_1.jpg", "a/image_10.jpg", "a/image_2.jpg"]);
         let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);

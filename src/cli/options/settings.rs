@@ -1,4 +1,4 @@
-//! The options of the settings of a solve, made from the table of the library.
+//! The options of the settings of a solve, generated from the library's table of settings.
 
 use std::convert::Infallible;
 use std::path::PathBuf;
@@ -25,9 +25,9 @@ pub(crate) struct SettingsArguments {
     table: TableArguments,
     /// Read frames without a header, of this format and size, as in Mono12p:2448x2048
     ///
-    /// Formats: Mono8, Mono10, Mono12, Mono14, Mono16, Mono10p, Mono12p, Mono10Packed, Mono12Packed, Mono32f, RGB8, BGR8, RGBa8, BGRa8,
-    /// RGB16, RGB32f, BayerRG8 and the other Bayer patterns, named as in GenICam and GigE Vision. In a folder, files that end with .raw or
-    /// .bin are read.
+    /// Formats: Mono8, Mono10, Mono12, Mono14, Mono16, Mono10p, Mono12p, Mono10Packed, Mono12Packed, Mono32f, RGB8,
+    /// BGR8, RGBa8, BGRa8, RGB16, RGB32f, BayerRG8 and the other Bayer patterns, named as in GenICam and GigE Vision.
+    /// In a folder, files that end with .raw or .bin are read.
     #[arg(long, value_name = "FORMAT:WxH", help_heading = INPUT)]
     raw: Option<RawFormat>,
     #[command(flatten)]
@@ -53,7 +53,7 @@ pub(crate) struct SettingsArguments {
     kernel: KernelChoice,
 }
 
-/// The options that the table of settings lists; for `bench` those that [`BENCH`] names.
+/// The options in the table of settings; for `bench` those in [`BENCH`].
 #[derive(Clone, Debug)]
 pub(crate) struct TableArguments<const IS_BENCH: bool = false>(pub(crate) Settings);
 
@@ -110,7 +110,7 @@ impl<const IS_BENCH: bool> FromArgMatches for TableArguments<IS_BENCH> {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
         let mut settings = Settings::default();
         for (setting, _) in Self::rows() {
-            // The parser of the option has accepted the text.
+            // The parser of the option has already accepted the text.
             if let Some(text) = matches.get_raw(setting.name).and_then(Iterator::last) {
                 settings.set(setting.name, &text.to_string_lossy());
             }
@@ -124,13 +124,13 @@ impl<const IS_BENCH: bool> FromArgMatches for TableArguments<IS_BENCH> {
     }
 }
 
-/// A file with a registration; of a folder of results its report.
+/// A file with a registration. For a folder of results it is the report.
 pub(crate) fn registration_file(text: &str) -> Result<PathBuf, Infallible> {
     let path = PathBuf::from(text);
     Ok(if path.is_dir() { path.join(REPORT_FILE) } else { path })
 }
 
-/// The end of a sweep or a pair that is near, by a number.
+/// The near end of a sweep or a pair, by its number.
 pub(crate) fn one_or_two(text: &str) -> Result<u8, String> {
     match text {
         "1" => Ok(1),
@@ -141,7 +141,7 @@ pub(crate) fn one_or_two(text: &str) -> Result<u8, String> {
     }
 }
 
-/// A kernel by name, or a file that holds one.
+/// A kernel by name, or from a file.
 #[derive(Clone, Debug)]
 pub(crate) enum KernelChoice {
     Named(Kernel),
@@ -171,7 +171,8 @@ impl KernelChoice {
 }
 
 impl SettingsArguments {
-    /// The settings that the flags and `--transform` ask for; with `hold`, what the file states is kept.
+    /// The settings of the options and of `--transform`. With `hold`, the registration and exposure of the file are
+    /// held.
     pub(crate) fn settings(&self, method: Method, hold: bool) -> Result<Settings, Failure> {
         let exposure = self.exposure();
         let mut settings = Settings {
@@ -194,7 +195,7 @@ impl SettingsArguments {
         self.raw
     }
 
-    /// The exposure that is held by flag.
+    /// The exposure that the options hold.
     fn exposure(&self) -> Option<Photometric> {
         let Photometric { gain, offset } = Photometric::IDENTITY;
         let held = Photometric { gain: self.gain.unwrap_or(gain), offset: self.offset.unwrap_or(offset) };
@@ -222,14 +223,14 @@ impl SettingsArguments {
         }
         if let (Some(start_photometric), None) = (second.photometric, self.exposure()) {
             settings.start_photometric = start_photometric;
-            // Only gain and offset can be held: with shading, all are matched again on the T that is held.
+            // Only gain and offset can be held. With shading, all are matched again on the held T.
             let shaded = second.shading.is_some_and(|shading| shading.is_significant());
             settings.photometric &= !hold || shaded;
         }
         Ok(())
     }
 
-    /// The files that are read apart from photographs; no result may replace them.
+    /// The files that are read in addition to photographs. No result may replace them.
     pub(crate) fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
         let kernel = match &self.kernel {
             KernelChoice::File(path) => Some(path),

@@ -1,4 +1,4 @@
-//! The options that `solve`, `batch` and `watch` share, and the request that they make.
+//! The options that `solve`, `batch` and `watch` share, and the request that results from them.
 
 use std::path::PathBuf;
 
@@ -61,7 +61,7 @@ impl SolveArguments {
         self.settings.raw()
     }
 
-    /// The request, or an error if the options contradict each other.
+    /// The request, or an error if options contradict each other.
     pub(crate) fn request(&self) -> Result<Request, Failure> {
         let part = self.scope.part();
         let files = self.settings.inputs().chain(self.lens.file()).chain(part.mask());
@@ -84,20 +84,20 @@ impl SolveArguments {
     }
 }
 
-/// The largest file that changes the results, 4 GiB, as of a photograph.
+/// Greatest size of a file that changes the results, 4 GiB, like that of a photograph.
 const MAX_BYTES: u64 = 1 << 32;
 
-/// What to do with a pair or a sweep. The serialized fields are those that change the results.
+/// The options for solving a pair or a sweep. The serialized fields are those that change the results.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Request {
-    /// The settings, with the contents of the files that are named for kernel and registration.
+    /// The settings, including the contents of the files for kernel and registration.
     pub(crate) settings: Settings,
     /// The format of photographs without a header.
     pub(crate) raw: Option<String>,
     /// The image that is focused nearer, 1 or 2, if stated.
     pub(crate) nearer: Option<u8>,
     pub(crate) part: Part,
-    /// The stated fields of the lens; with them depth in mm is computed.
+    /// The stated fields of the lens. With a complete lens, depth in mm is computed.
     pub(crate) lens: Option<PartOfLens>,
     pub(crate) wanted: MeasurementRequest,
     pub(crate) palette: Palette,
@@ -106,7 +106,7 @@ pub(crate) struct Request {
     pub(crate) models: Exports,
     #[serde(skip)]
     pub(crate) force: ForceArgument,
-    /// The files that are read apart from photographs; no result may replace them.
+    /// The files that are read in addition to photographs. No result may replace them.
     #[serde(skip)]
     pub(crate) files: Vec<PathBuf>,
     #[serde(skip)]
@@ -124,18 +124,18 @@ impl Request {
         Ok(())
     }
 
-    /// The image that is focused nearer, by `--nearer` and by the lens.
+    /// The image that is focused nearer, from `--nearer` and the lens.
     pub(crate) fn nearer(&self, lens: Option<&Lens>) -> Result<Nearer, Failure> {
         lens::nearer(self.nearer, lens)
     }
 
-    /// The lens, with fields that are not stated from the photographs.
+    /// The lens. Fields that are not stated are taken from the photographs.
     pub(crate) fn lens(&self, photographs: &[Input]) -> Result<Option<Lens>, Failure> {
         self.lens.map(|stated| stated.or(PartOfLens::of_photographs(photographs)).whole()).transpose()
     }
 
-    /// SHA-256 of what changes the results apart from the photographs: the version, the request, its files, and `more`, of a
-    /// sweep.
+    /// SHA-256 of everything that changes the results, except the photographs: the version, the request, its files, and
+    /// `more`, the parts that only a sweep has.
     pub(crate) fn digest(&self, more: &[u8]) -> Result<String, Failure> {
         let request = serde_json::to_vec(self).map_err(|e| Failure::Failed(e.to_string()))?;
         let read = |file: PathBuf| {
@@ -147,7 +147,7 @@ impl Request {
         let mut digest = Sha256::new();
         let more = (!more.is_empty()).then(|| more.to_vec());
         for part in [env!("CARGO_PKG_VERSION").into(), request].into_iter().chain(files).chain(more) {
-            // With its length, so that different lists of parts differ.
+            // The length is included, so that different lists of parts have different digests.
             digest.update(part.len().to_le_bytes());
             digest.update(part);
         }
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_transform_is_a_start_and_hold_keeps_it() {
+    fn a_transform_is_a_start_and_hold_fixes_it() {
         let start = with_file(&[], &with_exposure());
         assert_eq!((start.method, start.photometric, start.start.translation()[0]), (Method::Unified, true, 3.0));
         assert_eq!(start.start_photometric.gain, 1.2);
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exposure_by_flag_is_held_and_overrides_a_file() {
+    fn an_exposure_option_is_held_and_overrides_a_file() {
         let found = settings(&["--gain", "1.1"]);
         assert_eq!((found.photometric, found.start_photometric), (false, Photometric { gain: 1.1, offset: 0.0 }));
         let found = with_file(&["--offset", "-0.02"], &with_exposure());
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn the_digest_changes_with_what_changes_the_results() {
+    fn options_that_change_the_results_change_the_digest() {
         let mask = tempfile::NamedTempFile::new().unwrap();
         let digest = |flags: &[&str]| request(flags).unwrap().digest(&[]).unwrap();
         let masked = ["--mask", mask.path().to_str().unwrap()];

@@ -1,4 +1,4 @@
-//! Files derived from results, which are written again when these change: the page, the surface and the arrays.
+//! Files that are derived from results and regenerated when these change: the page, the surface and the arrays.
 
 use parfocal::Frame;
 use parfocal::export::{Drawing, Extra, PAGE_FILE, Palette, Results, SurfaceReport};
@@ -14,7 +14,7 @@ pub(crate) struct DerivedOutputs {
     models: Exports,
     fused: Option<Frame>,
     points: Option<Points>,
-    /// Whether there is a page that cannot be written again.
+    /// Whether there is a page that cannot be regenerated.
     is_page_lost: bool,
 }
 
@@ -34,24 +34,24 @@ impl DerivedOutputs {
         Ok(Self { models, fused, points, ..Self::page(results) })
     }
 
-    /// The files; the page keeps its colours unless others are given.
+    /// The files. The page keeps its colours unless others are passed.
     pub(crate) fn files(&self, palette: Option<Palette>) -> Vec<Extra<'_>> {
         let page = self.page.as_ref().map(|page| page.file(palette));
         let surface = self.fused.as_ref().map(|fused| self.models.files(self.points.as_ref(), fused));
         page.into_iter().chain(surface.into_iter().flatten()).chain(self.models.array_files()).collect()
     }
 
-    /// How pictures are drawn.
+    /// The style of pictures.
     pub(crate) fn drawing(&self, palette: Option<Palette>) -> Drawing {
         Drawing { palette: palette.unwrap_or_default(), plotter: Some(PLOTTER) }
     }
 
-    /// The surface, for the report.
+    /// The entry of the surface in the report.
     pub(crate) fn surface(&self) -> Option<SurfaceReport> {
         self.models.report(self.points.as_ref())
     }
 
-    /// A warning that the page is removed.
+    /// A warning that the page will be removed.
     pub(crate) fn warning(&self) -> Option<String> {
         let problem = "cannot be written again from the existing one and is removed; solve again for another";
         self.is_page_lost.then(|| format!("warning        {PAGE_FILE} {problem}"))

@@ -1,4 +1,4 @@
-//! Checks, before any work is done, that results can be written.
+//! Checks, before other work, that results can be written.
 
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ pub(crate) fn check_inputs(out: &Path, results: &[&str], inputs: &[&PathBuf]) ->
     Ok(())
 }
 
-/// Refuses an output folder that cannot be written, or where a result would replace one of `inputs`. Results are
+/// Refuses an output folder that cannot be written, or where a result would replace one of `inputs`. The results are
 /// `possible` and the files that an earlier report of this name lists.
 pub(crate) fn check(out: &Path, report: &str, possible: &[&str], inputs: &[&PathBuf]) -> Result<(), Failure> {
     check_folder(out)?;
@@ -61,8 +61,8 @@ pub(crate) fn check(out: &Path, report: &str, possible: &[&str], inputs: &[&Path
     check_inputs(out, &results, inputs)
 }
 
-/// Refuses a file that cannot be written, that is one of `inputs`, or that must not be replaced. `what` is its purpose in
-/// messages.
+/// Refuses a file that cannot be written, that is one of `inputs`, or that must not be replaced. `what` describes the
+/// file in messages.
 pub(crate) fn check_file(
     file: Destination<'_>,
     kind: FileKind,

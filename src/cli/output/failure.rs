@@ -1,4 +1,4 @@
-//! Errors of the program: one line on stderr that starts with "error: ", as clap's do, and an exit status.
+//! Errors of the program: an exit status, and one line on stderr that begins with "error: ", like clap's.
 
 use std::error::Error as _;
 use std::io::{self, Write};
@@ -8,22 +8,22 @@ use std::process::ExitCode;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use parfocal::{Error, Settings, image_io};
 
-/// Why a subcommand failed.
+/// The reason why a subcommand failed.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Failure {
     /// Wrong usage: status 2.
     Usage(String),
     /// Any other failure: status 1.
     Failed(String),
-    /// An inspected part is out of tolerance: status 3. The summary states it.
+    /// An inspected part is out of tolerance: status 3. The summary reports it.
     NoGo,
-    /// Ended by Ctrl-C: status 130, as of any program that the signal ends.
+    /// Ended by Ctrl-C: status 130, as usual for this signal.
     Interrupted(String),
 }
 
 impl Failure {
-    /// The failure of a solve whose first file is `first`. Adds its name to errors about size, since the library does not
-    /// know files.
+    /// The failure of a solve with `first` as its first file. Adds this name to errors about size, since the library
+    /// does not know the files.
     pub(crate) fn of_solve(error: Error, first: &Path) -> Self {
         match error {
             Error::TooSmall { .. } | Error::TooLarge { .. } => Self::Failed(format!("{}: {error}", first.display())),
@@ -44,11 +44,11 @@ impl Failure {
         let status = match self {
             Failure::Usage(_) => 2,
             Failure::Failed(_) => 1,
-            // The summary states it.
+            // The summary reports it.
             Failure::NoGo => return ExitCode::from(3),
             Failure::Interrupted(_) => 130,
         };
-        // A closed stderr has no reader.
+        // If stderr is closed, there is no reader.
         let _ = writeln!(io::stderr(), "error: {}", self.message());
         ExitCode::from(status)
     }
@@ -72,7 +72,7 @@ impl From<Error> for Failure {
     }
 }
 
-/// What the command line calls a setting.
+/// The name of a setting on the command line.
 fn option_of(name: &str) -> String {
     match name {
         "the gain of start_photometric" => "--gain".to_string(),
@@ -82,7 +82,7 @@ fn option_of(name: &str) -> String {
     }
 }
 
-/// Ends the program as clap does: help on stdout, errors of the arguments on stderr.
+/// Ends the program like clap: help goes to stdout, errors of the arguments go to stderr.
 pub(crate) fn exit(error: clap::Error) -> ! {
     if error.use_stderr() {
         let _ = io::stderr().write_all(in_lines(error).as_bytes());
@@ -108,7 +108,7 @@ fn in_lines(mut error: clap::Error) -> String {
     error.render().to_string().split('\n').map(plain).collect::<Vec<_>>().join("\n")
 }
 
-/// Options by their names in other programs.
+/// Names of options in other programs, and the options.
 const SYNONYMS: [(&str, &str); 14] = [
     ("--max-blur", "--max-relative-blur"),
     ("--blur", "--max-relative-blur"),
@@ -126,7 +126,7 @@ const SYNONYMS: [(&str, &str); 14] = [
     ("--verbose", "--json"),
 ];
 
-/// Adds hints that clap lacks: other names of options, and the decimal comma.
+/// Adds hints that clap lacks, for other names of options and for the decimal comma.
 fn add_hints(error: &mut clap::Error) {
     fn text(error: &clap::Error, kind: ContextKind) -> Option<String> {
         if let Some(ContextValue::String(text)) = error.get(kind) { Some(text.clone()) } else { None }
@@ -146,13 +146,13 @@ fn add_hints(error: &mut clap::Error) {
     }
 }
 
-/// Joins the lines of a message: paths and decoders may hold line breaks.
+/// Joins the lines of a message, since paths and decoder messages may contain line breaks.
 fn one_line(message: &str) -> String {
     let parts: Vec<&str> = message.split(['\n', '\r']).map(str::trim).filter(|part| !part.is_empty()).collect();
     plain(&parts.join(" "))
 }
 
-/// Escapes control characters and changes of the writing direction, for text that others wrote, such as file names.
+/// Escapes control characters and changes of the writing direction in text from outside, such as file names.
 pub(crate) fn plain(text: &str) -> String {
     let is_harmful = |c: char| {
         c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
@@ -170,12 +170,12 @@ pub(crate) fn nearest<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> O
     scored.filter(|(score, _)| *score > 0.8).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, other)| other)
 }
 
-/// "; did you mean 'x'?" if a missing file has a neighbour of a similar name, else "".
+/// The text "; did you mean 'x'?" if the folder of a missing file has a file with a similar name, else "".
 pub(crate) fn did_you_mean(file: &Path) -> String {
     image_io::similar_file(file).map_or_else(String::new, |other| format!("; did you mean '{}'?", other.display()))
 }
 
-/// Prints text to stdout. A reader that closes the pipe is no failure.
+/// Prints text to stdout. It is not a failure if a reader closes the pipe.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
     print_bytes(format!("{text}\n").as_bytes())
 }
@@ -201,13 +201,13 @@ mod tests {
     }
 
     #[test]
-    fn nothing_that_others_named_commands_the_terminal() {
+    fn names_from_outside_cannot_control_the_terminal() {
         assert_eq!(one_line("a\x1b[2J\u{9b}1m\tb\u{202e}"), "a\\u{1b}[2J\\u{9b}1m\\tb\\u{202e}");
         assert_eq!(plain("größe µm\n"), "größe µm\\n");
     }
 
     #[test]
-    fn only_a_name_that_is_near_is_suggested() {
+    fn only_a_similar_name_is_suggested() {
         assert_eq!(nearest("sweps", ["levels", "sweeps"].into_iter()), Some("sweeps"));
         assert_eq!(nearest("zzz", ["levels", "sweeps"].into_iter()), None);
     }

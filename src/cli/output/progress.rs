@@ -11,13 +11,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::Progress;
 use serde_json::json;
 
-/// The time between two lines without a terminal. Shorter solves need none.
+/// Interval between two lines without a terminal. A shorter solve has none.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Steps of the bar.
+/// Number of steps of the bar.
 const BAR_STEPS: u64 = 1000;
 
-/// How progress is displayed.
+/// The display of progress.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressMode {
     /// A bar on a terminal, elsewhere a line every five seconds
@@ -29,7 +29,7 @@ pub(crate) enum ProgressMode {
     None,
 }
 
-/// Progress of a solve, until it is dropped.
+/// The progress of a solve. Dropping it ends the display.
 pub(crate) struct Bar {
     display: Display,
     started: Instant,
@@ -42,15 +42,15 @@ enum Display {
     Nothing,
 }
 
-/// A line of the latest progress every few seconds.
+/// A thread that prints a line of the latest progress every few seconds.
 struct Lines {
     latest: Arc<Mutex<String>>,
-    /// The sender is dropped to end the thread. Without a thread there are no lines.
+    /// Dropped to end the thread. `None` if no thread could be started, so no lines are printed.
     thread: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
 impl Bar {
-    /// A bar as `mode` requests; none if `is_quiet`.
+    /// Makes the display that `mode` requests; none if `is_quiet`.
     pub(crate) fn new(mode: ProgressMode, is_quiet: bool) -> Self {
         let display = match mode {
             ProgressMode::Json => Display::Json,
@@ -67,7 +67,7 @@ impl Bar {
         Self { display, started: Instant::now() }
     }
 
-    /// A function that shows the progress of a solve.
+    /// A function that displays the progress of a solve.
     pub(crate) fn reporter(self: &Arc<Self>) -> Arc<dyn Fn(Progress) + Send + Sync> {
         let bar = self.clone();
         Arc::new(move |progress| bar.show(progress))
@@ -89,7 +89,7 @@ impl Bar {
             Display::Json => {
                 let seconds = (self.started.elapsed().as_secs_f64() * 1e3).round() / 1e3;
                 let line = json!({ "progress": (share * 1e4).round() / 1e4, "level": done, "levels": total, "seconds": seconds });
-                // A closed stderr has no reader.
+                // If stderr is closed, there is no reader.
                 let _ = writeln!(io::stderr(), "{line}");
             }
             Display::Nothing => {}

@@ -12,7 +12,7 @@ use parfocal::{
 use crate::cli::commands::depth;
 use crate::cli::commands::measure;
 
-/// A label and its text.
+/// A label with its text.
 type Row = (&'static str, String);
 
 /// The summary of a solve, without a newline at the end.
@@ -67,7 +67,7 @@ fn registration(frame: &FrameReport) -> [Row; 2] {
     [("transform", transform), ("exposure", format!("gain {gain:.4}, offset {offset:+.4}{shading}"))]
 }
 
-/// α, and whether it was stated.
+/// The smoothness α, and whether it was stated.
 fn smoothness(report: &Report) -> Option<Row> {
     let by = if report.settings.regularization.is_some() { "as stated" } else { "found" };
     report.regularization.map(|alpha| ("smoothness", format!("α {}, {by}", rounded(alpha))))
@@ -87,17 +87,17 @@ fn rounded(value: f64) -> f64 {
     format!("{value:.1e}").parse().unwrap_or(value)
 }
 
-/// A better motion model, if there is one.
+/// A better motion model, if one was found.
 fn motion(other: Option<OtherMotion>) -> Option<Row> {
     other.map(|other| ("motion", format!("{other} (--motion {})", other.motion.name())))
 }
 
-/// How the values of the files were read, and why.
+/// The decoding of the files, and its reason.
 fn values(inputs: &[Input], values: Values) -> Option<Row> {
     (!inputs.is_empty()).then(|| ("values", values_in_words(inputs, values)))
 }
 
-/// How the values of the files were read, and why, without a label.
+/// The decoding of the files, and its reason, without a label.
 pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -> String {
     let mut said: Vec<&str> = inputs.iter().filter_map(|input| input.encoding.as_deref()).collect();
     said.sort_unstable();

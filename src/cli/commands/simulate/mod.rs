@@ -19,9 +19,9 @@ use crate::cli::output::failure::Failure;
 
 /// Render a synthetic pair with known relative blur, depth and registration, or with --frames a focus sweep
 ///
-/// All images are made from one radiance. Each pixel is blurred by the exact, continuous kernel of its variance; nothing is
-/// resampled, and no code is shared with the solver. The blur is a gather, which ignores occlusion. Only card, blocks and
-/// bars are traced ray by ray, with occlusion.
+/// All images are made from one radiance. Each pixel is blurred by the exact, continuous kernel of its variance;
+/// nothing is resampled, and no code is shared with the solver. The blur is a gather, which ignores occlusion. Only
+/// card, blocks and bars are traced ray by ray, with occlusion.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
@@ -33,7 +33,8 @@ pub(crate) struct Arguments {
     output: PathBuf,
     #[command(flatten)]
     force: ForceArgument,
-    /// Width and height of the images, px [default: 512x512; plane and half-gaussian 256x256; image: that of the radiance]
+    /// Width and height of the images, px [default: 512x512; plane and half-gaussian 256x256; image: that of the
+    /// radiance]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// Seed of texture, dots, relief and noise
@@ -42,7 +43,8 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     report: ReportArguments,
 
-    /// Shape of the blur [default: gaussian; pillbox for card, blocks and bars; half-gaussian for the scenes of that name]
+    /// Shape of the blur [default: gaussian; pillbox for card, blocks and bars; half-gaussian for the scenes of that
+    /// name]
     #[arg(long, value_enum, help_heading = "Blur")]
     kernel: Option<Kernel>,
     /// Largest |V| of plane, steps and relief (px², 0 to 256) [default: 4, 6 and 8]
@@ -82,8 +84,8 @@ pub(crate) struct Arguments {
         allow_hyphen_values = true
     )]
     translation: Option<Pair>,
-    /// Rotation of T, degrees, positive from x (right) to y (down); of a sweep from the first frame to the last [default:
-    /// 0.15; half-gaussian 0.1]
+    /// Rotation of T, degrees, positive from x (right) to y (down); of a sweep from the first frame to the last
+    /// [default: 0.15; half-gaussian 0.1]
     #[arg(
         long,
         value_name = "DEG",
@@ -159,8 +161,8 @@ enum SceneName {
     HalfGaussianTexture,
     /// The same on random dots of 4 px, black and white: the most difficult scene
     HalfGaussianDots,
-    /// Two cylinders in front of a plane, through a thin lens that breathes: 50 mm, f/5.6, pixels of 0.0075 mm, focused at
-    /// 226.5 and 233.5 mm
+    /// Two cylinders in front of a plane, through a thin lens that breathes: 50 mm, f/5.6, pixels of 0.0075 mm, focused
+    /// at 226.5 and 233.5 mm
     Cylinders,
     /// Seven terraces of constant V
     Steps,
@@ -168,9 +170,9 @@ enum SceneName {
     Relief,
     /// A near card over a far ground, through the lens of the cylinders, with occlusion; the seed places it
     Card,
-    /// Plates at eight heights, likewise
+    /// Plates at eight heights, with the lens and occlusion of card
     Blocks,
-    /// Thin bars, 4 to 30 px, likewise
+    /// Thin bars, 4 to 30 px, with the lens and occlusion of card
     Bars,
     /// A picture and a shape of your own, from files
     Image,
@@ -222,7 +224,7 @@ impl FromStr for Pair {
 /// The file of the ground truth, which lists the files.
 const TRUTH: &str = SIMULATED_FILES[4];
 
-/// Renders a scene and writes it.
+/// Renders and writes a scene.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let scene = scene(arguments)?;
     let out = arguments.force.to(&arguments.output);
@@ -279,7 +281,7 @@ fn transform(mut t: Similarity, arguments: &Arguments) -> Similarity {
     t
 }
 
-/// The scene that files describe.
+/// The scene from files.
 fn image(arguments: &Arguments) -> Result<Scene, Failure> {
     let Some(radiance) = &arguments.radiance else {
         return Err(Failure::Usage("the scene image needs --radiance FILE".to_string()));
@@ -300,7 +302,7 @@ fn image(arguments: &Arguments) -> Result<Scene, Failure> {
     Ok(Scene::image(radiance, shape)?)
 }
 
-/// Refuses options that do not apply to the scene, which would otherwise change nothing.
+/// Refuses options that do not apply to the scene: they would have no effect.
 fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
     use SceneName::*;
     let a = arguments;

@@ -36,7 +36,7 @@ pub(crate) struct SweepArguments {
 
 const SWEEP: &str = "Focus sweep";
 
-/// The default rotation, degrees, as of a pair.
+/// The default rotation, degrees, like that of a pair.
 const ROTATION: f64 = 0.15;
 
 impl SweepArguments {
@@ -45,7 +45,7 @@ impl SweepArguments {
         self.frames.is_some()
     }
 
-    /// The requested sweep, if any; `rotation` in degrees.
+    /// The requested sweep, if any. `rotation` is in degrees.
     pub(crate) fn of(&self, scene: &Scene, rotation: Option<f64>) -> Option<SweepScene> {
         let sweep = SweepScene::new(scene.clone(), self.frames?);
         Some(SweepScene {
@@ -60,7 +60,7 @@ impl SweepArguments {
     }
 }
 
-/// Renders a sweep and writes it.
+/// Renders and writes a sweep.
 pub(crate) fn run(
     sweep: &SweepScene,
     out: Destination<'_>,
