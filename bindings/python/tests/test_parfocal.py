@@ -314,3 +314,7 @@ def test_memory_does_not_grow_with_the_number_of_pairs(engine):
     before = resident()
     some(int(os.environ.get("PARFOCAL_PAIRS_OF_MEMORY", "20")))
     assert resident() - before < 8 << 20
+
+
+def test_the_type_of_the_settings_has_every_setting():
+    assert set(parfocal._solves.Settings.__annotations__) == set(parfocal._native.setting_names())
