@@ -1,5 +1,5 @@
-//! Accuracy on scenes and photographs, as docs/evaluation.md quotes it: `cargo test --release --test accuracy --
-//! --nocapture`.
+//! Accuracy tests on scenes and photographs. docs/evaluation.md quotes their figures:
+//! `cargo test --release --test accuracy -- --nocapture`.
 
 mod common;
 
@@ -73,11 +73,12 @@ fn cup_displaced() {
     assert_transform(&solution.transform, Homography::from(by).after(&undisplaced.transform), [0.005, 0.0005, 0.003]);
     let width = solution.width as usize;
     let (rms, bias) = blur_error(&solution, |x, y| f64::from(undisplaced.relative_blur[y * width + x]));
-    println!("V rms {rms:.4} px², bias {bias:+.4}, against the undisplaced pair's");
+    println!("V rms {rms:.4} px², bias {bias:+.4}, compared with V of the pair before displacement");
     assert!(rms <= 0.08);
 }
 
-/// Compares corners with another program's estimate on half-size images, doubled: within half a pixel at full size.
+/// Checks that the corners agree with the estimate of another program to 0.5 px. The estimate is from images of half
+/// size.
 fn check_real(folder: &str, names: [&str; 2], half_size: [f64; 4]) -> Option<Solution> {
     let [i1, i2] = real_pair(folder, names)?;
     let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
@@ -85,7 +86,7 @@ fn check_real(folder: &str, names: [&str; 2], half_size: [f64; 4]) -> Option<Sol
     let expected = Similarity::new(2.0 * tx, 2.0 * ty, degrees, 1.0 + percent / 100.0);
     let distance = solution.transform.corner_distance(expected, solution.width, solution.height);
     println!(
-        "{folder}: corners {distance:.3} px from the other program's; {:.1} % saturated; confidence {:.5}; {:?}",
+        "{folder}: corners {distance:.3} px from the estimate of the other program; {:.1} % saturated; confidence {:.5}; {:?}",
         100.0 * solution.saturated_fraction,
         solution.mean_confidence,
         solution.warnings
@@ -99,7 +100,7 @@ fn check_real(folder: &str, names: [&str; 2], half_size: [f64; 4]) -> Option<Sol
 #[test]
 fn heatsink() {
     let solution = check_real("heatsink", ["frame_15.png", "frame_30.png"], [0.30, -0.07, 0.007, 0.75]).unwrap();
-    // The top of the fins is the nearest: I2, focused there, is the sharper, so V is negative on the heat sink.
+    // I2 is focused on the top of the fins. It is sharper there, so V is negative.
     assert!(solution.relative_blur[540 * 1920 + 960] < -10.0);
 }
 
@@ -108,9 +109,9 @@ fn pcb_header() {
     check_real("pcb-header", ["pcb_003.jpg", "pcb_005.jpg"], [-1.56, 3.46, -0.004, -1.29]);
 }
 
-/// The light differs over the frame by a tenth, which a program with one gain takes for scale: 0.9 px at the corners.
-/// The frames are compared with each other instead. Without shading, T through the frame between is 0.55 to 0.86 px
-/// off.
+/// The illumination varies by 10 % over the frame. A program with one gain converts this into a scale error of 0.9 px
+/// at the corners. Therefore the test compares T with the product of two T through a middle frame. Without shading, the
+/// two differ by 0.55 to 0.86 px.
 #[test]
 fn dimple() {
     let names = ["image05.jpg", "image07.jpg", "image09.jpg"];
@@ -121,7 +122,7 @@ fn dimple() {
     let through_middle = found[2].transform.after(&found[1].transform);
     let distance = found[0].transform.corner_distance(through_middle, found[0].width, found[0].height);
     println!(
-        "dimple: corners {distance:.3} px from T through the frame between; shading {:?}",
+        "dimple: corners {distance:.3} px from T through the middle frame; shading {:?}",
         found[0].shading.range()
     );
     assert!(distance <= 0.65, "{:?}", found[0].transform);
@@ -146,6 +147,6 @@ fn far_apart_at_two_megapixels() {
     let by = Similarity::new(24.0, -18.0, 0.5, 1.08);
     let far = engine.solve([&i1, &displaced(&i2, &by)], &quick);
     let distance = far.transform.corner_distance(Homography::from(by).after(&near.transform), i1.width(), i1.height());
-    println!("30 px and 8 % away: corners {distance:.3} px from where they belong");
+    println!("displaced by 30 px and 8 %: corner error {distance:.3} px");
     assert!(distance < 0.5, "{:?}", far.transform);
 }

@@ -1,4 +1,4 @@
-//! Every scene is registered by the default settings and its own kernel:
+//! Tests that the default settings with the kernel of the scene register every scene:
 //! `cargo test --release --test scenes -- --nocapture`.
 
 mod common;
@@ -7,13 +7,13 @@ use common::{TestEngine, blur_error};
 use parfocal::internals::scene::{self, Preset, Scene, Shape};
 use parfocal::{Settings, Solution, settings::Kernel, transform::Similarity};
 
-/// Solves a scene and prints its errors. Fails if T errs by more than 0.01 px at a corner, 0.0003° or 0.003 %, or V by
-/// more than `rms` px².
+/// Solves a scene and prints its errors. Fails if V exceeds an rms error of `rms` px², or T an error of 0.01 px at a
+/// corner, 0.0003° or 0.003 %.
 fn solve(engine: &TestEngine, scene: &Scene, rms: f64) -> Solution {
     solve_under(engine, scene, Kernel::Gaussian, [0.01, 0.0003, 0.003, rms])
 }
 
-/// Solves a scene under a kernel, with all four bounds.
+/// Solves a scene with a kernel. The bounds are: corner error in px, degrees, percent, rms error of V in px².
 fn solve_under(engine: &TestEngine, scene: &Scene, kernel: Kernel, bounds: [f64; 4]) -> Solution {
     let pair = scene.render().unwrap();
     let settings = Settings { kernel, ..Settings::default() };
@@ -36,7 +36,7 @@ fn solve_under(engine: &TestEngine, scene: &Scene, kernel: Kernel, bounds: [f64;
 #[test]
 fn every_symmetric_preset_is_registered() {
     let engine = TestEngine::new();
-    // Most of the error of V is at jumps and steep sides, where V is smoothed.
+    // Most of the error of V is at jumps and steep slopes, where the solver smooths V.
     for (preset, rms) in
         [(Preset::Plane, 0.02), (Preset::Cylinders, 0.3), (Preset::Steps, 0.25), (Preset::Relief, 0.12)]
     {
@@ -45,7 +45,7 @@ fn every_symmetric_preset_is_registered() {
     }
 }
 
-/// Where V is uniform the model of the solver is exact: the error left is that of renderer and solver together.
+/// The model of the solver is exact if V is uniform. The remaining error is that of the renderer and the solver.
 #[test]
 fn uniform_blur_is_registered_to_a_thousandth_of_a_pixel() {
     let engine = TestEngine::new();
@@ -57,9 +57,8 @@ fn uniform_blur_is_registered_to_a_thousandth_of_a_pixel() {
     }
 }
 
-/// The paper's central claim, under its asymmetric kernel, with exposure solved for. σ 1 is the hardest: see section 3
-/// of
-/// `docs/method.md`.
+/// Tests the central claim of the paper: its asymmetric kernel, with gain and offset solved for. σ = 1 is the hardest
+/// case (section 3 of `docs/method.md`).
 #[test]
 fn asymmetric_blur_is_registered() {
     let engine = TestEngine::new();
@@ -72,10 +71,10 @@ fn asymmetric_blur_is_registered() {
     }
 }
 
-/// I1 or I2 is sharp and the other blurred: the mean of an asymmetric kernel lies in the blurred image and turns with
-/// it. T turns by 1°: a mean that did not turn would be 0.04 px off.
+/// One image is sharp and the other is blurred. The centroid of an asymmetric kernel rotates with the blurred image. T
+/// rotates by 1°, so a centroid that did not rotate would cause an error of 0.04 px.
 #[test]
-fn either_image_may_be_the_blurred_one() {
+fn either_image_can_be_the_blurred_one() {
     let engine = TestEngine::new();
     for (kernel, model) in
         [(scene::Kernel::Pillbox, Kernel::Pillbox), (scene::Kernel::HalfGaussian, Kernel::HalfGaussian)]
@@ -94,9 +93,9 @@ fn either_image_may_be_the_blurred_one() {
     }
 }
 
-/// A disk blurred by a disk is no disk: where both images are blurred, V under a pillbox is an approximation.
+/// A disk convolved with a disk is not a disk. If both images are blurred, V of a pillbox kernel is an approximation.
 #[test]
-fn a_slanted_plane_under_a_disk() {
+fn a_slanted_plane_is_registered_with_a_pillbox_kernel() {
     let scene = Scene { kernel: scene::Kernel::Pillbox, ..Preset::Plane.scene() };
     solve_under(&TestEngine::new(), &scene, Kernel::Pillbox, [0.01, 0.0006, 0.003, 0.25]);
 }

@@ -1,12 +1,12 @@
 # shellcheck shell=bash
 # Finds the Vulkan drivers and layers of this machine. The other tools source it.
 
-PATH=$PATH:/usr/sbin:/sbin # ldconfig, for users who are not root
+PATH=$PATH:/usr/sbin:/sbin # ldconfig is in /usr/sbin, which may be missing from the PATH of users
 
-# Where container runtimes mount NVIDIA's driver; the loaders, of libraries and of Vulkan, may not look there.
+# Container runtimes mount the NVIDIA driver here. The dynamic loader and the Vulkan loader may not search this folder.
 container_driver=/usr/local/nvidia
 
-# in_loader_path LIB: whether the dynamic loader finds LIB by name
+# in_loader_path LIB: succeeds if the dynamic loader finds LIB by name
 in_loader_path() {
   local folder folders
   IFS=: read -ra folders <<<"${LD_LIBRARY_PATH:-}"
@@ -18,7 +18,7 @@ in_loader_path() {
 
 have_loader() { in_loader_path libvulkan.so.1; }
 
-# icd_works JSON: whether the driver of this manifest exists; containers often have only the manifest
+# icd_works JSON: succeeds if the driver of this manifest exists; containers often have only the manifest
 icd_works() {
   local library
   library=$(sed -n 's/.*"library_path"[^"]*"\([^"]*\)".*/\1/p' "$1" 2>/dev/null)
@@ -30,7 +30,7 @@ icd_works() {
   esac
 }
 
-# have_icd: whether the loader would find a working driver
+# have_icd: succeeds if the Vulkan loader can find a working driver
 have_icd() {
   local named=${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}} icd icds
   if [[ -n $named ]]; then
@@ -44,7 +44,7 @@ have_icd() {
   return 1
 }
 
-# use_driver: selects a container's driver unless one is named; false if the loader would find no driver
+# use_driver: selects the driver of the container unless the environment names one; fails if there is no working driver
 use_driver() {
   local icd=$container_driver/share/vulkan/icd.d/nvidia_icd.json
   if [[ -d $container_driver/lib64 ]]; then
@@ -56,7 +56,7 @@ use_driver() {
   have_icd
 }
 
-# lavapipe: the manifest of Mesa's software driver, or nothing
+# lavapipe: prints the path of the manifest of Mesa's software driver, or nothing
 lavapipe() {
   local icd
   for icd in /{usr/share,etc}/vulkan/icd.d/lvp_icd*.json; do

@@ -39,7 +39,7 @@ pub struct MetricDepth {
 }
 
 impl MetricDepth {
-    /// Converts V to depth ([`BlurToDepth`](crate::base::BlurToDepth)).
+    /// Converts V to depth ([`BlurToDepth`]).
     ///
     /// `blur` is V, px², with NaN where not valid, and `uncertainty` its standard deviation, px². Both are row-major
     /// with `width` values per row. `scale` is s of the registration. Pixels with |V| at the `limit` of the solve, px²,

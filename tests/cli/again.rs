@@ -1,4 +1,4 @@
-//! Whatever tells results anew makes anew all that shows them.
+//! Commands that update results also regenerate the page, the meshes and the arrays.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,7 +14,7 @@ use tempfile::TempDir;
 const LENS: [&str; 5] =
     ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
 
-/// A simulated pair, and where its results go.
+/// A temporary folder with a simulated pair; results go into it.
 struct Desk(TempDir);
 
 impl Desk {
@@ -36,9 +36,9 @@ impl Desk {
 
     fn done(&self, arguments: &[&str]) -> String {
         let output = self.run(arguments);
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{arguments:?}: {told}");
-        told
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{arguments:?}: {stderr}");
+        stderr
     }
 
     fn solve(&self, out: &str, extra: &[&str]) {
@@ -53,7 +53,7 @@ impl Desk {
         serde_json::from_slice(&self.bytes(&format!("{out}/report.json"))).unwrap()
     }
 
-    /// The elements of a page that hold data, by their names.
+    /// The `<script>` elements of a page that hold data, by id.
     fn elements(&self, out: &str) -> BTreeMap<String, String> {
         let page = fs::read_to_string(self.path(out).join("report.html")).unwrap();
         let parts = page.split("<script type=\"").skip(1).filter_map(|part| part.split_once("\" id=\""));
@@ -61,8 +61,8 @@ impl Desk {
         parts.map(|(id, text)| (id.to_string(), text.split("</script>").next().unwrap().to_string())).collect()
     }
 
-    /// What a page tells of the results.
-    fn told(&self, out: &str) -> Value {
+    /// The JSON data of a page.
+    fn page_data(&self, out: &str) -> Value {
         serde_json::from_str(&self.elements(out)["data"]).unwrap()
     }
 }
@@ -72,13 +72,13 @@ const ARRAYS: [&str; 5] = ["depth.npy", "deviation.npy", "depth.tiff", "deviatio
 const EXPORT: [&str; 4] = ["--export", "ply,cloud,glb,stl,obj,depth16,npy,tiff,zarr", "--mesh-cells", "40"];
 
 #[test]
-fn depth_afterwards_is_as_if_the_lens_had_been_stated_and_so_is_all_that_shows_it() {
+fn depth_command_gives_the_same_files_as_solve_with_a_lens() {
     let desk = Desk::new();
     desk.solve("at_once", &[&LENS[..], &EXPORT].concat());
     desk.solve("later", &[&EXPORT[..], &["--nearer", "2"]].concat());
     assert_eq!(desk.report("later")["surface"]["unit"], "px");
     let before = desk.bytes("later/surface.ply");
-    // The photographs are somewhere else by now.
+    // The command must not need the photographs.
     fs::rename(desk.path("pair"), desk.path("elsewhere")).unwrap();
     desk.done(&[&["depth", "later"], &LENS[..]].concat());
     let [at_once, later] = ["at_once", "later"].map(|out| desk.report(out));
@@ -89,41 +89,41 @@ fn depth_afterwards_is_as_if_the_lens_had_been_stated_and_so_is_all_that_shows_i
         assert!(a == b, "{name}");
         assert_eq!(later["hashes"][name], at_once["hashes"][name], "{name}");
     }
-    let ([mut a, mut b], told) = (["at_once", "later"].map(|out| desk.elements(out)), desk.told("later"));
-    assert_eq!(told["report"]["depth"], later["depth"]);
+    let ([mut a, mut b], data) = (["at_once", "later"].map(|out| desk.elements(out)), desk.page_data("later"));
+    assert_eq!(data["report"]["depth"], later["depth"]);
     assert_eq!(
-        (&told["surface"], &told["names"]),
-        (&desk.told("at_once")["surface"], &serde_json::json!(["i1.png", "i2.png"]))
+        (&data["surface"], &data["names"]),
+        (&desk.page_data("at_once")["surface"], &serde_json::json!(["i1.png", "i2.png"]))
     );
     assert!(a.remove("data").is_some() && b.remove("data").is_some());
     assert!(a == b && a.contains_key("field-relative_blur") && a.contains_key("picture-2"));
 
-    // Another lens, by which near and far change places.
+    // A lens with the two focus distances exchanged: near and far swap.
     let turned = ["--focus=869,529"];
     desk.done(&[&["depth", "later", "--lens", "later/report.json"], &turned[..]].concat());
     let again = desk.report("later");
-    assert_eq!((&again["nearer"], &desk.told("later")["report"]["nearer"]), (&2.into(), &2.into()));
+    assert_eq!((&again["nearer"], &desk.page_data("later")["report"]["nearer"]), (&2.into(), &2.into()));
     assert!(SURFACES.iter().all(|name| desk.path("later").join(name).is_file()));
     assert_ne!(desk.elements("later")["heights"], a["heights"]);
 }
 
 #[test]
-fn measurements_are_on_the_page_and_a_page_that_is_lost_is_said_to_be() {
+fn the_page_shows_measurements_and_an_unreadable_page_is_reported() {
     let desk = Desk::new();
     desk.solve("out", &[&LENS[..], &["--colors", "red-blue"]].concat());
     let pictures = desk.elements("out")["picture-1"].clone();
     desk.done(&["measure", "out", "--step", "10,10,20,20", "70,40,20,20"]);
-    let told = desk.told("out");
-    assert_eq!(told["report"]["measurements"], desk.report("out")["measurements"]);
-    assert!(told["report"]["measurements"]["steps"][0]["depth_mm"].is_object() && told["colormap"] == 1);
+    let data = desk.page_data("out");
+    assert_eq!(data["report"]["measurements"], desk.report("out")["measurements"]);
+    assert!(data["report"]["measurements"]["steps"][0]["depth_mm"].is_object() && data["colormap"] == 1);
     assert_eq!(desk.elements("out")["picture-1"], pictures);
 
     let view = desk.path("out/view.png");
     desk.done(&["view", "out", "--width", "64"]);
     assert!(desk.done(&[&["depth", "out"], &LENS[..]].concat()).contains(view.file_name().unwrap().to_str().unwrap()));
     fs::write(desk.path("out/report.html"), "<html>").unwrap();
-    let told = desk.done(&[&["depth", "out"], &LENS[..]].concat());
-    assert!(told.contains("report.html cannot be written again"), "{told}");
+    let stderr = desk.done(&[&["depth", "out"], &LENS[..]].concat());
+    assert!(stderr.contains("report.html cannot be written again"), "{stderr}");
     assert!(!desk.path("out/report.html").exists() && desk.report("out")["hashes"].get("report.html").is_none());
 }
 
@@ -133,11 +133,11 @@ fn apart(a: [f32; 3], b: [f32; 3]) -> f64 {
 }
 
 #[test]
-fn other_programs_find_the_surface_in_millimetres() {
+fn independent_readers_read_the_surface_in_millimetres() {
     let desk = Desk::new();
     desk.solve("out", &[&LENS[..], &["--export", "stl,obj,ply"]].concat());
     let stl = stl_io::read_stl(&mut fs::File::open(desk.path("out/surface.stl")).unwrap()).unwrap();
-    stl.validate().unwrap_err(); // It is open at its border, which a solid is not; all else is read.
+    stl.validate().unwrap_err(); // The mesh has a border, which `validate` refuses.
     let (models, _) = tobj::load_obj(desk.path("out/surface.obj"), &tobj::LoadOptions::default()).unwrap();
     let mesh = &models[0].mesh;
     assert_eq!(mesh.indices.len(), 3 * stl.faces.len());
@@ -155,14 +155,14 @@ fn other_programs_find_the_surface_in_millimetres() {
     };
     let vertices = &ply.payload["vertex"];
     assert_eq!((vertices.len() * 3, ply.payload["face"].len() * 3), (mesh.positions.len(), mesh.indices.len()));
-    // The reader of OBJ has vertices in the order in which faces name them.
+    // The OBJ reader stores vertices in the order in which faces refer to them.
     for (face, corners) in ply.payload["face"].iter().zip(mesh.indices.chunks_exact(3)) {
         let Property::ListInt(found) = &face["vertex_indices"] else { panic!("{face:?}") };
         for (i, k) in found.iter().zip(corners) {
             assert_eq!(["x", "y", "z"].map(|name| number(&vertices[*i as usize], name)), corner(*k as usize));
         }
     }
-    // Each point lies at its depth, on the ray of its pixel: through the front focal point.
+    // Each point lies at its depth on the ray through its pixel and the front focal point.
     let report = desk.report("out");
     let [near, far] = ["min", "max"].map(|key| report["depth"][key].as_f64().unwrap());
     for point in mesh.positions.chunks_exact(3) {
@@ -173,7 +173,9 @@ fn other_programs_find_the_surface_in_millimetres() {
     }
 }
 
-/// Sums of what an array holds where it is a number, and how many these are, by each file that has it.
+/// Python script that prints the shape, the number of finite values and their sum for each exported array.
+///
+/// It fails if the three file formats differ.
 const READER: &str = "
 import json, sys, numpy, tifffile, zarr
 folder, quantity = sys.argv[1:]
@@ -192,7 +194,7 @@ print(json.dumps(found))
 #[test]
 fn numpy_tifffile_and_zarr_read_the_same_values() {
     let desk = Desk::new();
-    // More than one chunk of Zarr, neither whole.
+    // The image spans two Zarr chunks, both incomplete.
     desk.done(&["simulate", "relief", "-o", "pair", "--size", "530x40", "--range", "1.2", "--force"]);
     for (lens, quantity, units, file) in
         [(&[][..], "relative_blur", "px^2", "relative_blur.exr"), (&LENS, "depth", "mm", "depth_mm.exr")]

@@ -1,4 +1,4 @@
-//! `parfocal apply`: photographs moved by a known registration.
+//! `parfocal apply`: resamples photographs by a known registration.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use tempfile::TempDir;
 struct Desk(TempDir);
 
 impl Desk {
-    /// A grey ramp of 16 bits, a coloured one of 8, and a registration of images of their size.
+    /// Writes a 16-bit grey ramp, an 8-bit colour ramp, and a registration for images of their size.
     fn new() -> Self {
         let desk = Self(TempDir::new().unwrap());
         let ramp = ImageBuffer::from_fn(40, 30, |x, y| Luma([(1000 * x + 100 * y) as u16]));
@@ -41,14 +41,15 @@ impl Desk {
 }
 
 #[test]
-fn a_ramp_is_moved_by_what_the_registration_says() {
+fn a_ramp_is_moved_by_the_registration() {
     let desk = Desk::new();
     let output = desk.apply(&["ramp.png", "color.png"], "report.json", &["--json"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(String::from_utf8_lossy(&output.stdout).contains("color.png"));
     let moved = image::open(desk.path("out/ramp.png")).unwrap().into_luma16();
-    // I1's pixel x lies at x + 2.5, y - 1 of I2. The spline is mirrored about the border pixels, where a ramp turns back: what that makes of a
-    // rise of 1000 a pixel falls by 2 + √3 from pixel to pixel, from 0.16 of it half a pixel from the border on.
+    // Pixel (x, y) of I1 lies at (x + 2.5, y - 1) in I2. The spline mirrors the image at its border pixels.
+    // There the ramp reverses: half a pixel inside the border the error is 0.16 of the rise of 1000 per pixel.
+    // The error falls by a factor of 2 + √3 per pixel.
     for (x, y, far) in [(5, 15, 1.0), (20, 15, 1.0), (30, 20, 1.0), (35, 15, 43.5)] {
         let expected = 1000.0 * (f64::from(x) + 2.5) + 100.0 * (f64::from(y) - 1.0);
         let off = (f64::from(moved.get_pixel(x, y)[0]) - expected).abs();
@@ -60,7 +61,7 @@ fn a_ramp_is_moved_by_what_the_registration_says() {
 }
 
 #[test]
-fn exposure_is_applied_where_it_is_asked_for() {
+fn exposure_is_applied_on_request() {
     let desk = Desk::new();
     assert!(desk.apply(&["color.png"], "report.json", &["--exposure"]).status.success());
     let color = image::open(desk.path("out/color.png")).unwrap().into_rgb8();
@@ -71,12 +72,12 @@ fn exposure_is_applied_where_it_is_asked_for() {
 }
 
 #[test]
-fn images_of_another_size_and_results_over_inputs_are_refused() {
+fn images_of_another_size_and_outputs_over_inputs_are_refused() {
     let desk = Desk::new();
     ImageBuffer::from_pixel(20, 15, Luma([7u8])).save(desk.path("half.png")).unwrap();
     let output = desk.apply(&["half.png"], "report.json", &[]);
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success() && told.contains("20x15") && told.contains("40x30"), "{told}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && stderr.contains("20x15") && stderr.contains("40x30"), "{stderr}");
     let over = Command::cargo_bin("parfocal")
         .unwrap()
         .arg("apply")

@@ -1,4 +1,4 @@
-//! `parfocal batch` on small synthetic pairs.
+//! `parfocal batch` and `watch` on small synthetic pairs.
 
 use std::fs;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use assert_cmd::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A folder `shots` with pairs in it, of one small scene under several names.
+/// A temporary folder with pairs in `shots`: copies of one small scene under several names.
 struct Desk(TempDir);
 
 impl Desk {
@@ -42,7 +42,7 @@ impl Desk {
         command.output().unwrap()
     }
 
-    /// Runs it, asserts the status, and gives back batch.json, which is also what was printed.
+    /// Runs a batch and asserts its exit status. Returns batch.json, which must equal the printed JSON.
     #[track_caller]
     fn tally(&self, source: &str, extra: &[&str], status: i32) -> Value {
         let output = self.batch(source, extra);
@@ -59,7 +59,7 @@ fn statuses(tally: &Value) -> Vec<String> {
 }
 
 #[test]
-fn a_folder_is_solved_and_resumed_where_something_has_changed() {
+fn resume_solves_only_pairs_that_changed() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_near.png", "b_far.png"]]);
     let tally = desk.tally("shots", &[], 0);
     assert_eq!(statuses(&tally), ["a solved", "b solved"]);
@@ -83,7 +83,7 @@ fn a_folder_is_solved_and_resumed_where_something_has_changed() {
 }
 
 #[test]
-fn one_that_fails_does_not_stop_the_others() {
+fn a_failed_pair_does_not_stop_the_batch() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]);
     fs::write(desk.path("shots/b_2.png"), "no picture").unwrap();
     let output = desk.batch("shots", &[]);
@@ -96,7 +96,7 @@ fn one_that_fails_does_not_stop_the_others() {
 }
 
 #[test]
-fn a_manifest_names_its_pairs_and_sizes_and_depths_may_change() {
+fn pairs_of_a_manifest_may_differ_in_size_and_bit_depth() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
     for name in ["1", "2"] {
         let image = image::open(desk.path(&format!("shots/a_{name}.png"))).unwrap();
@@ -109,21 +109,21 @@ fn a_manifest_names_its_pairs_and_sizes_and_depths_may_change() {
 }
 
 #[test]
-fn a_stray_picture_is_told_and_the_others_are_solved() {
+fn an_unpaired_image_is_reported_and_the_pairs_are_solved() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
     fs::copy(desk.path("shots/a_1.png"), desk.path("shots/overview.png")).unwrap();
     let tally = desk.tally("shots", &[], 0);
     assert_eq!(statuses(&tally), ["a solved"]);
     assert!(tally["left_over"][0].as_str().unwrap().starts_with("overview.png belongs to no pair"), "{tally}");
     let output = desk.batch("shots", &["--strict", "--progress", "json"]);
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && told.contains("left over"), "{told}");
-    let line: Value = serde_json::from_str(told.lines().next().unwrap()).unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && stderr.contains("left over"), "{stderr}");
+    let line: Value = serde_json::from_str(stderr.lines().next().unwrap()).unwrap();
     assert_eq!((&line["done"], &line["of"], &line["name"]), (&1.into(), &1.into(), &"a".into()));
 }
 
 #[test]
-fn what_cannot_be_paired_or_asked_is_refused_before_any_work() {
+fn invalid_sources_and_options_are_refused_before_any_work() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
     fs::create_dir(desk.path("odd")).unwrap();
     fs::copy(desk.path("shots/a_1.png"), desk.path("odd/a_3.png")).unwrap();
@@ -145,7 +145,7 @@ fn what_cannot_be_paired_or_asked_is_refused_before_any_work() {
 
 #[cfg(unix)]
 #[test]
-fn an_interrupt_ends_it_whole() {
+fn an_interrupt_leaves_only_complete_results() {
     use std::io::{BufRead, BufReader};
     use std::process::{Command, Stdio};
 
@@ -176,7 +176,7 @@ fn an_interrupt_ends_it_whole() {
 }
 
 #[test]
-fn folders_of_a_folder_may_be_sweeps_and_one_that_fails_takes_none_with_it() {
+fn subfolders_may_be_sweeps_and_a_failed_sweep_does_not_stop_the_batch() {
     let desk = Desk::new(&[]);
     let scene = ["simulate", "relief", "--frames", "4", "--size", "96x72", "--quiet", "-o"];
     for name in ["good", "bad"] {
@@ -207,8 +207,8 @@ fn folders_of_a_folder_may_be_sweeps_and_one_that_fails_takes_none_with_it() {
     let again = desk.tally("shots", &["--resume", "--export", "depth16"], 0);
     assert_eq!(statuses(&again), ["bad solved", "good solved", "pair solved"]);
     let output = desk.batch("shots", &["--method", "sift"]);
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(2) && told.contains("--method"), "{told}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && stderr.contains("--method"), "{stderr}");
 
     let lines = "{\"sweep\": \"shots/good\", \"name\": \"a\"}\n\
                  {\"sweep\": [\"shots/good/frame_01.png\", \"shots/good/frame_02.png\", \"shots/good/frame_03.png\"]}\n\
@@ -222,13 +222,13 @@ fn folders_of_a_folder_may_be_sweeps_and_one_that_fails_takes_none_with_it() {
     ] {
         fs::write(desk.path("list.jsonl"), line).unwrap();
         let output = desk.batch("list.jsonl", &[]);
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!output.status.success() && told.contains(words), "{told}");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && stderr.contains(words), "{stderr}");
     }
 }
 
 #[test]
-fn shards_together_are_the_batch() {
+fn shards_together_solve_the_whole_batch() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]);
     for (shard, names) in [("1/2", &["a solved", "c solved"][..]), ("2/2", &["b solved"]), ("5/5", &[])] {
         let output = desk.batch("shots", &["--shard", shard]);
@@ -249,7 +249,7 @@ fn shards_together_are_the_batch() {
 fn all_devices_share_a_batch() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]);
     fs::write(desk.path("shots/b_2.png"), "not a picture").unwrap();
-    // One driver, installed twice, is two devices.
+    // A driver that is installed twice gives two devices.
     let drivers = std::env::var("VK_DRIVER_FILES").unwrap();
     let manifest: Value = serde_json::from_slice(&fs::read(&drivers).unwrap()).unwrap();
     fs::write(desk.path("again.json"), manifest.to_string()).unwrap();
@@ -278,14 +278,14 @@ fn all_devices_share_a_batch() {
 
 #[cfg(unix)]
 #[test]
-fn pairs_are_solved_as_they_arrive() {
+fn watch_solves_pairs_as_they_arrive() {
     use std::os::unix::fs::PermissionsExt;
 
     let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"]]);
     let whole = fs::read(desk.path("shots/b_2.png")).unwrap();
     fs::write(desk.path("shots/b_2.png"), &whole[..whole.len() / 2]).unwrap();
     fs::copy(desk.path("shots/a_1.png"), desk.path("shots/c_1.png")).unwrap();
-    // The first time that a pair fails, its file is brought whole, and the pair that lacks one gets it.
+    // When pair b fails, the script completes its truncated file and adds the missing file of pair c.
     let script = "#!/bin/sh\necho \"$PARFOCAL_NAME $PARFOCAL_STATUS $1\" >> told\nif [ $PARFOCAL_STATUS = failed ]; then cp whole.png shots/b_2.png; \
                   cp whole.png shots/c_2.png; fi\n";
     fs::write(desk.path("whole.png"), whole).unwrap();
@@ -303,10 +303,10 @@ fn pairs_are_solved_as_they_arrive() {
     let mut found = statuses(&tally);
     found.sort();
     assert_eq!(found, ["a solved", "b solved", "c solved"], "{stderr}");
-    let mut told: Vec<String> = fs::read_to_string(desk.path("told")).unwrap().lines().map(String::from).collect();
-    told.sort();
-    assert_eq!(told, ["a solved out/a", "b failed out/b", "b solved out/b", "c solved out/c"]);
-    // What is there is kept, and nothing is told of it.
+    let mut calls: Vec<String> = fs::read_to_string(desk.path("told")).unwrap().lines().map(String::from).collect();
+    calls.sort();
+    assert_eq!(calls, ["a solved out/a", "b failed out/b", "b solved out/b", "c solved out/c"]);
+    // A second run keeps existing results and does not call the script.
     let output = watch("0", "0.2");
     let tally: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(statuses(&tally).iter().all(|row| row.ends_with(" kept")), "{tally}");

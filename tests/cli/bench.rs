@@ -1,4 +1,4 @@
-//! `parfocal bench` on a device, on sizes so small that nothing of it is about time.
+//! `parfocal bench` on a device. The images are too small for the times to mean anything.
 
 use std::fs;
 use std::path::PathBuf;
@@ -25,7 +25,7 @@ impl Desk {
         program.args(arguments).output().unwrap()
     }
 
-    /// Measures 64x64 and more on the tests' device.
+    /// Runs `bench` on the test device with these arguments; the default size is 64x64.
     fn measure(&self, arguments: &[&str]) -> Output {
         let sizes: &[&str] = if arguments.contains(&"--sizes") { &[] } else { &["--sizes", "64x64"] };
         self.run(&[sizes, &["--repeats", "2", "--outer-iterations", "8"], arguments].concat())
@@ -51,7 +51,7 @@ fn refused(output: &Output, status: i32, parts: &[&str]) {
 
 #[track_caller]
 fn positive(value: &Value) -> f64 {
-    let number = value.as_f64().unwrap_or_else(|| panic!("{value} is no number"));
+    let number = value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"));
     assert!(number > 0.0, "{number}");
     number
 }
@@ -83,7 +83,7 @@ fn check_run(run: &Value) {
     ] {
         positive(&run[group][name]);
     }
-    // Two photographs of 16 bits, a mask of 8; V, its deviation, the residual and one channel of 32.
+    // Input: two 16-bit photographs, an 8-bit mask. Output: V, deviation, residual and fused image, 32 bits each.
     assert_eq!(run["memory"]["host_bytes_per_px"], 21.0);
 
     let [recorded, executed] = ["recorded", "executed"].map(|name| run["dispatches"][name].as_u64().unwrap());
@@ -97,9 +97,9 @@ fn check_run(run: &Value) {
     let count = |name: &str| passes.iter().find(|p| p["name"] == name).map_or(0, |p| p["dispatches"].as_u64().unwrap());
     assert_eq!(passes.iter().map(|p| p["dispatches"].as_u64().unwrap()).sum::<u64>(), executed);
     assert_eq!(count("linearise"), iterations.iter().sum::<u64>());
-    // The last iteration of a level only says where the others have led.
+    // The last iteration of a level only evaluates the state that the others have reached.
     let relaxed: u64 = iterations.iter().map(|&n| n - 1).sum();
-    // So small that one pass takes all sweeps.
+    // At this size one pass performs all relaxation sweeps.
     assert_eq!((count("update"), count("relax_level"), count("relax")), (relaxed, relaxed, 0));
     for pass in passes {
         let (bytes, ms) = (positive(&pass["bytes"]), positive(&pass["ms"]));
@@ -109,7 +109,7 @@ fn check_run(run: &Value) {
 }
 
 #[test]
-fn the_report_holds_what_it_promises_and_a_trace_stands_beside_it() {
+fn the_report_and_the_trace_are_complete() {
     let desk = Desk::new();
     let stdout =
         done(&desk.measure(&["--methods", "unified,appearance", "--json", "-o", "made/a.json", "--trace", "t.json"]));
@@ -132,13 +132,13 @@ fn the_report_holds_what_it_promises_and_a_trace_stands_beside_it() {
     let spans: Vec<&Value> = events.iter().filter(|e| e["ph"] == "X").collect();
     assert!(spans.iter().all(|e| e["ts"].is_f64() && e["dur"].as_f64().unwrap() >= 0.0 && e["name"].is_string()));
     let recorded: u64 = runs.iter().map(|r| r["dispatches"]["recorded"].as_u64().unwrap()).sum();
-    // Four phases of the host in each run.
+    // Each of the two runs adds four spans of the host.
     assert_eq!(spans.len() as u64, recorded + 8);
     assert!(spans.iter().any(|e| e["name"] == "relax_level" && e["args"]["iteration"] == 0 && e["args"]["level"] == 1));
 }
 
 #[test]
-fn the_report_is_a_table_too_with_ratios_to_an_earlier_report() {
+fn the_text_report_is_a_table_with_ratios_to_an_earlier_report() {
     let desk = Desk::new();
     let text = done(&desk.measure(&["-o", "a.json"]));
     for part in ["copy ", "GB/s", "64x64 unified auto", "Mpx-sweeps/s", "bytes a pixel", "linearise", "of copy"] {
@@ -158,7 +158,7 @@ fn the_report_is_a_table_too_with_ratios_to_an_earlier_report() {
 }
 
 #[test]
-fn a_size_that_does_not_fit_is_named_and_the_others_are_measured() {
+fn an_unsupported_size_is_reported_and_the_others_are_measured() {
     let desk = Desk::new();
     let output = desk.measure(&["--sizes", "400000x400000,64x64,8x8", "--json"]);
     refused(&output, 1, &["400000x400000", "too large", "8x8", "too small"]);
@@ -168,7 +168,7 @@ fn a_size_that_does_not_fit_is_named_and_the_others_are_measured() {
 }
 
 #[test]
-fn a_pair_of_photographs_is_measured_instead() {
+fn the_pair_option_measures_two_photographs() {
     let desk = Desk::new();
     for (name, shift) in [("a.png", 0), ("b.png", 1)] {
         let value = |x: u32, y: u32| (x + shift + 7 * (y / 5)).wrapping_mul(2_654_435_761) >> 24;
@@ -177,14 +177,14 @@ fn a_pair_of_photographs_is_measured_instead() {
     let pair = ["--pair", "a.png", "b.png", "--repeats", "1", "--outer-iterations", "5", "--quiet"];
     let report: Value = serde_json::from_str(&done(&desk.run(&[&pair[..], &["--json"]].concat()))).unwrap();
     assert_eq!((&report["input"], &report["runs"][0]["width"]), (&"pair".into(), &80.into()));
-    // Two photographs of 8 bits; V, confidence and one channel of 32.
+    // Input: two 8-bit photographs and a mask. Output: four 32-bit channels, as for simulated pairs.
     assert_eq!(report["runs"][0]["memory"]["host_bytes_per_px"], 19.0);
     refused(&desk.run(&[&pair[..], &["-o", "a.png"]].concat()), 1, &["a.png", "is an input"]);
     refused(&desk.run(&[&pair[..], &["--sizes", "64x64"]].concat()), 2, &["--sizes"]);
 }
 
 #[test]
-fn what_cannot_be_asked_is_refused_before_any_work() {
+fn invalid_options_are_refused_before_any_work() {
     let desk = Desk::new();
     fs::write(desk.path("no.json"), "{}").unwrap();
     refused(&desk.run(&["--sizes", "64"]), 2, &["'64'", "WIDTHxHEIGHT"]);

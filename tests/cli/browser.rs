@@ -1,4 +1,4 @@
-//! A page in a real browser, headless Chromium, by the Chrome DevTools Protocol over a pair of pipes.
+//! Controls a page in headless Chromium through the Chrome DevTools Protocol over two pipes.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// Longer than any page takes; a browser that hangs must not hang the tests.
+/// Time limit of each wait. It is longer than any page needs, and it ends the test if the browser hangs.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A browser with one page.
@@ -18,17 +18,17 @@ pub struct Browser {
     from: BufReader<ChildStdout>,
     session: String,
     last_id: u64,
-    /// Every event so far, oldest first.
+    /// All events received so far, oldest first.
     pub events: Vec<Value>,
     _profile: TempDir,
 }
 
 impl Browser {
-    /// Starts `chromium`, or what PARFOCAL_CHROMIUM names, with WebGL in software. A missing browser fails the test.
+    /// Starts `chromium`, or the program in PARFOCAL_CHROMIUM, with software WebGL. A missing browser fails the test.
     pub fn start(width: u32, height: u32) -> Self {
         let program = std::env::var("PARFOCAL_CHROMIUM").unwrap_or_else(|_| "chromium".to_string());
         let profile = TempDir::new().unwrap();
-        // The protocol's pipes are file descriptors 3 and 4. A limit of time, should this process be killed.
+        // The protocol uses file descriptors 3 and 4. `timeout` ends the browser if this process is killed.
         let mut child = Command::new("sh")
             .args(["-c", r#"exec timeout 600 "$0" "$@" 3<&0 4>&1 </dev/null >/dev/null"#, &program])
             .args(["--headless", "--no-sandbox", "--disable-gpu-sandbox", "--disable-dev-shm-usage", "--no-first-run"])
@@ -63,7 +63,7 @@ impl Browser {
         if !self.session.is_empty() {
             message["sessionId"] = self.session.as_str().into();
         }
-        self.to.write_all(format!("{message}\0").as_bytes()).expect("the browser is not there: run tools/setup --test");
+        self.to.write_all(format!("{message}\0").as_bytes()).expect("the browser is missing: run tools/setup --test");
         loop {
             let message = self.receive();
             if message["id"] == self.last_id {
@@ -86,14 +86,14 @@ impl Browser {
         serde_json::from_slice(&bytes).unwrap()
     }
 
-    /// Opens a file and waits until an expression is true in it.
+    /// Opens a file and waits until a JavaScript expression is true in the page.
     #[track_caller]
     pub fn open(&mut self, file: &Path, ready: &str) {
         self.call("Page.navigate", json!({ "url": format!("file://{}", file.display()) }));
         self.wait(ready);
     }
 
-    /// Waits until an expression is true in the page.
+    /// Waits until a JavaScript expression is true in the page.
     #[track_caller]
     pub fn wait(&mut self, ready: &str) {
         let start = Instant::now();
@@ -103,16 +103,16 @@ impl Browser {
         }
     }
 
-    /// The value of an expression, awaited if it is a promise.
+    /// Evaluates a JavaScript expression and returns its value. A promise is awaited.
     #[track_caller]
     pub fn evaluate(&mut self, expression: &str) -> Value {
-        let asked = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
-        let answer = self.call("Runtime.evaluate", asked);
+        let request = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let answer = self.call("Runtime.evaluate", request);
         assert!(answer["exceptionDetails"].is_null(), "{expression}: {}", answer["exceptionDetails"]);
         answer["result"]["value"].clone()
     }
 
-    /// Moves the mouse along these points of the window, px, with the left button down or not.
+    /// Moves the mouse along points of the window, in px. `pressed` holds the left button down.
     pub fn mouse(&mut self, points: &[[f64; 2]], pressed: bool) {
         let mut send = |kind: &str, [x, y]: [f64; 2], buttons: u32| {
             let button = if buttons == 1 || kind == "mouseReleased" { "left" } else { "none" };
@@ -130,7 +130,7 @@ impl Browser {
         }
     }
 
-    /// What the page complained of (console errors and warnings, exceptions, failed loads) or asked of a network.
+    /// Console messages other than logs, exceptions, failed loads and network requests of the page.
     pub fn complaints(&self) -> Vec<String> {
         let bad = |event: &&Value| match event["method"].as_str().unwrap_or_default() {
             "Runtime.exceptionThrown" | "Network.loadingFailed" => true,
@@ -148,7 +148,7 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        // `timeout` passes the signal on, and the pipes that close end the browser as well.
+        // `timeout` forwards the signal. Closing the pipes also ends the browser.
         let _ = self.to.write_all(b"{\"id\":0,\"method\":\"Browser.close\"}\0");
         let _ = self.child.wait();
     }

@@ -14,7 +14,7 @@ fn evaluate(folder: &Path, extra: &[&str]) -> Output {
     program.args(extra).output().unwrap()
 }
 
-/// Runs one part with a folder of data; returns report.json, report.md and stderr.
+/// Runs one part of the evaluation with a data folder. Returns report.json, report.md and stderr.
 fn evaluated(folder: &TempDir, part: &str, data: &str) -> (Value, String, String) {
     let output = evaluate(folder.path(), &["--only", part, "--data", data, "-o", "made/out"]);
     let stderr = String::from_utf8(output.stderr).unwrap();
@@ -43,7 +43,7 @@ fn the_paper_s_part_without_data_writes_tables_figures_and_verdicts() {
             "{target}"
         );
     }
-    // Of two scenes the truth, the pair without registration, three methods and the aligned pair.
+    // Two scenes with six cases each: the truth, no registration, three methods and the aligned pair.
     assert_eq!(cases(&sections[1]).len(), 2 * 6);
     let unified: Vec<&Value> =
         cases(&sections[1]).iter().filter(|c| c["name"].as_str().unwrap().ends_with("unified")).collect();
@@ -71,7 +71,7 @@ fn the_paper_s_part_without_data_writes_tables_figures_and_verdicts() {
 }
 
 #[test]
-fn bounds_of_the_default_settings_are_measured_wherever_there_are_data() {
+fn bounds_of_the_default_settings_are_measured_where_data_exist() {
     let folder = TempDir::new().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
     let (report, text, log) = evaluated(&folder, "defaults", data.to_str().unwrap());
@@ -79,18 +79,18 @@ fn bounds_of_the_default_settings_are_measured_wherever_there_are_data() {
     assert_eq!(sections.len(), 7);
     for section in sections {
         for case in cases(section) {
-            // Only cases whose data are absent have no values.
+            // Only cases without data have no values.
             let absent = case["note"].as_str().unwrap().contains("no such file");
             assert_eq!(case["values"].as_array().unwrap().is_empty(), absent, "{}: {case}", section["name"]);
         }
     }
     assert!(log.contains("| part 57 |") && log.contains("### Shading: "), "{log}");
-    assert!(!log.contains("part 57 | – |"), "the project has the data of the part: {log}");
+    assert!(!log.contains("part 57 | – |"), "the data for the part exist in the repository: {log}");
     assert!(text.contains("## Default settings") && !text.contains("Table 1"), "{text}");
 }
 
 #[test]
-fn absent_sweeps_are_a_row_and_the_simulated_one_is_solved() {
+fn absent_sweeps_get_a_row_and_the_simulated_sweep_is_solved() {
     let folder = TempDir::new().unwrap();
     let (report, text, log) = evaluated(&folder, "sweeps", "none");
     assert!(log.contains("## Focus sweeps") && text.contains("### Simulated sweep: "), "{log}");
@@ -104,7 +104,7 @@ fn absent_sweeps_are_a_row_and_the_simulated_one_is_solved() {
 }
 
 #[test]
-fn a_file_where_the_folder_should_be_is_refused_before_any_work() {
+fn an_output_path_that_is_a_file_is_refused_before_any_work() {
     let folder = TempDir::new().unwrap();
     fs::write(folder.path().join("out"), "x").unwrap();
     let output = evaluate(folder.path(), &["-o", "out"]);

@@ -1,4 +1,4 @@
-//! Photographs as cameras of machine vision and programs save them, through the whole program.
+//! File formats of photographs, including raw frames of machine vision cameras, solved by the program.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 const SIZE: [u32; 2] = [121, 90];
 
-/// A simulated pair in 16 bits.
+/// A temporary folder with a simulated 16-bit pair.
 struct Desk(TempDir);
 
 impl Desk {
@@ -46,7 +46,7 @@ impl Desk {
         self.report(&[&["solve", i1, i2, "-o", "out"], extra].concat())
     }
 
-    /// Both photographs in `bits` bits.
+    /// The samples of both photographs, reduced to `bits` bits.
     fn samples(&self, bits: u32) -> [Vec<u16>; 2] {
         ["pair/i1.png", "pair/i2.png"].map(|name| {
             let image = image::open(self.path(name)).unwrap().into_luma16();
@@ -60,7 +60,7 @@ impl Desk {
     }
 }
 
-/// Bits one after the other, low ones first.
+/// Packs samples of `bits` bits without gaps, least significant bits first.
 fn packed(samples: &[u16], bits: u32) -> Vec<u8> {
     let (mut bytes, mut rest, mut count) = (Vec::new(), 0u64, 0);
     for sample in samples {
@@ -76,13 +76,13 @@ fn packed(samples: &[u16], bits: u32) -> Vec<u8> {
 }
 
 #[test]
-fn bmp_and_webp_are_read_as_png_is() {
+fn bmp_and_webp_pairs_are_solved_like_png() {
     let desk = Desk::new();
     let pair = ["i1", "i2"].map(|name| image::open(desk.path(&format!("pair/{name}.png"))).unwrap().into_luma8());
     for (ending, format) in [("png", "PNG"), ("bmp", "BMP"), ("webp", "WebP")] {
         for (image, name) in pair.iter().zip(["i1", "i2"]) {
             let path = desk.path(&format!("{name}.{ending}"));
-            // The encoder of WebP has no grey; losslessly, grey stays grey.
+            // The WebP encoder has no grey format. Lossless RGB preserves the grey values.
             let gray = image::DynamicImage::from(image.clone());
             if ending == "webp" { gray.into_rgb8().save(path).unwrap() } else { gray.save(path).unwrap() }
         }
@@ -95,7 +95,7 @@ fn bmp_and_webp_are_read_as_png_is() {
 }
 
 #[test]
-fn frames_without_a_header_are_read_by_the_format_that_is_stated() {
+fn raw_frames_are_read_in_the_stated_pixel_format() {
     let desk = Desk::new();
     let size = format!("{}x{}", SIZE[0], SIZE[1]);
     let deep = desk.solve("pair/i1.png", "pair/i2.png", &[]);
@@ -110,10 +110,10 @@ fn frames_without_a_header_are_read_by_the_format_that_is_stated() {
     assert!((tx(&found) - tx(&deep)).abs() < 0.02, "{} {}", tx(&found), tx(&deep));
     assert_eq!((&found["inputs"][0]["bits"], &found["inputs"][0]["format"]), (&12.into(), &"raw".into()));
     assert_eq!(found["values"]["decode"], "none");
-    // The format may stand behind the name, in another for each.
+    // The pixel format may follow the file name, and may differ between the photographs.
     let (first, second) = (format!("raw/i1.raw#{raw}"), format!("i2.bin#Mono12:{size}"));
     assert_eq!(tx(&desk.solve(&first, &second, &[])), tx(&found));
-    // A folder of them is a batch.
+    // A folder of raw frames can be solved as a batch.
     let batch = desk.report(&["batch", "raw", "-o", "many", "--raw", &raw]);
     assert_eq!(batch["pairs"].as_array().map(Vec::len), Some(1), "{batch}");
 
@@ -124,15 +124,15 @@ fn frames_without_a_header_are_read_by_the_format_that_is_stated() {
         ("Mono12p".to_string(), &["as in Mono12p:2448x2048"]),
     ] {
         let output = desk.run(&["solve", "raw/i1.raw", "raw/i2.raw", "-o", "none", "--raw", &format]);
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert!(!output.status.success() && parts.iter().all(|part| told.contains(part)), "{told}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && parts.iter().all(|part| stderr.contains(part)), "{stderr}");
     }
     let output = desk.run(&["solve", "raw/i1.raw", "raw/i2.raw", "-o", "none"]);
     assert!(String::from_utf8_lossy(&output.stderr).contains("--raw"));
 }
 
 #[test]
-fn micrometres_for_millimetres_are_asked_about() {
+fn a_pixel_pitch_in_micrometres_gets_a_suggestion() {
     let desk = Desk::new();
     let lens = ["--focal-length=50", "--f-number=5.6", "--focus=226.5,233.5"];
     let pitch = |pitch: &str| {
@@ -140,31 +140,30 @@ fn micrometres_for_millimetres_are_asked_about() {
             desk.run(&[&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--strict", pitch], &lens[..]].concat());
         (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
-    let (done, told) = pitch("--pixel-pitch=3.45");
-    assert!(!done && told.contains("did you mean --pixel-pitch 0.00345?"), "{told}");
-    let (done, told) = pitch("--pixel-pitch=0.00345");
-    assert!(done && !told.contains("did you mean"), "{told}");
-    // Afterwards too, and a better lens takes the word back.
+    let (done, stderr) = pitch("--pixel-pitch=3.45");
+    assert!(!done && stderr.contains("did you mean --pixel-pitch 0.00345?"), "{stderr}");
+    let (done, stderr) = pitch("--pixel-pitch=0.00345");
+    assert!(done && !stderr.contains("did you mean"), "{stderr}");
+    // The `depth` command warns as well. A later run with a plausible lens removes the warning.
     let depth = |pitch: &str| {
         let output = desk.run(&[&["depth", "out", pitch], &lens[..]].concat());
         let warnings: Value = serde_json::from_slice(&fs::read(desk.path("out/report.json")).unwrap()).unwrap();
         (String::from_utf8_lossy(&output.stderr).into_owned(), warnings["warnings"].to_string())
     };
-    let (told, warnings) = depth("--pixel-pitch=3.45");
-    assert!(told.contains("did you mean") && warnings.contains("did you mean"), "{told}");
-    let (told, warnings) = depth("--pixel-pitch=0.00345");
-    assert!(!told.contains("did you mean") && !warnings.contains("the lens"), "{told} {warnings}");
+    let (stderr, warnings) = depth("--pixel-pitch=3.45");
+    assert!(stderr.contains("did you mean") && warnings.contains("did you mean"), "{stderr}");
+    let (stderr, warnings) = depth("--pixel-pitch=0.00345");
+    assert!(!stderr.contains("did you mean") && !warnings.contains("the lens"), "{stderr} {warnings}");
 }
 
-/// Arguments that are nearly right, and what is said of them.
 #[test]
-fn what_is_meant_is_asked() {
+fn mistaken_arguments_get_a_suggestion() {
     let desk = Desk::new();
-    let told = |arguments: &[&str], status: i32| {
+    let stderr = |arguments: &[&str], status: i32| {
         let output = desk.run(arguments);
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(status), "{told}");
-        told
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(status), "{stderr}");
+        stderr
     };
     let solve = ["solve", "pair/i1.png", "pair/i2.png", "-o"];
     for (extra, parts) in [
@@ -174,36 +173,39 @@ fn what_is_meant_is_asked() {
         (&["out", "--alpha=0.1"], &["--regularization"]),
         (&["-"], &["--json", "folder"]),
     ] {
-        let told = told(&[&solve[..], extra].concat(), 2);
-        assert!(parts.iter().all(|part| told.contains(part)), "{told}");
+        let stderr = stderr(&[&solve[..], extra].concat(), 2);
+        assert!(parts.iter().all(|part| stderr.contains(part)), "{stderr}");
     }
     assert!(!desk.path("out").exists() && !desk.path("-").exists());
 
-    // A folder of results stands for its report.
+    // A results folder is accepted in place of its report.
     desk.solve("pair/i1.png", "pair/i2.png", &[]);
     let held = desk.report(&["solve", "pair/i1.png", "pair/i2.png", "-o", "held", "--transform", "out", "--hold"]);
     assert_eq!(held["method"], "aligned");
     let black = image::GrayImage::new(SIZE[0], SIZE[1]);
     black.save(desk.path("black.png")).unwrap();
-    let masked = told(&[&solve[..], &["none", "--mask", "black.png"]].concat(), 1);
+    let masked = stderr(&[&solve[..], &["none", "--mask", "black.png"]].concat(), 1);
     assert!(masked.contains("black.png: leaves no pixel"), "{masked}");
     for name in ["a_1.png", "a_2.png", "a_3.png"] {
         fs::copy(desk.path("pair/i1.png"), desk.path(name)).unwrap();
     }
     image::GrayImage::new(64, 48).save(desk.path("a_2.png")).unwrap();
-    let sizes = told(&["stack", "a_1.png", "a_2.png", "a_3.png", "-o", "none"], 1);
+    let sizes = stderr(&["stack", "a_1.png", "a_2.png", "a_3.png", "-o", "none"], 1);
     assert!(sizes.contains("a_2.png: frame 2 is 64x48, grey, 8 bits, and a_1.png is 121x90, grey, 16 bits"), "{sizes}");
     assert!(!desk.path("none").exists());
 }
 
 #[test]
-fn progress_is_told_to_programs_and_the_lens_of_a_report_is_kept() {
+fn progress_is_printed_as_json_and_the_lens_of_a_report_is_reused() {
     let desk = Desk::new();
     let output = desk.run(&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--progress", "json", "-q"]);
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    let lines: Vec<Value> = told.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert!(lines.len() >= 2 && lines.iter().all(|line| line["levels"].is_u64() && line["seconds"].is_f64()), "{told}");
-    assert_eq!(lines.last().unwrap()["progress"], 1.0, "{told}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    let lines: Vec<Value> = stderr.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(
+        lines.len() >= 2 && lines.iter().all(|line| line["levels"].is_u64() && line["seconds"].is_f64()),
+        "{stderr}"
+    );
+    assert_eq!(lines.last().unwrap()["progress"], 1.0, "{stderr}");
 
     let lens = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.00345", "--focus=226.5,233.5"];
     let depth = desk.report_of(&[&["depth", "out"], &lens[..]].concat());

@@ -1,4 +1,4 @@
-//! The guide: every command in it runs, every link in it leads somewhere.
+//! The guide: every command runs, and every link has a target.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use assert_cmd::Command;
 use tempfile::TempDir;
 
-/// Stands before a block whose commands take long, and are run by `tools/demo` instead.
+/// Marks the next block as slow. `tools/demo` runs its commands instead of this test.
 const SLOW: &str = "<!-- slow: run by tools/demo -->";
 
 fn project() -> &'static Path {
@@ -22,23 +22,23 @@ fn text(name: &str) -> String {
     fs::read_to_string(source().join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
 }
 
-/// What stands in the brackets of `](...)`.
+/// The targets of Markdown links, `](target)`.
 fn links(text: &str) -> impl Iterator<Item = &str> {
     text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(link, _)| link)
 }
 
-/// The files of the chapters, in order.
+/// The chapter files, in the order of SUMMARY.md.
 fn chapters() -> Vec<String> {
     links(&text("SUMMARY.md")).map(String::from).collect()
 }
 
-/// A line of a block marked `sh`, and whether it is slow.
+/// A command of an `sh` block. `slow` is set if the block is marked with `SLOW`.
 struct Line {
     text: String,
     slow: bool,
 }
 
-/// The commands of a chapter, continued lines joined.
+/// The commands of a chapter. Continued lines are joined.
 fn commands(chapter: &str) -> Vec<Line> {
     let (mut found, mut block, mut before) = (Vec::<Line>::new(), None, "");
     let joined = chapter.replace("\\\n", " ");
@@ -57,12 +57,12 @@ fn one_space(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Runs one line as a shell would, of which it needs no more than words and `> FILE`.
+/// Runs one line like a shell. It supports only words and `> FILE`.
 fn run(line: &str, folder: &Path, cache: &Path) {
     let (line, into) = line.split_once(" > ").map_or((line, None), |(line, file)| (line, Some(file)));
     let mut words = line.split(' ');
-    assert_eq!(words.next(), Some("parfocal"), "{line}: blocks marked sh hold commands of parfocal only");
-    assert!(!line.contains(['\'', '"', '$', '|', '*', '#']), "{line}: is more than words");
+    assert_eq!(words.next(), Some("parfocal"), "{line}: sh blocks may hold only parfocal commands");
+    assert!(!line.contains(['\'', '"', '$', '|', '*', '#']), "{line}: uses shell syntax other than words and > FILE");
     let words: Vec<&str> = words.collect();
     let mut command = Command::cargo_bin("parfocal").unwrap();
     command.current_dir(folder).env("PARFOCAL_CACHE_DIR", cache).args(&words);
@@ -73,9 +73,9 @@ fn run(line: &str, folder: &Path, cache: &Path) {
     if let Some(file) = into {
         fs::write(folder.join(file), &output.stdout).unwrap();
     }
-    let said = String::from_utf8_lossy(&output.stderr);
-    println!("$ {line}\n{said}");
-    assert!(output.status.success(), "{line}: {said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    println!("$ {line}\n{stderr}");
+    assert!(output.status.success(), "{line}: {stderr}");
 }
 
 #[test]
@@ -95,7 +95,7 @@ fn every_command_of_the_guide_works() {
 }
 
 #[test]
-fn every_chapter_and_picture_has_its_place() {
+fn every_chapter_example_and_picture_is_linked() {
     let listed: BTreeSet<String> = chapters().into_iter().collect();
     let names = |folder: PathBuf| -> BTreeSet<String> {
         let entries = fs::read_dir(folder).unwrap();
@@ -105,10 +105,10 @@ fn every_chapter_and_picture_has_its_place() {
     for other in ["SUMMARY.md", "pictures", "examples"] {
         assert!(written.remove(other), "{other} is missing");
     }
-    assert_eq!(written, listed, "the chapters, and those in SUMMARY.md");
+    assert_eq!(written, listed, "the chapter files differ from those in SUMMARY.md");
     let all: String = listed.iter().map(|chapter| text(chapter)).collect();
     for example in names(source().join("examples")) {
-        assert!(all.contains(&format!("](examples/{example})")), "no chapter leads to {example}");
+        assert!(all.contains(&format!("](examples/{example})")), "no chapter links to {example}");
     }
     for picture in names(source().join("pictures")) {
         assert!(all.contains(&format!("](pictures/{picture})")), "no chapter shows {picture}");
@@ -117,7 +117,7 @@ fn every_chapter_and_picture_has_its_place() {
     }
 }
 
-/// The anchor of a heading, as GitHub and mdBook make it.
+/// The anchor that GitHub and mdBook generate for a heading.
 fn anchor(heading: &str) -> String {
     let kept = |c: &char| c.is_alphanumeric() || [' ', '-', '_'].contains(c);
     heading.trim().to_lowercase().replace(' ', "-").chars().filter(kept).collect()
@@ -129,15 +129,15 @@ fn anchors(text: &str) -> BTreeSet<String> {
 }
 
 #[test]
-fn every_link_leads_somewhere() {
+fn every_link_has_an_existing_target() {
     let mut files = chapters();
     files.push("SUMMARY.md".to_string());
     for file in files {
-        // A link may be broken by the end of a line.
+        // A link may span two lines.
         for link in links(&text(&file).replace('\n', " ")).filter(|link| !link.contains("://")) {
             let (path, place) = link.split_once('#').map_or((link, None), |(path, place)| (path, Some(place)));
             let target = if path.is_empty() { file.as_str() } else { path };
-            assert!(source().join(target).exists(), "{file}: {link} leads nowhere");
+            assert!(source().join(target).exists(), "{file}: the target of {link} does not exist");
             if let Some(place) = place {
                 assert!(anchors(&text(target)).contains(place), "{file}: {target} has no heading for #{place}");
             }

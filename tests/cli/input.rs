@@ -1,4 +1,4 @@
-//! What the program says to input that cannot be solved. No test here needs a device: all fail before one is opened.
+//! Error messages for invalid input. No test needs a device: each fails before one is opened.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use std::process::Output;
 use assert_cmd::Command;
 use tempfile::TempDir;
 
-/// A folder with a good photograph in it, and the place where results would go.
+/// A temporary folder with a valid photograph. Results would go into `made`.
 struct Desk {
     folder: TempDir,
     out: PathBuf,
@@ -26,14 +26,14 @@ impl Desk {
         self.folder.path().join(name)
     }
 
-    /// Runs `solve` on two files of the folder.
+    /// Runs `solve` on two files in the folder.
     fn solve(&self, i1: &str, i2: &str, extra: &[&str]) -> Output {
         let mut command = Command::cargo_bin("parfocal").unwrap();
         command.arg("solve").arg(self.path(i1)).arg(self.path(i2)).arg("-o").arg(&self.out).args(extra);
         command.output().unwrap()
     }
 
-    /// Asserts status 1, one line that holds every part, and no trace of results.
+    /// Asserts exit status 1, a one-line message that contains every part, and no output folder.
     fn refuses(&self, i1: &str, i2: &str, parts: &[&str]) {
         self.refuses_with(i1, i2, &[], 1, parts);
     }
@@ -64,21 +64,21 @@ fn write_exr(path: &Path, values: Vec<f32>) {
 }
 
 #[test]
-fn a_missing_file() {
+fn a_missing_file_is_refused() {
     let desk = Desk::new();
     desk.refuses("missing.png", "good.png", &["missing.png", "no such file"]);
     desk.refuses("good.png", "missing.png", &["missing.png", "no such file"]);
 }
 
 #[test]
-fn a_folder_as_image() {
+fn a_folder_as_photograph_is_refused() {
     let desk = Desk::new();
     fs::create_dir(desk.path("folder.png")).unwrap();
     desk.refuses("folder.png", "good.png", &["folder.png", "is a folder"]);
 }
 
 #[test]
-fn an_empty_file_and_one_that_is_no_image() {
+fn empty_files_and_files_that_are_not_images_are_refused() {
     let desk = Desk::new();
     fs::write(desk.path("empty.png"), "").unwrap();
     desk.refuses("empty.png", "good.png", &["empty.png", "is empty"]);
@@ -89,7 +89,7 @@ fn an_empty_file_and_one_that_is_no_image() {
 }
 
 #[test]
-fn a_truncated_file() {
+fn a_truncated_file_is_refused() {
     let desk = Desk::new();
     for name in ["cut.png", "cut.jpg", "cut.tif", "cut.pgm"] {
         image(64, 48).save(desk.path(name)).unwrap();
@@ -105,21 +105,21 @@ fn a_truncated_file() {
 }
 
 #[test]
-fn two_sizes() {
+fn photographs_of_different_sizes_are_refused() {
     let desk = Desk::new();
     image(60, 48).save(desk.path("small.png")).unwrap();
     desk.refuses("good.png", "small.png", &["good.png", "64x48", "small.png", "60x48"]);
 }
 
 #[test]
-fn a_size_that_no_camera_has() {
+fn an_excessive_image_size_is_refused() {
     let desk = Desk::new();
     fs::write(desk.path("huge.pgm"), "P5 70000 70000 255\n").unwrap();
     desk.refuses("good.png", "huge.pgm", &["huge.pgm", "70000x70000"]);
 }
 
 #[test]
-fn a_pixel_that_is_no_number() {
+fn a_nan_pixel_is_refused() {
     let desk = Desk::new();
     let mut values = vec![0.5; 64];
     values[19] = f32::NAN;
@@ -128,7 +128,7 @@ fn a_pixel_that_is_no_number() {
 }
 
 #[test]
-fn settings_out_of_range() {
+fn settings_out_of_range_are_refused() {
     let desk = Desk::new();
     let cases = [
         (["--levels", "99"], "levels is 99, and must be 1 to 12"),
@@ -143,7 +143,7 @@ fn settings_out_of_range() {
 }
 
 #[test]
-fn arguments_that_are_not_understood() {
+fn invalid_arguments_exit_with_status_2() {
     let desk = Desk::new();
     let cases: [(&[&str], &str); 6] = [
         (&["--levels", "few"], "--levels"),
@@ -163,7 +163,7 @@ fn arguments_that_are_not_understood() {
 }
 
 #[test]
-fn a_transform_that_cannot_be_used() {
+fn an_invalid_transform_is_refused() {
     let desk = Desk::new();
     let file = desk.path("t.json");
     let cases = [
@@ -181,7 +181,7 @@ fn a_transform_that_cannot_be_used() {
 }
 
 #[test]
-fn an_output_folder_that_is_a_file_or_holds_the_input() {
+fn an_output_folder_that_is_a_file_or_holds_the_input_is_refused() {
     let mut desk = Desk::new();
     let folder = desk.folder.path().to_path_buf();
     image(64, 48).save(desk.path("depth.png")).unwrap();
@@ -194,13 +194,13 @@ fn an_output_folder_that_is_a_file_or_holds_the_input() {
 }
 
 #[test]
-fn a_name_with_a_line_break_is_still_one_line() {
+fn a_file_name_with_a_line_break_is_printed_on_one_line() {
     let desk = Desk::new();
     desk.refuses("missing\nfile.png", "good.png", &["missing file.png"]);
 }
 
 #[test]
-fn help_of_every_subcommand() {
+fn every_subcommand_has_help() {
     for (command, part) in
         [("solve", "--max-relative-blur"), ("register", "--method"), ("devices", "--json"), ("help", "parfocal")]
     {

@@ -1,4 +1,4 @@
-//! `parfocal inspect`, from outside: a part that lies elsewhere in the picture than the golden one, with and without a bump.
+//! `parfocal inspect`: a part that is shifted against the golden part, with and without a bump.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,21 +21,21 @@ impl Desk {
         command.output().unwrap()
     }
 
-    /// Of a part against the golden one, with this status.
+    /// Inspects a part against the golden part and asserts the exit status.
     #[track_caller]
     fn inspect(&self, part: &str, status: i32, extra: &[&str]) -> Output {
         let output = self.run(&[&["inspect", part, "--golden", "golden", "--tolerance", "1"], extra].concat());
-        assert_eq!(output.status.code(), Some(status), "{}", told(&output));
+        assert_eq!(output.status.code(), Some(status), "{}", stderr(&output));
         output
     }
 }
 
-fn told(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Adds a bump of 4 px², 12 px wide, to V in a folder.
-fn dent(folder: &Path, [left, top]: [u32; 2]) {
+/// Adds a square bump of 4 px², 12 px wide, to V of a results folder.
+fn add_bump(folder: &Path, [left, top]: [u32; 2]) {
     use exr::prelude::*;
     let file = folder.join("relative_blur.exr");
     let (width, height, mut values) = parfocal::image_io::read_field(&file).unwrap();
@@ -51,24 +51,28 @@ fn dent(folder: &Path, [left, top]: [u32; 2]) {
 }
 
 #[test]
-fn a_part_that_is_shifted_is_go_and_one_with_a_bump_is_not() {
+fn a_shifted_part_is_go_and_a_part_with_a_bump_is_no_go() {
     let desk = Desk(TempDir::new().unwrap());
     assert!(desk.run(&["simulate", "relief", "-o", "shots", "--size", "160x120"]).status.success());
-    // The part lies 6 px to the left and 4 px higher in its picture.
+    // The part lies 6 px further left and 4 px higher than the golden part.
     for (out, region) in [("golden", "0,0,144,108"), ("part", "6,4,144,108")] {
         let output = desk.run(&["solve", "shots/i1.png", "shots/i2.png", "-o", out, "--roi", region, "--no-html"]);
-        assert!(output.status.success(), "{}", told(&output));
+        assert!(output.status.success(), "{}", stderr(&output));
     }
     let output = desk.inspect("part", 0, &["--json"]);
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&found["verdict"], &found["unit"]), (&"go".into(), &"px²".into()));
     let [x, y] = ["tx_px", "ty_px"].map(|name| found["transform"][name].as_f64().unwrap());
     assert!((x + 6.0).hypot(y + 4.0) < 0.2, "{x}, {y}");
-    assert!(!desk.path("part/inspect.json").exists(), "only with -o");
+    assert!(!desk.path("part/inspect.json").exists(), "inspect.json is written only with -o");
 
-    dent(&desk.path("part"), [70, 50]);
+    add_bump(&desk.path("part"), [70, 50]);
     let output = desk.inspect("part", 3, &["-o", "part"]);
-    assert!(!told(&output).contains("error:") && told(&output).contains("verdict        no-go"), "{}", told(&output));
+    assert!(
+        !stderr(&output).contains("error:") && stderr(&output).contains("verdict        no-go"),
+        "{}",
+        stderr(&output)
+    );
     let report: Value = serde_json::from_slice(&fs::read(desk.path("part/inspect.json")).unwrap()).unwrap();
     let region = &report["regions"][0];
     let number = |value: &Value| value.as_f64().unwrap();
@@ -87,13 +91,13 @@ fn a_part_that_is_shifted_is_go_and_one_with_a_bump_is_not() {
     assert!(red > blue + 50, "nearer is red");
     assert_eq!(report["files"], serde_json::json!(["inspect.png", "inspect.json"]));
 
-    // Again over its own results; not over what is not its own.
+    // The command overwrites its own results, but no foreign file.
     let again = desk.inspect("part", 3, &["-o", "part", "--max-unjudged", "0"]);
-    assert!(told(&again).contains("have no height of the part"), "{}", told(&again));
+    assert!(stderr(&again).contains("have no height of the part"), "{}", stderr(&again));
     fs::create_dir(desk.path("other")).unwrap();
     fs::write(desk.path("other/inspect.png"), "mine").unwrap();
-    assert!(told(&desk.inspect("part", 1, &["-o", "other"])).contains("inspect.png: is there already"));
+    assert!(stderr(&desk.inspect("part", 1, &["-o", "other"])).contains("inspect.png: is there already"));
     desk.inspect("part", 0, &["--min-area", "400"]);
-    assert!(told(&desk.inspect("shots", 1, &[])).contains("report.json"));
+    assert!(stderr(&desk.inspect("shots", 1, &[])).contains("report.json"));
     desk.inspect("part", 2, &["--max-unjudged", "2"]);
 }

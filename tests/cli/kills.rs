@@ -1,5 +1,7 @@
-//! Results stand whole, or the earlier ones do, or the folder says that it is unfinished: wherever the program is killed, and
-//! wherever the disk fails. strace kills it as it enters a call, or has the call fail.
+//! Results folders after a kill or a disk failure at any system call.
+//!
+//! The folder must hold the new results, the earlier results, or a report that is marked unfinished.
+//! strace kills the program as it enters a call, or makes the call fail.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -11,48 +13,49 @@ use tempfile::TempDir;
 
 use crate::common::trust;
 
-/// Calls that take a path or a file: whatever else a program does, it changes no folder.
+/// System calls that take a path or a file descriptor. No other call can change a folder.
 const CALLS: &str = "%file,%desc";
 
-/// Of these, what no disk fails: memory, and ends of which there is nobody to tell.
+/// Calls of `CALLS` that are not made to fail: no disk failure affects them, or nothing could report it.
 const SPARED: [&str; 4] = ["close", "fcntl", "mmap", "poll"];
 
-/// What is in a folder.
-type Set = BTreeMap<String, Vec<u8>>;
+/// The files of a folder: contents by relative path.
+type Files = BTreeMap<String, Vec<u8>>;
 
-/// A command, and what is in the folder `out` before it.
+/// A command and the state of the folder `out` before and after it.
 struct Scene {
     desk: TempDir,
     name: &'static str,
     command: Vec<&'static str>,
-    /// All of the folder before the command, hidden files too.
-    before: Set,
-    /// The earlier results.
-    old: Set,
-    new: Set,
+    /// All files before the command, including hidden files.
+    before: Files,
+    /// The visible files before the command: the earlier results.
+    old: Files,
+    /// The visible files after the command.
+    new: Files,
 }
 
 impl Scene {
     fn new(name: &'static str, runs: &[&[&str]], command: &[&'static str]) -> Self {
         let desk = TempDir::new().unwrap();
-        let [before, old, new] = [const { Set::new() }; 3];
+        let [before, old, new] = [const { Files::new() }; 3];
         let mut scene = Self { desk, name, command: command.to_vec(), before, old, new };
-        runs.iter().for_each(|arguments| scene.must(arguments));
+        runs.iter().for_each(|arguments| scene.run_ok(arguments));
         fs::create_dir_all(scene.out()).unwrap();
         scene.old = contents(&scene.out());
         scene.before = scene.old.clone();
-        scene.must(command);
+        scene.run_ok(command);
         scene.new = contents(&scene.out());
         assert_ne!(scene.old, scene.new);
         scene
     }
 
-    /// The same where a run before it was killed as files got their names.
+    /// Starts from a folder in which an earlier run was killed while it renamed files.
     fn unfinished(mut self) -> Self {
         self.restore();
-        self.struck("renameat", "signal=KILL:when=3");
+        self.run_with_fault("renameat", "signal=KILL:when=3");
         self.before = tree(&self.out());
-        assert_eq!(self.judge("killed before"), Held::Unfinished);
+        assert_eq!(self.state("killed before"), Held::Unfinished);
         self
     }
 
@@ -74,19 +77,19 @@ impl Scene {
         command.args(&self.command).output().unwrap()
     }
 
-    /// The command, by strace, which injects something into calls of this name.
-    fn struck(&self, call: &str, injection: &str) -> Output {
+    /// Runs the command under strace, which injects a signal or an error into calls of this name.
+    fn run_with_fault(&self, call: &str, injection: &str) -> Output {
         let (trace, inject) = (format!("trace={call}"), format!("inject={call}:{injection}"));
         self.program(&["strace", "-f", "-qq", "-e", "signal=none", "-o", "/dev/null", "-e", &trace, "-e", &inject])
     }
 
-    fn must(&self, arguments: &[&str]) {
+    fn run_ok(&self, arguments: &[&str]) {
         let program = assert_cmd::cargo::cargo_bin("parfocal");
         let done = Command::new(program).current_dir(self.desk.path()).args(arguments).output().unwrap();
         assert!(done.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&done.stderr));
     }
 
-    /// As before the command.
+    /// Restores the folder to its state before the command.
     fn restore(&self) {
         fs::remove_dir_all(self.out()).unwrap();
         fs::create_dir(self.out()).unwrap();
@@ -97,7 +100,9 @@ impl Scene {
         }
     }
 
-    /// The calls of the first thread, which writes: which, its how many-th, and whether the folder has been named by then.
+    /// Lists the calls of the main thread, which writes the files.
+    ///
+    /// Returns the call's name, its number (from 1), and whether a call up to it has named the folder.
     fn points(&self) -> Vec<(String, usize, bool)> {
         self.restore();
         let log = self.desk.path().join("log");
@@ -114,7 +119,7 @@ impl Scene {
                 let count = counts.entry((thread, call)).or_default();
                 *count += 1;
                 begun |= call != "execve" && arguments.contains("\"out");
-                // strace counts for each thread: those of others would be met by this one long before.
+                // strace counts calls per thread, so a count of another thread would match an earlier call of this one.
                 let first = *main.get_or_insert(thread);
                 if thread == first && call != "execve" {
                     points.insert((call.to_string(), *count, begun));
@@ -124,19 +129,19 @@ impl Scene {
         points.into_iter().collect()
     }
 
-    /// What the folder holds after something went wrong in it.
+    /// Determines what the folder holds after a failure. Panics if the state is invalid.
     #[track_caller]
-    fn judge(&self, what: &str) -> Held {
+    fn state(&self, what: &str) -> Held {
         let found = contents(&self.out());
         match found {
             found if found == self.new => Held::New,
             found if found == self.old => Held::Old,
             found => {
                 let report = ["truth.json", "report.json"].iter().find_map(|name| found.get(*name));
-                let told: Option<Value> = report.and_then(|bytes| serde_json::from_slice(bytes).ok());
-                let says = told.is_some_and(|report| report["unfinished"] == true);
+                let report: Option<Value> = report.and_then(|bytes| serde_json::from_slice(bytes).ok());
+                let is_marked = report.is_some_and(|report| report["unfinished"] == true);
                 let names: Vec<_> = found.keys().collect();
-                assert!(says, "{}, {what}: neither set, and nothing says so: {names:?}", self.name);
+                assert!(is_marked, "{}, {what}: incomplete results without an unfinished mark: {names:?}", self.name);
                 let all = tree(&self.out());
                 let is_kept = |(name, bytes)| all.iter().any(|(at, found)| at.ends_with(name) && found == bytes);
                 assert!(self.old.iter().all(is_kept), "{}, {what}: earlier results are lost", self.name);
@@ -145,18 +150,18 @@ impl Scene {
         }
     }
 
-    /// The next run makes all good.
+    /// Asserts that the next run completes and leaves only the new results.
     #[track_caller]
-    fn recovers(&self, what: &str) {
+    fn assert_recovers(&self, what: &str) {
         let done = self.program(&[]);
         assert!(done.status.success(), "{}, {what}: {}", self.name, String::from_utf8_lossy(&done.stderr));
         assert!(contents(&self.out()) == self.new, "{}, {what}: not recovered", self.name);
         let hidden = fs::read_dir(self.out()).unwrap().filter(|entry| is_hidden(&entry.as_ref().unwrap().path()));
-        assert_eq!(hidden.count(), 0, "{}, {what}: something is left", self.name);
+        assert_eq!(hidden.count(), 0, "{}, {what}: hidden files are left", self.name);
     }
 }
 
-/// What a folder holds.
+/// State of a results folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Held {
     Old,
@@ -168,9 +173,9 @@ fn is_hidden(path: &Path) -> bool {
     path.file_name().unwrap().to_string_lossy().starts_with(".parfocal-")
 }
 
-/// All that a folder holds, and folders in it.
-fn tree(folder: &Path) -> Set {
-    let mut all = Set::new();
+/// All files of a folder and its subfolders, by relative path.
+fn tree(folder: &Path) -> Files {
+    let mut all = Files::new();
     for path in fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path()) {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         if path.is_dir() {
@@ -182,15 +187,16 @@ fn tree(folder: &Path) -> Set {
     all
 }
 
-/// But for what is hidden from whoever looks into it.
-fn contents(folder: &Path) -> Set {
+/// The files of a folder without the program's hidden files.
+fn contents(folder: &Path) -> Files {
     let mut seen = tree(folder);
     seen.retain(|name, _| !is_hidden(Path::new(name.split('/').next().unwrap())));
     seen
 }
 
-/// A pair where there was none; over another; over a sweep, whose files go; a sweep over a pair; over a sweep where that was
-/// begun before.
+/// The commands under test: a pair into an empty folder, over a pair and over a sweep, and a sweep over a pair.
+///
+/// The last scene repeats the pair over a sweep after an earlier run of it was killed.
 fn scenes() -> [Scene; 5] {
     let pair = ["simulate", "plane", "--size", "40x32", "-o", "out", "--quiet"];
     let other = [&pair[..], &["--seed", "2"]].concat();
@@ -204,24 +210,23 @@ fn scenes() -> [Scene; 5] {
     ]
 }
 
-/// Of so many points, those that this run tries: all where it has the time, else a share of each scene that the next share
-/// does not hold.
-fn tried(points: impl Iterator<Item = (String, usize, bool)>) -> impl Iterator<Item = (String, usize)> {
+/// Selects the calls that this run tests: all in a long run, otherwise every 24th of each scene.
+fn select_calls(points: impl Iterator<Item = (String, usize, bool)>) -> impl Iterator<Item = (String, usize)> {
     let stride = if trust::is_long() { 1 } else { 24 };
     points.step_by(stride).map(|(call, count, _)| (call, count))
 }
 
 #[test]
-fn a_program_that_is_killed_anywhere_leaves_one_set_whole_or_says_that_it_does_not() {
+fn a_kill_at_any_call_leaves_complete_results_or_an_unfinished_mark() {
     let mut held = BTreeMap::<Held, usize>::new();
     for scene in scenes() {
-        for (call, count) in tried(scene.points().into_iter()) {
+        for (call, count) in select_calls(scene.points().into_iter()) {
             scene.restore();
             let what = format!("killed at {call} {count}");
-            let ended = scene.struck(&call, &format!("signal=KILL:when={count}"));
-            assert!(!ended.status.success() || scene.judge(&what) == Held::New, "{what}");
-            *held.entry(scene.judge(&what)).or_default() += 1;
-            scene.recovers(&what);
+            let ended = scene.run_with_fault(&call, &format!("signal=KILL:when={count}"));
+            assert!(!ended.status.success() || scene.state(&what) == Held::New, "{what}");
+            *held.entry(scene.state(&what)).or_default() += 1;
+            scene.assert_recovers(&what);
         }
     }
     let kills: usize = held.values().sum();
@@ -230,22 +235,25 @@ fn a_program_that_is_killed_anywhere_leaves_one_set_whole_or_says_that_it_does_n
 }
 
 #[test]
-fn a_disk_that_fails_anywhere_leaves_one_set_whole_or_says_that_it_does_not() {
+fn a_disk_failure_at_any_call_leaves_complete_results_or_an_unfinished_mark() {
     let mut held = BTreeMap::<(Held, bool), usize>::new();
     for scene in scenes() {
-        // Before the folder is named, what fails is the loading of the program.
+        // Calls before the folder is named belong to loading the program.
         let points = scene.points().into_iter().filter(|(call, _, begun)| *begun && !SPARED.contains(&call.as_str()));
-        for (call, count) in tried(points) {
+        for (call, count) in select_calls(points) {
             for (error, when) in [("EIO", ""), ("ENOSPC", "+")] {
                 scene.restore();
                 let what = format!("{error} at {call} {count}{when}");
-                let ended = scene.struck(&call, &format!("error={error}:when={count}{when}"));
-                let told = String::from_utf8_lossy(&ended.stderr);
-                let left = scene.judge(&what);
-                assert!(ended.status.code().is_some_and(|code| code < 2), "{what}: {} {told}", ended.status);
-                assert!(!ended.status.success() || left == Held::New, "{what}: {left:?}, and nothing was said: {told}");
+                let ended = scene.run_with_fault(&call, &format!("error={error}:when={count}{when}"));
+                let stderr = String::from_utf8_lossy(&ended.stderr);
+                let left = scene.state(&what);
+                assert!(ended.status.code().is_some_and(|code| code < 2), "{what}: {} {stderr}", ended.status);
+                assert!(
+                    !ended.status.success() || left == Held::New,
+                    "{what}: {left:?}, but the exit status is 0: {stderr}"
+                );
                 *held.entry((left, ended.status.success())).or_default() += 1;
-                scene.recovers(&what);
+                scene.assert_recovers(&what);
             }
         }
     }

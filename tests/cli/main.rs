@@ -1,4 +1,6 @@
-//! The program from outside, a file for each subcommand. One test program, since each takes long to link.
+//! Tests of the `parfocal` program, one file per subcommand or topic.
+//!
+//! All files form one test binary because linking each takes long.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -42,7 +44,7 @@ mod sweep_results;
 mod trust;
 mod view;
 
-/// The report of a pair of this size that moved nothing, whose image 1 or 2 is focused nearer.
+/// Returns the report of a pair of this size with identity transform. `nearer` is the image focused nearer, 1 or 2.
 fn report_of_pair(size: [u32; 2], nearer: u8) -> serde_json::Value {
     let [width, height] = size;
     let findings = Findings {

@@ -1,4 +1,4 @@
-//! Depth in mm, calibration and measurements: the program on synthetic results, on a simulated pair and on a real one.
+//! Depth in mm, calibration and measurements on synthetic results, a simulated pair and a real pair.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -23,8 +23,10 @@ const CUP: Lens = Lens {
 const CUP_FLAGS: [&str; 5] =
     ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
 
-/// A folder with the results of a solve, as far as these commands read them: depth by the lens of the Cup pair, 600 mm at
-/// the left, 700 at the right, with a hole and a pixel that has no depth.
+/// A results folder with the files that these commands read.
+///
+/// V corresponds to 600 mm at the left and 700 mm at the right, by the lens of the Cup pair.
+/// It has a hole and a pixel outside the range of the lens.
 struct Desk(TempDir);
 
 impl Desk {
@@ -68,7 +70,7 @@ impl Desk {
         command.output().unwrap()
     }
 
-    /// What the program prints, as JSON.
+    /// Runs the program and parses its output as JSON.
     fn json(&self, arguments: &[&str]) -> Value {
         let output = self.run(&[arguments, &["--json"]].concat());
         let stderr = String::from_utf8_lossy(&output.stderr);
@@ -91,10 +93,10 @@ impl Desk {
 }
 
 fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+    value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
 }
 
-/// The median of the depths in a region, x, y, width, height.
+/// The median depth in a region, given as x, y, width and height in px.
 fn median(depth_file: &Path, [x, y, w, h]: [usize; 4]) -> f64 {
     let (width, _, values) = image_io::read_field(depth_file).unwrap();
     let mut inside: Vec<f32> =
@@ -104,7 +106,7 @@ fn median(depth_file: &Path, [x, y, w, h]: [usize; 4]) -> f64 {
     f64::from(inside[inside.len() / 2])
 }
 
-/// The channel of the standard deviation.
+/// The values of the standard deviation channel.
 fn deviations(depth_file: &Path) -> Vec<f64> {
     let file = exr::prelude::read_first_flat_layer_from_file(depth_file).unwrap();
     let channels = &file.layer_data.channel_data.list;
@@ -113,7 +115,7 @@ fn deviations(depth_file: &Path) -> Vec<f64> {
 }
 
 #[test]
-fn depth_is_added_to_a_folder_of_results() {
+fn depth_is_added_to_a_results_folder() {
     let desk = Desk::new();
     let printed = desk.json(&[&["depth", "out"], &CUP_FLAGS[..]].concat());
     let report = desk.report();
@@ -130,16 +132,16 @@ fn depth_is_added_to_a_folder_of_results() {
     assert_eq!(names, ["Y", "standard_deviation"]);
     let picture = image::open(desk.path("out/depth.png")).unwrap().into_rgba8();
     let ([r, _, b, _], [far_r, _, far_b, _]) = (picture.get_pixel(5, 5).0, picture.get_pixel(90, 5).0);
-    assert!(r > b && far_b > far_r, "near is yellow and far is purple by the lens");
+    assert!(r > b && far_b > far_r, "near must be yellow and far purple, by the lens");
 
-    // The report states the lens; another constant makes another depth.
+    // The lens comes from the report. Another constant changes the depth.
     let again = desk.json(&["depth", "out", "--lens", "out/report.json", "--kappa", "0.6"]);
     assert_eq!((number(&again["lens"]["kappa"]), number(&again["lens"]["f_number"])), (0.6, 8.3));
     assert!((number(&again["min"]) - 600.0).abs() > 1.0);
 }
 
 #[test]
-fn a_lens_that_is_wrong_or_contradicted_is_named() {
+fn an_invalid_or_contradictory_lens_is_refused() {
     let desk = Desk::new();
     fs::write(desk.path("lens.json"), r#"{"focal_length": 25}"#).unwrap();
     desk.refuses(&["depth", "out", "--lens", "lens.json"], 1, &["lens.json", "`focal_length`", "`focal_length_mm`"]);
@@ -174,7 +176,7 @@ fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
     let csv = fs::read_to_string(desk.path("out/profile_2.csv")).unwrap();
     let lines: Vec<&str> = csv.lines().collect();
     assert_eq!((lines.len(), lines[0].split(',').count()), (62, 5));
-    assert!(lines[26].ends_with(",,"), "a hole is empty: {}", lines[26]);
+    assert!(lines[26].ends_with(",,"), "a hole must give empty columns: {}", lines[26]);
 
     desk.json(&[&["depth", "out"], &CUP_FLAGS[..]].concat());
     let in_mm = desk.json(&arguments[..7]);
@@ -184,7 +186,7 @@ fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
     assert_eq!(&last[..3], [80.0, 90.0, 10.0]);
     assert!((last[5] - 700.0).abs() < 0.01 && csv.starts_with("distance_px,x_px,y_px,relative_blur_px2,"), "{csv}");
     assert!(image::open(desk.path("out/profile_1.png")).unwrap().width() == 800);
-    assert!(!desk.path("out/profile_2.png").exists(), "that of the earlier run is removed");
+    assert!(!desk.path("out/profile_2.png").exists(), "the profile of the earlier run must be removed");
 
     desk.refuses(&["measure", "out"], 2, &["--step", "--profile"]);
     desk.refuses(&["measure", "out", "--step", "0,0,9,9", "90,0,9,9"], 1, &["90,0,9,9", "96x64"]);
@@ -193,7 +195,7 @@ fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
 }
 
 #[test]
-fn known_steps_calibrate_the_lens_and_undetermined_parameters_are_named() {
+fn known_steps_calibrate_the_lens_and_undetermined_parameters_are_reported() {
     let desk = Desk::new();
     fs::write(desk.path("steps.json"), r#"[{"region": [2, 2, 40, 60], "depth_mm": 600}]"#).unwrap();
     let start = [&["calibrate", "out", "--kappa", "0.7"], &CUP_FLAGS[..]].concat();
@@ -208,7 +210,7 @@ fn known_steps_calibrate_the_lens_and_undetermined_parameters_are_named() {
     assert_eq!((&one["undetermined"][0], number(&one["lens"]["focus_mm"][0])), (&Value::from("focus1"), 529.0));
 
     desk.refuses(&start, 2, &["--plane"]);
-    // The left is 600 mm and the right 700: a plane that falls the other way determines nothing.
+    // Depth rises from 600 mm at the left to 700 mm at the right. A plane of opposite slope determines nothing.
     let reversed = [&start, &["--plane", "710,590,710"][..]].concat();
     desk.refuses(&reversed, 1, &["did you mean --plane 590.000,710.000,590.000?", "top left"]);
     desk.refuses(&[&start, &["--plane", "600,700"][..]].concat(), 2, &["as in"]);
@@ -220,9 +222,9 @@ fn known_steps_calibrate_the_lens_and_undetermined_parameters_are_named() {
     desk.refuses(&onto, 1, &["steps.json", "is an input"]);
 }
 
-/// A plane tilted in 1/z, as perspective has it, rendered through a lens, solved, and the lens calibrated by it.
+/// Renders a plane in perspective (linear in 1/z) through a lens, solves the pair, and calibrates the lens by it.
 #[test]
-fn a_simulated_plane_gives_back_the_lens_that_rendered_it() {
+fn calibration_by_a_simulated_plane_recovers_the_lens() {
     for telecentric in ["--telecentric=false", "--telecentric"] {
         calibrate_by_a_simulated_plane(telecentric);
     }
@@ -255,7 +257,7 @@ fn calibrate_by_a_simulated_plane(telecentric: &str) {
     println!("{found}");
     assert!((kappa - 0.5).abs() < 0.02 && (focus - 233.5).abs() < 0.2, "{found}");
 
-    // The depth by the true lens.
+    // Depth computed with the true lens.
     let (_, _, measured) = image_io::read_field(&desk.path("out/depth_mm.exr")).unwrap();
     let errors = measured.iter().enumerate().map(|(i, &z)| f64::from(z) - depth(i % size, i / size));
     let valid: Vec<f64> = errors.filter(|e| e.is_finite()).collect();
@@ -271,9 +273,9 @@ fn calibrate_by_a_simulated_plane(telecentric: &str) {
     assert!(rms < 0.15 && valid.len() > size * size * 8 / 10);
 }
 
-/// The Cup pair, which may not be copied into the project.
+/// Needs the Cup pair, which may not be copied into the repository.
 #[test]
-fn bread_cup_and_background_stand_one_behind_the_other_between_the_focus_distances() {
+fn depths_of_bread_cup_and_background_are_in_order_between_the_focus_distances() {
     let folder = std::env::var_os("PARFOCAL_PAIRS")
         .map_or(Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from)
         .join("cup");

@@ -1,4 +1,4 @@
-//! The files of a solve: their content and their metadata.
+//! Content and metadata of the files that `solve` writes.
 
 use std::collections::HashMap;
 use std::fs;
@@ -13,11 +13,11 @@ use tempfile::TempDir;
 
 const SIZE: [u32; 2] = [96, 64];
 
-/// A lens whose range holds what the photographs of a desk show.
+/// A lens whose depth range covers the V of these photographs.
 const LENS: [&str; 5] =
     ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric"];
 
-/// A folder with photographs that differ in blur: in 8 bits, and one in floats with a highlight beyond white.
+/// A temporary folder with 8-bit photographs of different blur, and a float photograph with a highlight above white.
 struct Desk(TempDir);
 
 impl Desk {
@@ -40,7 +40,7 @@ impl Desk {
         command.output().unwrap()
     }
 
-    /// Runs the program, which must succeed, and gives the report that is in `out` then.
+    /// Runs the program, asserts success, and returns the report in `out`.
     #[track_caller]
     fn report(&self, arguments: &[&str]) -> Value {
         let output = self.run(arguments);
@@ -75,7 +75,7 @@ impl Desk {
     }
 }
 
-/// Waves of this contrast, and a highlight that may go beyond white.
+/// A photograph of waves of this contrast. The highlight may exceed white.
 fn photograph(contrast: f32, highlight: f32) -> image::Rgb32FImage {
     image::Rgb32FImage::from_fn(SIZE[0], SIZE[1], |x, y| {
         let (x, y) = (x as f32, y as f32);
@@ -85,7 +85,7 @@ fn photograph(contrast: f32, highlight: f32) -> image::Rgb32FImage {
     })
 }
 
-/// A PNG as stored.
+/// A PNG file with its samples as stored and its text chunks.
 struct Png {
     width: u32,
     color: ColorType,
@@ -98,7 +98,7 @@ impl Png {
         self.text[keyword].parse().unwrap()
     }
 
-    /// Fails unless it names the program and holds these words.
+    /// Asserts the program's name, the unit, and these words in the description.
     #[track_caller]
     fn states(&self, units: &str, words: &[&str]) {
         assert!(self.text["Software"].starts_with("parfocal ") && self.text["Units"] == units, "{:?}", self.text);
@@ -107,7 +107,7 @@ impl Png {
     }
 }
 
-/// Fails unless both files of 16 bits give back the field, NaN for NaN, to half a step of the scale that they state.
+/// Asserts that both 16-bit files reproduce the field within half a step of their stated scale, and NaN as 0.
 #[track_caller]
 fn holds(desk: &Desk, report: &Value, field: &[f32], unit: &str) {
     let stated = &report["depth16"];
@@ -115,7 +115,7 @@ fn holds(desk: &Desk, report: &Value, field: &[f32], unit: &str) {
     let [scale, offset] = ["Scale", "Offset"].map(|name| png.number(name));
     assert_eq!(png.color, ColorType::Grayscale);
     for (name, expected) in [("scale", scale), ("offset", offset)] {
-        // serde_json reads the last bit of a number either way.
+        // serde_json may round the last bit of a number up or down.
         let found = stated[name].as_f64().unwrap();
         assert!((found - expected).abs() <= f64::EPSILON * expected.abs(), "{found} {expected}");
     }
@@ -137,11 +137,11 @@ fn holds(desk: &Desk, report: &Value, field: &[f32], unit: &str) {
 }
 
 #[test]
-fn depth_in_16_bits_gives_back_v_and_with_a_lens_depth() {
+fn depth16_files_hold_v_or_depth_if_a_lens_is_given() {
     let desk = Desk::new();
     let report = desk.solve(&["--export", "depth16"]);
     holds(&desk, &report, &desk.field("out/relative_blur.exr"), "px^2");
-    // The lens comes afterwards.
+    // The lens is given later, by `depth`.
     let report = desk.report(&[&["depth", "out"], &LENS[..]].concat());
     holds(&desk, &report, &desk.field("out/depth_mm.exr"), "mm");
     let report = desk.solve(&[&["--export", "depth16"], &LENS[..]].concat());
@@ -150,7 +150,7 @@ fn depth_in_16_bits_gives_back_v_and_with_a_lens_depth() {
 }
 
 #[test]
-fn the_depth_map_keeps_its_pixels_beside_its_key_and_states_its_ends() {
+fn the_depth_map_has_a_colour_key_and_states_its_range() {
     let desk = Desk::new();
     desk.solve(&[]);
     let map = desk.png("out/depth.png");
@@ -161,7 +161,7 @@ fn the_depth_map_keeps_its_pixels_beside_its_key_and_states_its_ends() {
         let opacity = map.bytes[i / 96 * row + 4 * (i % 96) + 3];
         assert_eq!(opacity, if v.is_nan() { 0 } else { 255 });
     }
-    assert!(map.bytes.chunks_exact(row).all(|line| line[row - 1] == 255), "the key is on paper");
+    assert!(map.bytes.chunks_exact(row).all(|line| line[row - 1] == 255), "the colour key must be opaque");
 
     desk.report(&["solve", "near.png", "far.png", "-o", "out", "--colors", "red-blue"]);
     assert!(fs::read_to_string(desk.path("out/report.html")).unwrap().contains("\"colormap\":1,"));
@@ -176,7 +176,7 @@ fn the_depth_map_keeps_its_pixels_beside_its_key_and_states_its_ends() {
 }
 
 #[test]
-fn labels_say_which_photograph_is_the_sharper() {
+fn labels_identify_the_sharper_photograph() {
     let desk = Desk::new();
     desk.solve(&["--export", "labels,ply,glb"]);
     let labels = desk.png("out/labels.png");
@@ -195,13 +195,13 @@ fn labels_say_which_photograph_is_the_sharper() {
         };
         assert_eq!(*label, expected, "{v} ± {sigma}");
     }
-    // Programs that know no labels see colours.
+    // Programs that ignore the label metadata still show colours.
     let seen = image::open(desk.path("out/labels.png")).unwrap();
     assert!(seen.color().has_color() && seen.color().has_alpha());
 }
 
 #[test]
-fn every_file_states_what_it_holds() {
+fn every_file_has_metadata_about_its_content() {
     let desk = Desk::new();
     desk.solve(&["--export", "ply,cloud,glb", "--profile", "10,10,80,10"]);
     desk.png("out/fused.png").states("1", &["Best focus", "white at the largest sample"]);
@@ -228,7 +228,7 @@ fn every_file_states_what_it_holds() {
 }
 
 #[test]
-fn of_floats_the_fused_image_is_in_floats_too_and_not_clipped() {
+fn float_photographs_give_an_unclipped_float_fused_image() {
     let desk = Desk::new();
     let pair = ["near.tif", "near.tif", "-o", "out", "--no-html"];
     desk.report(&[&["solve"], &pair[..]].concat());
@@ -239,11 +239,11 @@ fn of_floats_the_fused_image_is_in_floats_too_and_not_clipped() {
     let blue_is_half = values.chunks_exact(3).filter(|p| (p[2] - p[0] / 2.0).abs() < 0.01).count();
     assert!(blue_is_half == 96 * 64 && desk.has("fused.png"));
     desk.solve(&[]);
-    assert!(!desk.has("fused.exr"), "of 8 bits there is none, and that of the earlier solve is gone");
+    assert!(!desk.has("fused.exr"), "8-bit photographs give no fused.exr, and the earlier file must be removed");
 }
 
 #[test]
-fn what_is_measured_later_is_what_the_report_states() {
+fn measure_replaces_only_measurements_of_the_same_kind() {
     let desk = Desk::new();
     let report = desk.solve(&["--step", "8,8,20,20", "50,8,20,20", "--profile", "10,10,80,10"]);
     let step = report["measurements"]["steps"][0].clone();
@@ -265,8 +265,8 @@ fn a_photograph_with_the_name_of_a_profile_is_not_replaced() {
     fs::copy(desk.path("near.png"), desk.path("out/profile_2.png")).unwrap();
     for extra in [&["--profile", "10,10,80,10", "--profile", "10,20,80,20"][..], &[]] {
         let output = desk.run(&[&["solve", "out/profile_2.png", "far.png", "-o", "out"], extra].concat());
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(1) && told.contains("profile_2.png would replace it"), "{told}");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(1) && stderr.contains("profile_2.png would replace it"), "{stderr}");
     }
     assert!(!desk.has("report.json"));
 }

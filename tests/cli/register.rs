@@ -1,4 +1,4 @@
-//! `parfocal register` on a device, and what `solve` makes of its result.
+//! `parfocal register` on a device, and `solve` with its result.
 
 use std::fs;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use assert_cmd::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A folder with a pair of photographs displaced by (2, -1) px, and one of constant grey.
+/// A temporary folder with two photographs displaced by (2, -1) px and one of constant grey.
 struct Desk(TempDir);
 
 impl Desk {
@@ -18,7 +18,7 @@ impl Desk {
             [("near.png", [0, 0], 90.0), ("far.png", [2, -1], 90.0), ("grey.png", [0, 0], 0.0)]
         {
             let image = image::GrayImage::from_fn(128, 96, |x, y| {
-                // Blobs of many sizes where a hash of their cell says so.
+                // Blobs of several sizes, placed by a hash of their cell.
                 let (x, y) = (x as i32 - shift[0] + 64, y as i32 - shift[1] + 64);
                 let blob = |size: i32| {
                     let [i, j, k] = [x / size, y / size, size].map(|n| n as u32);
@@ -61,7 +61,7 @@ fn assert_displaced(report: &Value) {
 }
 
 #[test]
-fn every_method_registers_and_solve_holds_what_it_wrote() {
+fn every_method_registers_and_solve_holds_its_transform() {
     let desk = Desk::new();
     let (file, out) = (desk.path("made/t.json"), desk.path("out"));
     let (file, out) = (file.to_str().unwrap(), out.to_str().unwrap());
@@ -76,8 +76,8 @@ fn every_method_registers_and_solve_holds_what_it_wrote() {
         let held = desk.json("solve", &["--transform", file, "--hold", "-o", out]);
         assert_eq!(held["method"], "aligned");
         for name in ["tx_px", "ty_px", "rotation_deg", "scale"] {
-            let [found, asked] = [&held, &report].map(|r| r["frames"][1]["transform"][name].as_f64().unwrap());
-            assert!((found - asked).abs() < 1e-5, "{name} {found} {asked}");
+            let [found, expected] = [&held, &report].map(|r| r["frames"][1]["transform"][name].as_f64().unwrap());
+            assert!((found - expected).abs() < 1e-5, "{name} {found} {expected}");
         }
         let gains = [&held, &report].map(|r| r["frames"][1]["gain"].as_f64().unwrap());
         assert!((gains[0] - gains[1]).abs() < 1e-6, "{gains:?}");
@@ -86,7 +86,7 @@ fn every_method_registers_and_solve_holds_what_it_wrote() {
 }
 
 #[test]
-fn solve_takes_all_four_methods() {
+fn solve_accepts_all_four_methods() {
     let desk = Desk::new();
     let out = desk.path("out");
     for method in ["appearance", "sift"] {
@@ -97,7 +97,7 @@ fn solve_takes_all_four_methods() {
 }
 
 #[test]
-fn a_person_is_told_the_registration() {
+fn without_json_the_registration_is_printed_to_stderr() {
     let desk = Desk::new();
     let output = desk.run("register", ["near.png", "far.png"], &["--method", "appearance"]);
     let stderr = String::from_utf8_lossy(&output.stderr);
@@ -115,14 +115,14 @@ fn refused(output: &Output, status: i32, parts: &[&str]) {
 }
 
 #[test]
-fn too_few_key_points_are_one_line_and_no_files() {
+fn too_few_key_points_give_a_one_line_error_and_no_files() {
     let desk = Desk::new();
     let out = desk.path("out");
     let out = out.to_str().unwrap();
     for command in ["register", "solve"] {
         let output = desk.run(command, ["near.png", "grey.png"], &["--method", "sift", "-o", out]);
         refused(&output, 1, &["0 key-points in I2", "unified or appearance"]);
-        // A slow machine may say how far it is before.
+        // A slow machine may print progress before the error.
         let stderr = String::from_utf8_lossy(&output.stderr);
         assert_eq!(stderr.lines().filter(|line| line.contains("key-points")).count(), 1, "{stderr}");
         assert!(stderr.lines().last().is_some_and(|line| line.contains("key-points")), "{stderr}");
@@ -131,7 +131,7 @@ fn too_few_key_points_are_one_line_and_no_files() {
 }
 
 #[test]
-fn what_cannot_be_written_or_asked_is_refused_before_any_work() {
+fn invalid_outputs_and_options_are_refused_before_any_work() {
     let desk = Desk::new();
     let [near, folder] = [desk.path("near.png"), desk.path("")].map(|p| p.to_str().unwrap().to_string());
     let pair = ["near.png", "far.png"];

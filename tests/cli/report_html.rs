@@ -1,4 +1,4 @@
-//! `report.html` of a pair in a real browser: that it opens by itself, moves, turns, and reads as the EXR does.
+//! `report.html` of a pair in a real browser: self-contained, interactive, with the values of the EXR files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,14 +12,14 @@ use tempfile::TempDir;
 use crate::browser::Browser;
 use crate::page::{assert_holds, assert_reads, assert_surface, canvas, choose, half_step, pixels, point, shown};
 
-/// A name as an attacker would choose it.
+/// A file name that contains HTML, as an attacker would choose it.
 const ODD_NAME: &str = "<img src=x onerror=alert(1)>&amp;.png";
 
-/// So that there is depth in mm.
+/// A lens, so that the page has depth in mm.
 const LENS: [&str; 9] =
     ["--focal-length", "25", "--f-number", "8.3", "--pixel-pitch", "0.01304", "--focus", "529,869", "--telecentric"];
 
-/// A folder with the results of one solve, of whose pair one photograph has an odd name.
+/// A folder with the results of one solve. One photograph is named `ODD_NAME`.
 fn results() -> &'static Path {
     static FOLDER: OnceLock<TempDir> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
@@ -58,7 +58,7 @@ fn opened(width: u32) -> Browser {
 }
 
 #[test]
-fn it_opens_by_itself_and_shows_odd_names_as_text() {
+fn the_page_is_self_contained_and_escapes_file_names() {
     let mut browser = opened(1280);
     assert_eq!(browser.evaluate("document.querySelector('h1').textContent"), format!("{ODD_NAME} with far.png"));
     assert_eq!(browser.evaluate("document.querySelectorAll('img').length"), 0);
@@ -73,7 +73,7 @@ fn it_opens_by_itself_and_shows_odd_names_as_text() {
 }
 
 #[test]
-fn nothing_is_wider_than_a_telephone() {
+fn the_page_fits_a_phone_screen() {
     let mut browser = opened(390);
     let widths = browser.evaluate("[document.documentElement.scrollWidth, document.documentElement.clientWidth]");
     assert_eq!(widths[0], widths[1]);
@@ -81,7 +81,7 @@ fn nothing_is_wider_than_a_telephone() {
 }
 
 #[test]
-fn the_slider_moves_by_mouse_and_by_itself_and_the_pictures_change() {
+fn the_slider_moves_and_every_mode_shows_another_picture() {
     let mut browser = opened(1280);
     let mut seen = vec![pixels(&mut browser, "stage")];
     choose(&mut browser, "compare");
@@ -110,11 +110,11 @@ fn the_slider_moves_by_mouse_and_by_itself_and_the_pictures_change() {
 }
 
 #[test]
-fn flickering_shows_one_photograph_after_the_other() {
+fn flicker_alternates_the_photographs() {
     let mut browser = opened(1280);
     choose(&mut browser, "compare");
     browser.evaluate("document.getElementById('flicker').click()");
-    // Read in the turn in which the picture is the one waited for.
+    // The canvas is read in the same event loop turn in which the expected photograph is shown.
     let [first, second] = [false, true].map(|second| {
         browser.evaluate(&format!(
             "new Promise(r => {{ const f = () => page.viewer.second === {second} \
@@ -125,19 +125,19 @@ fn flickering_shows_one_photograph_after_the_other() {
 }
 
 #[test]
-fn the_cursor_reads_what_the_exr_holds() {
+fn values_under_the_cursor_match_the_exr() {
     let mut browser = opened(1280);
     let read = |file: &str| read_field(&results().join("out").join(file)).unwrap();
     let (width, _, blur) = read("relative_blur.exr");
     let (sigma, confidence, depth) = (read("uncertainty.exr").2, read("confidence.exr").2, read("depth_mm.exr").2);
     let step = half_step(&mut browser, "relative_blur", &sigma);
-    // Depth by the lens from V as it is rounded; where V hardly tells it, it goes far.
+    // The page computes depth from rounded V. Where depth is steep in V, the allowed error is large.
     let slope = |i: usize| {
         let near = (1..blur.len()).map(|k| (i + k) % blur.len());
         let other = near.take(9).find(|&k| depth[k].is_finite() && (blur[k] - blur[i]).abs() > 1e-3);
         other.map_or(1e3, |k| f64::from(((depth[k] - depth[i]) / (blur[k] - blur[i])).abs()))
     };
-    // Off the corners, which are round.
+    // The search skips the first 20 rows, because the picture has rounded corners.
     let hole = (20 * width as usize..blur.len()).find(|&i| blur[i].is_nan()).expect("a pixel that is not valid") as u32;
     let is_deep = |i: &usize| depth[*i].is_finite();
     let deep = (0..blur.len()).find(is_deep).expect("a pixel with a depth") as u32;
@@ -150,24 +150,24 @@ fn the_cursor_reads_what_the_exr_holds() {
         let tip = browser.evaluate("document.getElementById('map-tip').textContent");
         assert!(tip.as_str().unwrap().contains(if depth[i].is_finite() { " ± " } else { "not measured" }), "{tip}");
     }
-    // All of them.
+    // Every pixel.
     assert_holds(&mut browser, "relative_blur", &blur, |_| step);
     assert_holds(&mut browser, "uncertainty", &sigma, |i| 0.0051 * f64::from(sigma[i]));
     assert_holds(&mut browser, "confidence", &confidence, |i| 0.012 * f64::from(confidence[i]) + 1e-6);
     let known = browser.evaluate("[...page.fields.depth.values].map(v => Number.isFinite(v) ? v : null)");
     let known: Vec<Option<f64>> = serde_json::from_value(known).unwrap();
-    // At the ends of the range rounding decides.
+    // At the ends of the depth range rounding decides whether a pixel has a depth.
     let differ = known.iter().zip(&depth).filter(|(a, b)| a.is_some() != b.is_finite()).count();
     assert!(differ * 100 < depth.iter().filter(|z| z.is_finite()).count(), "{differ}");
     for (i, (read, z)) in known.iter().zip(&depth).enumerate() {
         let Some(read) = read.filter(|_| z.is_finite()) else { continue };
         let off = (read - f64::from(*z)).abs();
-        assert!(off <= 3.0 * step * slope(i) + 1e-3, "{read}, not {z} at {i}");
+        assert!(off <= 3.0 * step * slope(i) + 1e-3, "{read}, expected {z} at {i}");
     }
 }
 
 #[test]
-fn what_most_want_to_know_is_one_sentence_and_three_pictures() {
+fn the_summary_is_one_sentence_and_three_pictures() {
     let mut browser = Browser::start(1400, 900);
     browser.open(&page_of(results()), "window.page");
     let sentence = browser.evaluate("document.getElementById('sentence').textContent");
@@ -179,15 +179,15 @@ fn what_most_want_to_know_is_one_sentence_and_three_pictures() {
     assert_eq!(browser.evaluate(within), "");
     let [photo, map, surface] = ["stage", "map", "surface"].map(|id| canvas(&mut browser, id));
     assert!(photo[0] < map[0] && map[0] < surface[0] && photo[1] == map[1] && map[1] == surface[1]);
-    // One of them alone, and back.
+    // Show one picture alone, then all three again.
     browser.evaluate("document.querySelector('[data-enlarge=map]').click()");
     assert!(canvas(&mut browser, "map")[2] > 2.0 * map[2]);
     browser.evaluate("document.querySelector('[data-enlarge=map]').click()");
-    // A lower σ hatches, and less counts as measured.
+    // A lower limit of σ hatches more pixels and reduces the measured fraction.
     let share = |browser: &mut Browser| {
-        let told = browser.evaluate("document.getElementById('sigma-value').textContent");
-        let told = told.as_str().unwrap().to_string();
-        told.split("· ").nth(1).unwrap().split(' ').next().unwrap().parse::<f64>().unwrap()
+        let text = browser.evaluate("document.getElementById('sigma-value').textContent");
+        let text = text.as_str().unwrap().to_string();
+        text.split("· ").nth(1).unwrap().split(' ').next().unwrap().parse::<f64>().unwrap()
     };
     let (whole, before) = (share(&mut browser), pixels(&mut browser, "map"));
     browser
@@ -197,7 +197,7 @@ fn what_most_want_to_know_is_one_sentence_and_three_pictures() {
 }
 
 #[test]
-fn what_is_measured_on_the_page_is_what_the_command_measures() {
+fn measurements_on_the_page_match_the_measure_command() {
     let mut browser = opened(1280);
     browser.evaluate("document.querySelector('[data-tool=step]').click()");
     let at = |browser: &mut Browser, [x, y]: [u32; 2]| {
@@ -211,7 +211,7 @@ fn what_is_measured_on_the_page_is_what_the_command_measures() {
         let (from, to) = (at(&mut browser, from), at(&mut browser, to));
         browser.mouse(&[from, [(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0], to], true);
     }
-    // By the keyboard, a line.
+    // Draw a profile line with the keyboard.
     browser.evaluate(
         "{ document.querySelector('[data-tool=line]').click(); page.map.canvas.focus(); page.view.point(20, 80) }",
     );
@@ -222,21 +222,21 @@ fn what_is_measured_on_the_page_is_what_the_command_measures() {
     let command = browser.evaluate("document.getElementById('command').textContent");
     let command = command.as_str().unwrap().to_string();
     assert_eq!(command, "parfocal measure out --step 30,40,40,60 150,40,50,60 --profile 20,80,40,80");
-    let told = browser.evaluate("document.getElementById('measured-text').textContent");
-    let told = told.as_str().unwrap().replace('−', "-");
+    let text = browser.evaluate("document.getElementById('measured-text').textContent");
+    let text = text.as_str().unwrap().replace('−', "-");
 
     let mut measure = Command::cargo_bin("parfocal").unwrap();
     measure.current_dir(results()).args(command.split(' ').skip(1)).args(["--json", "-q"]);
     let output = measure.output().unwrap();
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     let blur = &found["steps"][0]["difference"];
-    let numbers: Vec<f64> = told.split([' ', ':', ',']).filter_map(|word| word.parse().ok()).collect();
+    let numbers: Vec<f64> = text.split([' ', ':', ',']).filter_map(|word| word.parse().ok()).collect();
     let [value, error] = ["value", "standard_error"].map(|key| blur[key].as_f64().unwrap());
     let close = |number: &f64| (number - value).abs() < 0.2 * error + 0.05;
-    assert!(told.starts_with("Step from 1 to 2") && numbers.iter().any(close), "{told}, {blur}");
+    assert!(text.starts_with("Step from 1 to 2") && numbers.iter().any(close), "{text}, {blur}");
     assert!(browser.evaluate("document.querySelectorAll('#profile polyline').length") == 1);
 
-    // The link opens the same view.
+    // The link restores the same view.
     browser.evaluate("{ page.view.zoomBy(2); document.querySelector('[data-mode=uncertainty]').click() }");
     browser.evaluate("{ window.prompt = () => {}; document.getElementById('copy-link').click() }");
     let (hash, before) = (browser.evaluate("location.hash"), pixels(&mut browser, "map"));
@@ -249,7 +249,7 @@ fn what_is_measured_on_the_page_is_what_the_command_measures() {
 }
 
 #[test]
-fn everything_has_a_name_and_a_finger_finds_it() {
+fn controls_have_names_and_are_large_enough_for_touch() {
     let mut browser = opened(390);
     let nameless = "[...document.querySelectorAll('button, select, input, canvas[role], summary')].filter(e => !(e.ariaLabel \
                     || e.textContent.trim() || e.closest('label')?.textContent.trim())).map(e => e.outerHTML).join()";
@@ -259,13 +259,13 @@ fn everything_has_a_name_and_a_finger_finds_it() {
     assert_eq!(browser.evaluate(small), "");
     let twice = "(ids => ids.filter((id, i) => ids.indexOf(id) !== i).join())([...document.querySelectorAll('[id]')].map(e => e.id))";
     assert_eq!(browser.evaluate(twice), "");
-    // A finger that scrolls is not held by a picture.
+    // Scrolling by touch must work on top of a picture.
     let held = "[...document.querySelectorAll('canvas[role]')].filter(c => getComputedStyle(c).touchAction !== 'pan-y').map(c => c.id).join()";
     assert_eq!(browser.evaluate(held), "");
 }
 
 #[test]
-fn the_surface_is_drawn_and_turns_with_the_mouse_and_the_keys() {
+fn the_surface_is_drawn_and_turns_by_mouse_and_keys() {
     let mut browser = opened(1280);
     let [left, top, width, height] = canvas(&mut browser, "surface");
     assert_surface(&mut browser);
@@ -284,12 +284,12 @@ fn the_surface_is_drawn_and_turns_with_the_mouse_and_the_keys() {
     assert!(by_key != pixels(&mut browser, "surface"));
     browser.evaluate("document.getElementById('reset').click()");
     browser.evaluate("document.querySelector('[data-skin=fused]').click()");
-    assert!(before == pixels(&mut browser, "surface"), "reset is as at first");
+    assert!(before == pixels(&mut browser, "surface"), "reset must restore the first view");
     assert_eq!(browser.complaints(), Vec::<String>::new());
 }
 
 #[test]
-fn without_html_none_is_left_over() {
+fn no_html_removes_an_earlier_page() {
     let folder = TempDir::new().unwrap();
     for name in [ODD_NAME, "far.png"] {
         fs::copy(results().join(name), folder.path().join(name)).unwrap();

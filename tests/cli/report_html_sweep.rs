@@ -13,7 +13,7 @@ use crate::page::{assert_holds, assert_reads, assert_surface, choose, half_step,
 
 const FRAMES: [&str; 4] = ["a & b.png", "<i>2.png", "3.png", "4.png"];
 
-/// A folder with the results of a sweep over a slope, whose focus goes from 0.5 on the left to 2.5 on the right.
+/// A folder with the results of a sweep over a slope. Its focus rises from 0.5 at the left to 2.5 at the right.
 fn results() -> &'static Path {
     static FOLDER: OnceLock<TempDir> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
@@ -34,7 +34,7 @@ fn results() -> &'static Path {
             });
             image.save(folder.path().join(name)).unwrap();
         }
-        // Settings of 4 to 4.3 1/m.
+        // Focus settings from 4 to 4.3 1/m.
         stack(folder.path(), &["--focus-at", "250,243.9024,238.0952,232.5581"]);
         folder
     });
@@ -56,7 +56,7 @@ fn opened() -> Browser {
 }
 
 #[test]
-fn it_opens_by_itself_and_shows_what_a_sweep_has() {
+fn the_page_is_self_contained_and_shows_the_parts_of_a_sweep() {
     let mut browser = opened();
     assert_eq!(browser.evaluate("document.querySelector('h1').textContent"), "a & b.png to 4.png");
     assert_eq!(browser.evaluate("document.querySelectorAll('#frames tr').length"), 1 + FRAMES.len());
@@ -69,7 +69,7 @@ fn it_opens_by_itself_and_shows_what_a_sweep_has() {
 }
 
 #[test]
-fn the_frames_are_leafed_through_and_any_two_pictures_compared() {
+fn frames_can_be_browsed_and_any_two_pictures_compared() {
     let mut browser = opened();
     choose(&mut browser, "compare");
     let mut seen = vec![pixels(&mut browser, "stage")];
@@ -107,7 +107,7 @@ fn the_frames_are_leafed_through_and_any_two_pictures_compared() {
 }
 
 #[test]
-fn the_focus_curve_has_the_frames_and_the_one_that_wins() {
+fn the_focus_curve_shows_the_frames_and_marks_the_sharpest() {
     let mut browser = opened();
     point(&mut browser, 40, 100);
     let note = browser.evaluate("document.getElementById('focus-note').textContent");
@@ -119,7 +119,7 @@ fn the_focus_curve_has_the_frames_and_the_one_that_wins() {
 }
 
 #[test]
-fn the_cursor_reads_what_the_exr_holds() {
+fn values_under_the_cursor_match_the_exr() {
     let mut browser = opened();
     let read = |file: &str| read_field(&results().join("out").join(file)).unwrap();
     let ((width, _, focus), sigma, depth) = (read("focus.exr"), read("uncertainty.exr").2, read("depth_mm.exr").2);
@@ -137,7 +137,7 @@ fn the_cursor_reads_what_the_exr_holds() {
 }
 
 #[test]
-fn without_html_none_is_left_over() {
+fn no_html_removes_an_earlier_page() {
     let folder = TempDir::new().unwrap();
     for name in FRAMES {
         fs::copy(results().join(name), folder.path().join(name)).unwrap();

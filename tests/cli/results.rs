@@ -1,4 +1,4 @@
-//! Commands on results of any kind: of a pair, a sweep, and in a batch.
+//! Commands on existing results: a pair, a sweep, and results of a batch.
 
 use std::fs;
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ use crate::browser::Browser;
 struct Desk(TempDir);
 
 impl Desk {
-    /// Two pairs, one of which fails, and a sweep, solved as a batch.
+    /// Solves a batch of a valid pair, a pair that fails, and a sweep.
     fn new() -> Self {
         let desk = Self(TempDir::new().unwrap());
         for name in ["first", "second"] {
@@ -22,7 +22,7 @@ impl Desk {
         fs::write(desk.path("shots/second/i2.png"), "no picture").unwrap();
         desk.done(&["simulate", "relief", "-o", "shots/sweep <b>", "--size", "120x90", "--frames", "4"]);
         let output = desk.run(&["batch", "shots", "-o", "many"]);
-        assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+        assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
         desk
     }
 
@@ -42,24 +42,24 @@ impl Desk {
 
     fn done(&self, arguments: &[&str]) -> String {
         let output = self.run(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", told(&output));
+        assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
         String::from_utf8(output.stdout).unwrap()
     }
 
     #[track_caller]
     fn refuses(&self, arguments: &[&str], parts: &[&str]) {
         let output = self.run(arguments);
-        let told = told(&output);
-        assert!(!output.status.success() && parts.iter().all(|part| told.contains(part)), "{told}");
+        let stderr = stderr(&output);
+        assert!(!output.status.success() && parts.iter().all(|part| stderr.contains(part)), "{stderr}");
     }
 }
 
-fn told(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 #[test]
-fn results_of_a_batch_are_as_of_a_solve_and_its_index_has_the_worst_first() {
+fn commands_accept_batch_results_and_the_index_lists_failures_first() {
     let desk = Desk::new();
     let lens = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.00345", "--focus=226.5,233.5"];
     desk.done(&["view", "many/first", "--width", "64"]);
@@ -86,7 +86,7 @@ fn results_of_a_batch_are_as_of_a_solve_and_its_index_has_the_worst_first() {
     browser.wait("window.page");
     assert_eq!(browser.complaints(), Vec::<String>::new());
 
-    // A batch replaces its own index, and no other's.
+    // A batch replaces its own index.html, but not a foreign one.
     desk.run(&["batch", "shots", "-o", "many", "--resume"]);
     fs::write(desk.path("many/index.html"), "mine").unwrap();
     desk.refuses(&["batch", "shots", "-o", "many"], &["index.html", "--force"]);
@@ -94,7 +94,7 @@ fn results_of_a_batch_are_as_of_a_solve_and_its_index_has_the_worst_first() {
 
 #[cfg(unix)]
 #[test]
-fn the_page_is_opened_by_the_systems_opener() {
+fn open_passes_the_page_to_the_system_opener() {
     use std::os::unix::fs::PermissionsExt;
     let desk = Desk::new();
     fs::create_dir(desk.path("bin")).unwrap();
@@ -110,13 +110,13 @@ fn the_page_is_opened_by_the_systems_opener() {
     }
     let mut without = desk.command(&["open", "many"]);
     let output = without.env("PATH", "/nowhere").output().unwrap();
-    assert!(told(&output).contains("open many/index.html in a browser"), "{}", told(&output));
+    assert!(stderr(&output).contains("open many/index.html in a browser"), "{}", stderr(&output));
     desk.refuses(&["open", "shots"], &["has no page"]);
     desk.refuses(&["open", "absent"], &["no folder"]);
 }
 
 #[test]
-fn two_results_are_compared_in_units_of_their_deviation() {
+fn two_results_are_compared_in_standard_deviations() {
     let desk = Desk(TempDir::new().unwrap());
     desk.done(&["simulate", "relief", "-o", "pair", "--size", "120x90", "--noise", "0.01"]);
     let solve = |out: &str, extra: &[&str]| {
@@ -133,7 +133,7 @@ fn two_results_are_compared_in_units_of_their_deviation() {
     let [name, values] = [&found["settings"][0][0], &found["settings"][0][1]];
     assert_eq!((name, &values[1]), (&"regularization".into(), &0.01.into()));
     let off = &found["difference"];
-    // By the files.
+    // Compute the same figures from the EXR files.
     let field = |out: &str, name: &str| parfocal::image_io::read_field(&desk.path(out).join(name)).unwrap().2;
     let [a, b] = ["a", "b"].map(|out| (field(out, "relative_blur.exr"), field(out, "uncertainty.exr")));
     let pixels = off["pixels"].as_u64().unwrap() as usize;
@@ -149,7 +149,11 @@ fn two_results_are_compared_in_units_of_their_deviation() {
     let picture = image::open(desk.path("off.png")).unwrap();
     assert_eq!((picture.width(), picture.height()), (120, 90));
     let output = desk.run(&["compare", "a", "b"]);
-    assert!(told(&output).contains("regularization") && told(&output).contains("% beyond 3"), "{}", told(&output));
+    assert!(
+        stderr(&output).contains("regularization") && stderr(&output).contains("% beyond 3"),
+        "{}",
+        stderr(&output)
+    );
 
     solve("part", &["--roi", "10,10,60,50"]);
     desk.refuses(&["compare", "a", "part"], &["120x90 and 60x50"]);

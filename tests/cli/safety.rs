@@ -1,4 +1,4 @@
-//! What lies where results go: the program's own is replaced, what is someone else's stays.
+//! Existing files in output folders: the program replaces its own files and keeps foreign files.
 
 use std::fs;
 use std::path::PathBuf;
@@ -8,10 +8,10 @@ use assert_cmd::Command;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// A folder with the pair `i1.png`, `i2.png`.
+/// A temporary folder with the pair `i1.png`, `i2.png`.
 struct Desk(TempDir);
 
-/// Where a check must come before the device is looked for.
+/// Options that name a missing device. A file check must fail before the device is opened.
 const NO_DEVICE: [&str; 2] = ["--device", "no such GPU"];
 const LENS: [&str; 5] =
     ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric"];
@@ -46,9 +46,12 @@ impl Desk {
     #[track_caller]
     fn refuses(&self, arguments: &[&str], parts: &[&str]) {
         let output = self.run(arguments);
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {told}");
-        assert!(told.lines().count() == 1 && parts.iter().all(|part| told.contains(part)), "{arguments:?}: {told}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {stderr}");
+        assert!(
+            stderr.lines().count() == 1 && parts.iter().all(|part| stderr.contains(part)),
+            "{arguments:?}: {stderr}"
+        );
     }
 
     #[track_caller]
@@ -57,14 +60,14 @@ impl Desk {
         self.done(&[&quick[..], extra].concat());
     }
 
-    /// A file of the user's.
-    fn mine(&self, name: &str) {
+    /// Writes a foreign file, one that the program did not write.
+    fn write_foreign(&self, name: &str) {
         fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
         fs::write(self.path(name), "mine").unwrap();
     }
 
     #[track_caller]
-    fn is_mine(&self, name: &str) {
+    fn assert_foreign_kept(&self, name: &str) {
         assert_eq!(fs::read_to_string(self.path(name)).ok().as_deref(), Some("mine"), "{name}");
     }
 
@@ -78,18 +81,19 @@ impl Desk {
 }
 
 #[test]
-fn a_solve_removes_nothing_that_it_did_not_write() {
+fn solve_keeps_files_that_it_did_not_write() {
     let desk = Desk::new();
-    let mine = ["surface.ply", "labels.png", "focus.exr", "profile_1.csv", "depth_mm.exr", "fused.exr", "report.html"];
-    let mine = mine.map(|name| format!("out/{name}"));
-    mine.iter().for_each(|name| desk.mine(name));
+    let foreign =
+        ["surface.ply", "labels.png", "focus.exr", "profile_1.csv", "depth_mm.exr", "fused.exr", "report.html"];
+    let foreign = foreign.map(|name| format!("out/{name}"));
+    foreign.iter().for_each(|name| desk.write_foreign(name));
     desk.solve(&[]);
     desk.solve(&["--force"]);
-    mine.iter().for_each(|name| desk.is_mine(name));
+    foreign.iter().for_each(|name| desk.assert_foreign_kept(name));
 }
 
 #[test]
-fn a_solve_removes_what_its_report_lists_within_the_folder() {
+fn solve_removes_only_files_that_its_report_lists_within_the_folder() {
     let desk = Desk::new();
     desk.solve(&["--export", "ply,labels", "--profile", "10,10,60,10"]);
     let mut report = desk.report();
@@ -97,7 +101,7 @@ fn a_solve_removes_what_its_report_lists_within_the_folder() {
         assert!(report["files"].as_array().unwrap().contains(&json!(name)), "{name} in {}", report["files"]);
     }
     for name in ["victim", "out/deep/victim", "out/kept"] {
-        desk.mine(name);
+        desk.write_foreign(name);
     }
     let absolute = desk.path("victim").display().to_string();
     let names = report["files"].as_array_mut().unwrap();
@@ -110,19 +114,19 @@ fn a_solve_removes_what_its_report_lists_within_the_folder() {
         assert!(!desk.has(&format!("out/{name}")), "{name}");
     }
     for name in ["victim", "out/deep/victim", "out/kept"] {
-        desk.is_mine(name);
+        desk.assert_foreign_kept(name);
     }
     #[cfg(unix)]
     assert!(fs::symlink_metadata(desk.path("out/link")).is_ok());
 }
 
 #[test]
-fn a_file_of_another_program_is_refused_before_any_work_and_overwritten_by_force() {
+fn foreign_files_are_refused_before_any_work_and_overwritten_by_force() {
     let desk = Desk::new();
-    desk.mine("out/fused.png");
+    desk.write_foreign("out/fused.png");
     let solve = ["solve", "i1.png", "i2.png", "-o", "out"];
     desk.refuses(&[&solve[..], &NO_DEVICE].concat(), &["out/fused.png: is there already", "--force"]);
-    desk.is_mine("out/fused.png");
+    desk.assert_foreign_kept("out/fused.png");
     for (extra, name) in [
         (&["--export", "glb"][..], "surface.glb"),
         (&["--profile", "10,10,60,10"], "profile_1.png"),
@@ -130,19 +134,19 @@ fn a_file_of_another_program_is_refused_before_any_work_and_overwritten_by_force
         (&[], "report.json"),
     ] {
         fs::remove_dir_all(desk.path("out")).unwrap();
-        desk.mine(&format!("out/{name}"));
+        desk.write_foreign(&format!("out/{name}"));
         desk.refuses(&[&solve[..], &NO_DEVICE, extra].concat(), &[name, "--force"]);
     }
     desk.solve(&["--force"]);
     assert!(desk.report()["files"].as_array().unwrap().contains(&json!("fused.png")));
-    // The report of another program lists nothing of ours.
+    // A report of another program does not make its listed files ours.
     fs::write(desk.path("out/report.json"), r#"{"version": "1.0", "files": ["fused.png"]}"#).unwrap();
     desk.refuses(&[&solve[..], &NO_DEVICE].concat(), &["is there already", "--force"]);
     assert!(desk.has("out/fused.png"));
 }
 
 #[test]
-fn what_is_added_later_is_ours_too() {
+fn files_of_later_commands_are_listed_and_replaced() {
     let desk = Desk::new();
     desk.solve(&[]);
     for _ in 0..2 {
@@ -157,46 +161,46 @@ fn what_is_added_later_is_ours_too() {
     for name in ["depth_mm.exr", "profile_1.csv", "profile_2.png"] {
         assert_eq!(listed.iter().filter(|n| *n == name).count(), 1, "{name} in {listed:?}");
     }
-    desk.mine("out/profile_3.csv");
+    desk.write_foreign("out/profile_3.csv");
     desk.done(&["measure", "out", "--profile", "10,10,60,10"]);
     assert!(!desk.has("out/profile_2.csv") && !desk.report()["files"].to_string().contains("profile_2"));
-    desk.is_mine("out/profile_3.csv");
+    desk.assert_foreign_kept("out/profile_3.csv");
     let three = ["--profile", "1,1,9,9", "--profile", "1,1,9,9", "--profile", "1,1,9,9"];
     desk.refuses(&[&["measure", "out"], &three[..]].concat(), &["profile_3.csv", "--force"]);
     desk.solve(&[]);
     assert!(!desk.has("out/depth_mm.exr") && !desk.has("out/profile_1.csv") && desk.has("out/lens.json"));
     for (command, name) in [("view", "view.png"), ("depth", "depth_mm.exr")] {
-        desk.mine(&format!("out/{name}"));
+        desk.write_foreign(&format!("out/{name}"));
         let arguments = [&[command, "out"][..], if command == "depth" { &LENS[..] } else { &[] }].concat();
         desk.refuses(&arguments, &[name, "--force"]);
-        desk.is_mine(&format!("out/{name}"));
+        desk.assert_foreign_kept(&format!("out/{name}"));
         desk.done(&[&arguments[..], &["--force"]].concat());
     }
 }
 
 #[test]
-fn a_scene_and_a_solve_keep_to_their_own_files() {
+fn simulate_and_solve_do_not_replace_each_other_s_files() {
     let desk = Desk::new();
     desk.solve(&[]);
     let simulate =
         |extra: &[&'static str]| [&["simulate", "plane", "--size", "48x32", "--quiet", "-o"], extra].concat();
     desk.refuses(&simulate(&["out"]), &["relative_blur.exr", "--force"]);
     desk.refuses(&["solve", "i1.png", "i2.png", "-o", "scene"], &["relative_blur.exr", "--force"]);
-    desk.mine("scene/depth.exr");
+    desk.write_foreign("scene/depth.exr");
     desk.done(&simulate(&["scene"]));
-    desk.is_mine("scene/depth.exr");
-    desk.mine("new/i1.png");
+    desk.assert_foreign_kept("scene/depth.exr");
+    desk.write_foreign("new/i1.png");
     desk.refuses(&simulate(&["new"]), &["new/i1.png", "--force"]);
     desk.done(&simulate(&["new", "--force"]));
 }
 
 #[test]
-fn every_command_refuses_to_overwrite_what_it_did_not_write() {
+fn every_command_refuses_to_overwrite_foreign_files() {
     let desk = Desk::new();
     let files =
         ["t.json", "bench/report.json", "moved/i2.png", "pages/parfocal.1", "many/batch.json", "many/a/report.json"];
     let figures = ["tables/report.md", "figures/robustness.png"];
-    files.iter().chain(&figures).for_each(|name| desk.mine(name));
+    files.iter().chain(&figures).for_each(|name| desk.write_foreign(name));
     for (arguments, name) in [
         (&["register", "i1.png", "i2.png", "-o", "t.json", "--device", "none"][..], "t.json"),
         (&["bench", "-o", "bench/report.json", "--device", "none"], "bench/report.json"),
@@ -209,9 +213,9 @@ fn every_command_refuses_to_overwrite_what_it_did_not_write() {
     ] {
         fs::write(desk.path("list.csv"), "i1.png,i2.png,a\n").unwrap();
         desk.refuses(arguments, &[name, "is there already", "--force"]);
-        desk.is_mine(name);
+        desk.assert_foreign_kept(name);
     }
-    assert!(!desk.has("moved/i1.png"), "nothing is written where one file is refused");
+    assert!(!desk.has("moved/i1.png"), "no file may be written if one is refused");
     fs::remove_file(desk.path("many/batch.json")).unwrap();
     desk.refuses(&["batch", "list.csv", "-o", "many", "--device", "none"], &["many/a/report.json", "--force"]);
     for _ in 0..2 {
@@ -241,9 +245,9 @@ mod links_and_devices {
     use super::*;
 
     #[test]
-    fn in_a_folder_of_results_they_are_refused() {
+    fn links_and_pipes_in_a_results_folder_are_refused() {
         let desk = Desk::new();
-        desk.mine("victim");
+        desk.write_foreign("victim");
         desk.solve(&[]);
         fs::remove_file(desk.path("out/fused.png")).unwrap();
         symlink("../victim", desk.path("out/fused.png")).unwrap();
@@ -252,11 +256,11 @@ mod links_and_devices {
         fs::remove_file(desk.path("out/fused.png")).unwrap();
         assert!(std::process::Command::new("mkfifo").arg(desk.path("out/fused.png")).status().unwrap().success());
         desk.refuses(&solve, &["out/fused.png: is a device or a pipe"]);
-        desk.is_mine("victim");
+        desk.assert_foreign_kept("victim");
     }
 
     #[test]
-    fn that_are_named_are_written_through() {
+    fn links_and_pipes_named_as_output_are_written_through() {
         let desk = Desk::new();
         let register = |to: &str| {
             ["register", "i1.png", "i2.png", "--method", "appearance", "--quiet", "-o", to].map(String::from)
@@ -265,18 +269,18 @@ mod links_and_devices {
             let all = register(to);
             desk.run(&all.iter().map(String::as_str).chain(extra.iter().copied()).collect::<Vec<_>>())
         };
-        let told = register("/dev/stdout", &[]);
-        let printed: Value = serde_json::from_slice(&told.stdout).unwrap();
+        let output = register("/dev/stdout", &[]);
+        let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(printed["method"], "appearance");
 
         symlink("kept/t.json", desk.path("link.json")).unwrap();
         fs::create_dir(desk.path("kept")).unwrap();
-        assert_eq!(register("link.json", &[]).status.code(), Some(1), "it leads nowhere");
-        desk.mine("kept/t.json");
+        assert_eq!(register("link.json", &[]).status.code(), Some(1), "a dangling link must be refused");
+        desk.write_foreign("kept/t.json");
         assert_eq!(register("link.json", &[]).status.code(), Some(1));
-        desk.is_mine("kept/t.json");
+        desk.assert_foreign_kept("kept/t.json");
         assert!(register("link.json", &["--force"]).status.success());
-        assert!(register("link.json", &[]).status.success(), "it is ours now");
+        assert!(register("link.json", &[]).status.success(), "the target was written by parfocal and may be replaced");
         assert!(fs::symlink_metadata(desk.path("link.json")).unwrap().is_symlink());
         assert!(fs::read_to_string(desk.path("kept/t.json")).unwrap().contains("transform"));
 

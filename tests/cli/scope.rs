@@ -1,4 +1,4 @@
-//! Masks, regions and references from outside: what `solve` makes of them, and what follows a region.
+//! Masks, regions and flat references in `solve`, and later commands on the results of a region.
 
 use std::fs;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ const SIZE: (u32, u32) = (240, 200);
 struct Desk(TempDir);
 
 impl Desk {
-    /// A simulated pair, 240x200.
+    /// Simulates a pair of 240x200 px.
     fn new() -> Self {
         let desk = Self(TempDir::new().unwrap());
         let output = desk.run(&["simulate", "plane", "--size", "240x200", "-o", "pair", "--seed", "3"]);
@@ -57,7 +57,7 @@ impl Desk {
 }
 
 #[test]
-fn results_of_a_region_are_those_of_the_whole_there() {
+fn results_of_a_region_match_those_of_the_whole_images() {
     let desk = Desk::new();
     let whole = desk.solved("whole", &[]);
     let part = desk.solved("part", &["--roi", "60,50,120,90", "--export", "labels,depth16"]);
@@ -76,14 +76,14 @@ fn results_of_a_region_are_those_of_the_whole_there() {
         let [a, b] = [&whole, &part].map(|report| report["frames"][1]["transform"][name].as_f64().unwrap());
         assert!((a - b).abs() < 0.05, "{name}: {a} {b}");
     }
-    // Another light's photograph goes onto the region's pixels.
+    // `apply` moves a photograph onto the pixels of the region.
     let [_, i2] = desk.photographs();
     let output = desk.run(&["apply", &i2, "--transform", "part/report.json", "-o", "moved"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let moved = fs::read_dir(desk.path("moved")).unwrap().next().unwrap().unwrap().path();
     let moved = parfocal::image_io::read(&moved).unwrap();
     assert_eq!((moved.width(), moved.height()), (120, 90));
-    // And its report is a start for the whole.
+    // The report of the region can initialize a solve of the whole images.
     let held = desk.solved("held", &["--transform", "part/report.json", "--hold"]);
     for name in ["tx_px", "ty_px", "rotation_deg", "scale"] {
         let [a, b] = [&held, &part].map(|report| report["frames"][1]["transform"][name].as_f64().unwrap());
@@ -92,7 +92,7 @@ fn results_of_a_region_are_those_of_the_whole_there() {
 }
 
 #[test]
-fn what_is_masked_or_cropped_away_is_not_in_the_results() {
+fn masked_and_cropped_pixels_are_absent_from_the_results() {
     let desk = Desk::new();
     GrayImage::from_fn(SIZE.0, SIZE.1, |x, _| Luma([if x < 80 { 0 } else { 255 }]))
         .save(desk.path("mask.png"))
@@ -117,8 +117,8 @@ fn untextured_pixels_are_marked() {
     let report = desk.solved("all", &["--max-uncertainty", "1e-6", "--export", "depth16"]);
     assert!(report["texture"]["marked_fraction"].as_f64().unwrap() > 0.5);
     let valid = image::open(desk.path("all/valid.png")).unwrap().into_luma8();
-    assert!(valid.pixels().all(|p| p[0] == 0), "nothing is that sure");
-    // A lens that comes later does not make measurements of them.
+    assert!(valid.pixels().all(|p| p[0] == 0), "no deviation may be below so small a limit");
+    // A lens given later must not turn marked pixels into measurements.
     let lens = "--focal-length 50 --f-number 4 --pixel-pitch 0.0075 --focus 300,310 --telecentric";
     let output = desk.run(&[&["depth", "all"][..], &lens.split(' ').collect::<Vec<_>>()].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -129,16 +129,16 @@ fn untextured_pixels_are_marked() {
 }
 
 #[test]
-fn a_flat_reference_is_taken_off() {
+fn a_flat_reference_is_subtracted() {
     let desk = Desk::new();
     desk.solved("flat", &[]);
     desk.solved("flattened", &["--flat", "flat", "--crop-valid"]);
     let (_, _, v) = desk.field("flattened/relative_blur.exr");
-    assert!(v.iter().all(|v| v.abs() < 0.5), "the plane is its own reference");
+    assert!(v.iter().all(|v| v.abs() < 0.5), "a plane minus itself must be flat");
 }
 
 #[test]
-fn what_does_not_fit_is_refused_by_name() {
+fn unsuitable_masks_regions_and_references_are_refused() {
     let desk = Desk::new();
     GrayImage::new(30, 20).save(desk.path("small.png")).unwrap();
     let refused = |extra: &[&str]| {
@@ -154,7 +154,7 @@ fn what_does_not_fit_is_refused_by_name() {
     let message = refused(&["--flat", "nowhere"]);
     assert!(message.contains("nowhere"), "{message}");
     let output = desk.solve("out", &["--crop-valid", "--profile", "0,10,100,10"]);
-    assert_eq!(output.status.code(), Some(2), "the pixels of a profile would move");
+    assert_eq!(output.status.code(), Some(2), "a profile must be refused, because cropping moves its pixels");
     desk.solved("part", &["--roi", "60,50,120,90"]);
     let lens = "--focal-length 50 --f-number 4 --pixel-pitch 0.0075 --focus 300,310 --telecentric --plane 300,305,300";
     let output = desk.run(&[&["calibrate", "part"][..], &lens.split(' ').collect::<Vec<_>>()].concat());

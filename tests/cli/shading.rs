@@ -1,4 +1,4 @@
-//! Light that differs over the frame: what `solve` makes of it by itself, and what follows its report.
+//! Shading: `solve` estimates it, and later commands apply it.
 
 use std::fs;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use tempfile::TempDir;
 struct Desk(TempDir);
 
 impl Desk {
-    /// The slanted plane, 256x256, and I2 darker by 15 % at its left border and brighter at its right one.
+    /// Simulates the slanted plane, 256x256. I2 is 15 % darker at its left border and 15 % brighter at its right.
     fn new() -> Self {
         let desk = Self(TempDir::new().unwrap());
         desk.run(&["simulate", "plane", "--noise", "0.003", "-o", "pair", "--quiet"]);
@@ -46,19 +46,19 @@ impl Desk {
     }
 }
 
-/// Least and greatest factor.
+/// The smallest and largest shading factor of a report.
 fn range(report: &Value) -> [f64; 2] {
     [0, 1].map(|i| report["frames"][1]["shading"]["range"][i].as_f64().unwrap())
 }
 
 #[test]
-fn a_ramp_of_light_is_found_and_told() {
+fn a_shading_ramp_is_estimated_and_reported() {
     let desk = Desk::new();
-    let (report, told) = desk.solved("pair/shaded.png", "out", &[]);
+    let (report, stderr) = desk.solved("pair/shaded.png", "out", &[]);
     let [low, high] = range(&report);
-    // What undoes 0.85 to 1.15.
+    // The factors must invert the ramp from 0.85 to 1.15.
     assert!((low - 1.0 / 1.15).abs() < 0.03 && (high - 1.0 / 0.85).abs() < 0.03, "{low} to {high}");
-    assert!(told.contains(", shading -1") && told.contains("smoothness     α 0.0"), "{told}");
+    assert!(stderr.contains(", shading -1") && stderr.contains("smoothness     α 0.0"), "{stderr}");
     assert_eq!(report["warnings"], serde_json::json!([]));
     let t = &report["frames"][1]["transform"];
     let [tx, ty, angle, scale] = ["tx_px", "ty_px", "rotation_deg", "scale"].map(|name| t[name].as_f64().unwrap());
@@ -73,17 +73,17 @@ fn a_ramp_of_light_is_found_and_told() {
 }
 
 #[test]
-fn light_that_is_even_gets_no_word() {
+fn uniform_light_is_not_reported_as_shading() {
     let desk = Desk::new();
-    let (report, told) = desk.solved("pair/i2.png", "even", &["--regularization", "0.004"]);
+    let (report, stderr) = desk.solved("pair/i2.png", "even", &["--regularization", "0.004"]);
     let [low, high] = range(&report);
     assert!(low > 0.99 && high < 1.01, "{low} to {high}");
-    assert!(!told.contains("shading") && told.contains("smoothness     α 0.004, as stated"), "{told}");
+    assert!(!stderr.contains("shading") && stderr.contains("smoothness     α 0.004, as stated"), "{stderr}");
     assert_eq!(report["regularization"].as_f64().map(|alpha| alpha as f32), Some(0.004));
 }
 
 #[test]
-fn what_follows_a_report_heeds_its_shading() {
+fn apply_and_hold_use_the_shading_of_a_report() {
     let desk = Desk::new();
     let (report, _) = desk.solved("pair/shaded.png", "out", &[]);
     let moved = |out: &str, extra: &[&str]| {
@@ -92,7 +92,7 @@ fn what_follows_a_report_heeds_its_shading() {
         image::open(desk.path(out).join("shaded.png")).unwrap().into_luma16()
     };
     let (lit, plain) = (moved("lit", &["--exposure"]), moved("plain", &[]));
-    // Over a stripe at either side, blur takes nothing from the mean.
+    // Blur does not change the mean over a stripe.
     let i1 = image::open(desk.path("pair/i1.png")).unwrap().into_luma16();
     let mean = |image: &ImageBuffer<Luma<u16>, Vec<u16>>, from: u32| {
         let stripe = (20..236).flat_map(|y| (from..from + 40).map(move |x| (x, y)));
@@ -102,7 +102,7 @@ fn what_follows_a_report_heeds_its_shading() {
         let [lit, plain] = [&lit, &plain].map(|image| mean(image, from) / mean(&i1, from) - 1.0);
         assert!(lit.abs() < 0.01 && plain.abs() > 0.08, "{from}: {lit} {plain}");
     }
-    // Gain and offset alone cannot be held: with T held, the light is matched again.
+    // Only T is held. Gain, offset and shading are estimated again.
     let (held, _) = desk.solved("pair/shaded.png", "held", &["--transform", "out/report.json", "--hold"]);
     let apart = [0, 1].map(|i| (range(&held)[i] - range(&report)[i]).abs());
     assert!(apart.iter().all(|d| *d < 0.01), "{apart:?}");

@@ -1,4 +1,4 @@
-//! What makes the program at home in a shell: configuration, completions, manual pages, hints. No test here solves.
+//! Shell integration: configuration, completions, manual pages and suggestions. No test solves a pair.
 
 use std::fs;
 use std::path::PathBuf;
@@ -36,7 +36,7 @@ impl Desk {
 }
 
 #[test]
-fn a_configuration_is_checked_with_file_and_line() {
+fn configuration_errors_name_file_and_line() {
     let desk = Desk::new();
     let solve = ["solve", "near.png", "far.png", "-o", "out", "--config", "c.toml"];
     for (text, part) in [
@@ -55,7 +55,7 @@ fn a_configuration_is_checked_with_file_and_line() {
 }
 
 #[test]
-fn the_defaults_are_toml() {
+fn the_printed_defaults_are_valid_toml() {
     let output = Desk::new().run(&["config"]);
     let text = String::from_utf8(output.stdout).unwrap();
     let table: toml::Table = toml::from_str(&text).unwrap();
@@ -65,7 +65,7 @@ fn the_defaults_are_toml() {
 }
 
 #[test]
-fn shells_and_man_get_what_they_read() {
+fn completions_and_manual_pages_are_generated() {
     let desk = Desk::new();
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let output = desk.run(&["completions", shell]);
@@ -80,7 +80,7 @@ fn shells_and_man_get_what_they_read() {
 }
 
 #[test]
-fn a_name_that_is_nearly_right_is_suggested() {
+fn a_misspelled_name_gets_a_suggestion() {
     let desk = Desk::new();
     desk.refuses(&["solve", "naer.png", "far.png", "-o", "out"], 1, "did you mean 'near.png'?");
     desk.refuses(&["solve", "near.png", "far.png", "-o", "near.png"], 1, "'near' say");
@@ -88,7 +88,7 @@ fn a_name_that_is_nearly_right_is_suggested() {
 }
 
 #[test]
-fn without_a_device_the_list_is_empty_and_the_status_says_so() {
+fn without_a_device_the_list_is_empty_and_the_exit_status_is_1() {
     let desk = Desk::new();
     let mut command = Command::cargo_bin("parfocal").unwrap();
     for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {

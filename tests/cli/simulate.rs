@@ -1,4 +1,4 @@
-//! `parfocal simulate`: what it writes, and what it refuses. No test here needs a device.
+//! `parfocal simulate`: the files that it writes and the input that it refuses. No test needs a device.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ impl Desk {
         command.current_dir(self.0.path()).args(["simulate", scene, "-o", "made/out"]).args(extra).output().unwrap()
     }
 
-    /// Renders, and gives back truth.json.
+    /// Renders a scene and returns truth.json.
     fn simulate(&self, scene: &str, extra: &[&str]) -> Value {
         let output = self.run(scene, &[extra, &["--json"]].concat());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -88,7 +88,7 @@ fn every_scene_writes_its_files_and_the_truth() {
 }
 
 #[test]
-fn the_truth_can_be_solved_from_and_the_seed_decides() {
+fn the_truth_is_a_readable_registration_and_the_seed_fixes_the_files() {
     let desk = Desk::new();
     let options = ["--size", "48x32", "--noise", "0.01", "--i2-gain", "0.9", "--i2-offset", "0.05", "--seed", "7"];
     let moved = ["--translation", "-2,0.5", "--rotation", "-1", "--scale", "0.98"];
@@ -107,7 +107,7 @@ fn the_truth_can_be_solved_from_and_the_seed_decides() {
 }
 
 #[test]
-fn depth_of_an_earlier_scene_does_not_stay() {
+fn depth_of_an_earlier_scene_is_removed() {
     let desk = Desk::new();
     desk.simulate("cylinders", &["--size", "48x32"]);
     assert!(desk.out("depth.exr").exists());
@@ -116,7 +116,7 @@ fn depth_of_an_earlier_scene_does_not_stay() {
 }
 
 #[test]
-fn a_picture_in_colour_on_a_depth_map() {
+fn a_colour_texture_on_a_depth_map_is_rendered() {
     let desk = Desk::new();
     let color = |x: u32, y: u32| image::Rgb([(5 * x) as u8, (7 * y) as u8, (3 * x + 2 * y) as u8]);
     image::RgbImage::from_fn(40, 24, color).save(desk.path("photo.png")).unwrap();
@@ -128,13 +128,13 @@ fn a_picture_in_colour_on_a_depth_map() {
     assert_eq!(image_io::read(&desk.out("i2.png")).unwrap().format().channels, Channels::Rgb);
     assert_eq!(floats(&desk.out("depth.exr"))[39], 239.0);
     let v = floats(&desk.out("relative_blur.exr"));
-    assert!(v[0] > 0.0 && v[39] < 0.0, "near, where I1 is focused, I2 is the more blurred");
+    assert!(v[0] > 0.0 && v[39] < 0.0, "V must be positive in the near part, where I1 is in focus");
     assert_eq!(truth["shape"]["kind"], "depth-file");
     assert_eq!(truth["size"]["width"], 40);
 }
 
 #[test]
-fn relative_blur_from_a_file_comes_back() {
+fn relative_blur_read_from_a_file_is_reproduced() {
     let desk = Desk::new();
     desk.simulate("relief", &["--size", "48x32"]);
     fs::rename(desk.path("made/out"), desk.path("first")).unwrap();
@@ -145,7 +145,7 @@ fn relative_blur_from_a_file_comes_back() {
 }
 
 #[test]
-fn what_cannot_be_rendered() {
+fn invalid_scenes_are_refused() {
     let desk = Desk::new();
     image::GrayImage::new(40, 24).save(desk.path("photo.png")).unwrap();
     image::GrayImage::new(30, 24).save(desk.path("other.png")).unwrap();
@@ -187,7 +187,7 @@ fn what_cannot_be_rendered() {
 }
 
 #[test]
-fn an_input_is_not_written_over() {
+fn an_input_is_not_overwritten() {
     let desk = Desk::new();
     desk.simulate("relief", &["--size", "48x32"]);
     let before = fs::read(desk.out("i1.png")).unwrap();
@@ -199,7 +199,7 @@ fn an_input_is_not_written_over() {
 }
 
 #[test]
-fn clipping_is_told() {
+fn clipping_is_reported() {
     let desk = Desk::new();
     let output = desk.run("plane", &["--size", "32x32", "--i2-gain", "1.5"]);
     assert!(output.status.success());
@@ -207,7 +207,7 @@ fn clipping_is_told() {
 }
 
 #[test]
-fn a_sweep_has_its_frames_focus_and_truth() {
+fn a_sweep_writes_its_frames_focus_and_truth() {
     let desk = Desk::new();
     let moved = ["--breathing", "5", "--drift", "4", "--rotation", "0.3", "--gain-drift", "5", "--blur-rate", "0.5"];
     let moved = [&moved[..], &["--vignetting", "6"]].concat();
@@ -217,15 +217,19 @@ fn a_sweep_has_its_frames_focus_and_truth() {
         let names: Vec<&str> = truth["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap()).collect();
         let frames = ["frame_01.png", "frame_02.png", "frame_03.png", "frame_04.png", "frame_05.png"];
         assert_eq!(names, [&frames[..], &["focus.exr", "truth.json"]].concat());
-        assert_eq!(fs::read_dir(desk.path("made/out")).unwrap().count(), 7, "{scene}: nothing of the last scene stays");
-        for (k, (name, told)) in frames.iter().zip(truth["frames"].as_array().unwrap()).enumerate() {
-            assert_eq!((told["file"].as_str(), told["position"].as_f64()), (Some(*name), Some(k as f64)));
+        assert_eq!(
+            fs::read_dir(desk.path("made/out")).unwrap().count(),
+            7,
+            "{scene}: files of the last scene must be removed"
+        );
+        for (k, (name, expected)) in frames.iter().zip(truth["frames"].as_array().unwrap()).enumerate() {
+            assert_eq!((expected["file"].as_str(), expected["position"].as_f64()), (Some(*name), Some(k as f64)));
             let frame = image_io::read(&desk.out(name)).unwrap();
             assert_eq!((frame.width(), frame.height(), words(&frame).len()), (48, 32, 48 * 32));
-            let (gain, undone) = (&told["exposure"]["gain"], &told["gain"]);
+            let (gain, undone) = (&expected["exposure"]["gain"], &expected["gain"]);
             assert!((gain.as_f64().unwrap() - (0.95 + 0.025 * k as f64)).abs() < 1e-12);
             assert!((gain.as_f64().unwrap() * undone.as_f64().unwrap() - 1.0).abs() < 1e-12);
-            assert!((told["vignetting"].as_f64().unwrap() - 0.03 * (k as f64 - 2.0)).abs() < 1e-12);
+            assert!((expected["vignetting"].as_f64().unwrap() - 0.03 * (k as f64 - 2.0)).abs() < 1e-12);
         }
         assert_eq!((&truth["reference"], &truth["blur_rate_px2"]), (&2.into(), &0.5.into()));
         let of = |k: usize, what: &str| truth["frames"][k]["transform"][what].as_f64().unwrap();
@@ -236,13 +240,13 @@ fn a_sweep_has_its_frames_focus_and_truth() {
         let focus = floats(&desk.out("focus.exr"));
         assert!(focus.len() == 48 * 32 && focus.iter().all(|u| (0.39..3.61).contains(u)), "{scene}");
     }
-    // A pair takes the place of the sweep.
+    // A pair replaces the files of the sweep.
     desk.simulate("plane", &["--size", "48x32"]);
     assert!(!desk.out("frame_01.png").exists() && desk.out("i1.png").exists());
 }
 
 #[test]
-fn what_is_no_sweep_is_refused() {
+fn invalid_sweep_options_are_refused() {
     let desk = Desk::new();
     let five = |extra: &[&'static str]| [&["--frames", "5"], extra].concat();
     for (scene, extra, part) in [

@@ -1,4 +1,4 @@
-//! The program on a device: what it writes, what it prints, and what it says when there is none.
+//! `parfocal solve` on a device: its files, its output, and its errors without a device.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use tempfile::TempDir;
 const RESULTS: [&str; 6] =
     ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json", "uncertainty.exr"];
 
-/// A folder with a pair of photographs that differ in blur, and a pair of constant grey.
+/// A temporary folder with a pair that differs in blur and a pair of constant grey.
 struct Desk(TempDir);
 
 impl Desk {
@@ -61,7 +61,7 @@ impl Desk {
 }
 
 #[test]
-fn a_solve_writes_its_five_files_and_the_report_on_stdout() {
+fn solve_writes_five_files_and_prints_the_report_on_stdout() {
     let desk = Desk::new();
     let report = desk.solved(["near.png", "far.png"], &["--timings"]);
     assert_eq!(report["method"], "unified");
@@ -78,7 +78,7 @@ fn a_solve_writes_its_five_files_and_the_report_on_stdout() {
 }
 
 #[test]
-fn the_surface_is_exported_on_request_and_never_left_over() {
+fn the_surface_is_exported_on_request_and_removed_otherwise() {
     let desk = Desk::new();
     let pair = ["near.png", "far.png"];
     let files = ["surface.ply", "points.ply", "surface.glb"].map(|name| desk.path("out").join(name));
@@ -92,12 +92,12 @@ fn the_surface_is_exported_on_request_and_never_left_over() {
     for wrong in [&["--export", "step"][..], &["--z-scale", "-1"], &["--mesh-cells", "1"]] {
         assert_eq!(desk.solve(pair, wrong).status.code(), Some(2));
     }
-    // Nothing to draw is no failure.
+    // An empty surface is not an error.
     desk.solved(["grey.png", "grey.png"], &["--export", "ply,cloud,glb", "--max-relative-blur", "256"]);
 }
 
 #[test]
-fn a_transform_that_is_held_comes_back_as_it_was() {
+fn a_held_transform_is_returned_unchanged() {
     let desk = Desk::new();
     let transform = r#"{"transform": {"tx_px": 0.25, "ty_px": -0.5, "rotation_deg": 0.1, "scale": 1.002}}"#;
     fs::write(desk.path("saved.json"), transform).unwrap();
@@ -111,7 +111,7 @@ fn a_transform_that_is_held_comes_back_as_it_was() {
 }
 
 #[test]
-fn a_pair_that_cannot_be_solved_is_an_answer() {
+fn a_pair_without_texture_gives_a_warning_and_zero_confidence() {
     let desk = Desk::new();
     let report = desk.solved(["grey.png", "grey.png"], &[]);
     assert_eq!(report["converged"], false);
@@ -120,7 +120,7 @@ fn a_pair_that_cannot_be_solved_is_an_answer() {
 }
 
 #[test]
-fn different_depths_solve_as_one_does_and_the_report_names_the_files() {
+fn mixed_bit_depths_give_the_same_result_and_are_reported() {
     let desk = Desk::new();
     let image = image::open(desk.path("far.png")).unwrap();
     image::DynamicImage::from(image.to_rgb16()).save(desk.path("far16.png")).unwrap();
@@ -138,7 +138,7 @@ fn different_depths_solve_as_one_does_and_the_report_names_the_files() {
 }
 
 #[test]
-fn strict_fails_where_there_is_something_to_warn_of_and_writes_all_the_same() {
+fn strict_fails_on_warnings_and_still_writes_the_results() {
     let desk = Desk::new();
     let output = desk.solve(["near.png", "near.png"], &["--strict", "--quiet"]);
     refused(&output, &["error: --strict", "same picture"]);
@@ -166,7 +166,7 @@ fn refused(output: &Output, parts: &[&str]) {
 }
 
 #[test]
-fn a_device_that_is_not_there_is_one_line_and_no_files() {
+fn a_missing_device_gives_a_one_line_error_and_no_files() {
     let desk = Desk::new();
     let solve = |device: &[&str]| {
         let mut command = desk.command();
@@ -191,7 +191,7 @@ fn a_device_that_is_not_there_is_one_line_and_no_files() {
 }
 
 #[test]
-fn images_that_are_too_small_or_too_large_name_the_file() {
+fn images_that_are_too_small_or_too_large_are_refused_by_file_name() {
     let desk = Desk::new();
     for (width, height, part) in [(1, 1, "at least"), (8, 8, "at least"), (40_000, 16, "too large")] {
         image::GrayImage::new(width, height).save(desk.path("odd.png")).unwrap();
@@ -209,5 +209,5 @@ fn a_damaged_pipeline_cache_is_ignored() {
     let whole = fs::read(&caches[0]).unwrap();
     fs::write(&caches[0], &whole[..whole.len() / 2]).unwrap();
     desk.solved(["near.png", "far.png"], &[]);
-    assert_eq!(fs::read(&caches[0]).unwrap().len(), whole.len(), "it is written anew");
+    assert_eq!(fs::read(&caches[0]).unwrap().len(), whole.len(), "the cache must be written again");
 }

@@ -1,4 +1,4 @@
-//! `parfocal stack`, from outside: a sweep over scenes whose focus is known.
+//! `parfocal stack` on sweeps over scenes of known focus.
 
 use std::fs;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use assert_cmd::Command;
 use parfocal::image_io::read_field;
 use serde_json::Value;
 
-/// A sweep over a scene whose focus is known at each column: variance 2 (p - u)² px².
+/// A sweep over a scene with known focus u per column. Frame p has a blur variance of 2 (p - u)² px².
 pub struct Sweep {
     pub folder: tempfile::TempDir,
     pub files: Vec<PathBuf>,
@@ -17,12 +17,12 @@ pub struct Sweep {
 pub const SIZE: [u32; 2] = [192, 128];
 const RATE: f64 = 2.0;
 
-/// Two planes, the left in focus at setting 1, the right at 2.6.
+/// Focus of two planes: setting 1 at the left, 2.6 at the right.
 pub fn planes(x: u32) -> f64 {
     if x < SIZE[0] / 2 { 1.0 } else { 2.6 }
 }
 
-/// A slope from setting 1 to 3.
+/// Focus of a slope from setting 1 to 3.
 pub fn slope(x: u32) -> f64 {
     1.0 + 2.0 * f64::from(x) / f64::from(SIZE[0])
 }
@@ -64,7 +64,7 @@ impl Sweep {
 #[test]
 fn a_sweep_gives_the_focus_of_both_planes() {
     let sweep = Sweep::new(5, planes);
-    // Where a pair has been solved before, which left a report with what is its own.
+    // The folder holds earlier results of a pair, whose report lists relative_blur.exr.
     fs::create_dir(sweep.out()).unwrap();
     for name in ["relative_blur.exr", "labels.png", "focus.exr"] {
         fs::write(sweep.out().join(name), name).unwrap();
@@ -72,8 +72,8 @@ fn a_sweep_gives_the_focus_of_both_planes() {
     let before = r#"{"program": "parfocal", "kind": "pair", "files": ["relative_blur.exr", "report.json"]}"#;
     fs::write(sweep.out().join("report.json"), before).unwrap();
     let refused = sweep.stack(&["--device", "no such GPU"]);
-    let told = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(told.contains("focus.exr: is there already") && told.contains("--force"), "{told}");
+    let stderr = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(stderr.contains("focus.exr: is there already") && stderr.contains("--force"), "{stderr}");
     fs::remove_file(sweep.out().join("focus.exr")).unwrap();
     let output = sweep.stack(&["--json", "--reference", "3"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -100,7 +100,7 @@ fn a_sweep_gives_the_focus_of_both_planes() {
     for file in ["depth.png", "fused.png", "report.json"] {
         assert!(fs::metadata(sweep.out().join(file)).unwrap().len() > 0);
     }
-    // The frame next to either plane: the second and the fourth.
+    // The frames nearest to the two planes are the second and the fourth.
     let frames = image::open(sweep.out().join("frames.png")).unwrap().into_luma8();
     let share = |from: u32, to: u32, number: u8| {
         let places = (20..height - 20).flat_map(|y| (from..to).map(move |x| (x, y)));
@@ -111,7 +111,7 @@ fn a_sweep_gives_the_focus_of_both_planes() {
     assert!(report["files"].to_string().contains("frames.png") && frames.dimensions() == (width, height));
 }
 
-/// Depth and its standard deviation, mm.
+/// Reads depth and its standard deviation, in mm.
 pub fn depth(sweep: &Sweep) -> [Vec<f64>; 2] {
     use exr::prelude::read_first_flat_layer_from_file;
     let layer = read_first_flat_layer_from_file(sweep.out().join("depth_mm.exr")).unwrap().layer_data;
@@ -121,8 +121,9 @@ pub fn depth(sweep: &Sweep) -> [Vec<f64>; 2] {
     })
 }
 
-/// Depth and its standard deviation, mm, against the truth by column, 20 px inside the border: how far the median pixel is
-/// off, and the fraction of pixels within two of their deviations.
+/// Compares depth with the truth per column, at least 20 px from the border.
+///
+/// Returns the median absolute error in mm and the fraction of pixels within two standard deviations of the truth.
 fn depth_error(sweep: &Sweep, truth: impl Fn(u32) -> f64) -> (f64, f64) {
     let [depth, deviation] = depth(sweep);
     let inside = (20..SIZE[1] - 20).flat_map(|y| (20..SIZE[0] - 20).map(move |x| (x, (y * SIZE[0] + x) as usize)));
@@ -137,9 +138,9 @@ fn depth_error(sweep: &Sweep, truth: impl Fn(u32) -> f64) -> (f64, f64) {
 }
 
 #[test]
-fn distances_and_a_stage_give_depth_in_mm_within_its_deviation() {
+fn focus_distances_and_stage_positions_give_depth_within_its_deviation() {
     let sweep = Sweep::new(5, slope);
-    // Settings of 4 to 4.4 1/m; the lens moves away from what is near.
+    // Focus distances of 4 to 4.4 1/m: later frames are focused nearer.
     let inverse = |setting: f64| 1000.0 / (4.0 + 0.1 * setting);
     let at = (0..5).map(|n| inverse(f64::from(n)).to_string()).collect::<Vec<_>>().join(",");
     let output = sweep.stack(&["--json", "--focus-at", &at]);
@@ -149,7 +150,7 @@ fn distances_and_a_stage_give_depth_in_mm_within_its_deviation() {
     assert_eq!(report["frames"][1]["focus_mm"].as_f64(), Some(inverse(1.0)));
     let summary = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(summary.contains("depth ") && summary.contains(" mm, median "), "{summary}");
-    // A setting is 6 mm here.
+    // One step of the setting is 6 mm here.
     let (median, within) = depth_error(&sweep, |x| inverse(slope(x)));
     assert!(median < 0.3 && within > 0.9, "{median} mm, {within}");
     let median = report["depth"]["median"].as_f64().unwrap();
@@ -164,18 +165,18 @@ fn distances_and_a_stage_give_depth_in_mm_within_its_deviation() {
     assert!(output.status.success() && !sweep.out().join("depth_mm.exr").exists());
 }
 
-/// Two planes of which the sweep sees one: the right lies a step beyond the last of four frames.
+/// Focus of two planes. The right plane lies one step beyond the last of four frames.
 fn half_beyond(x: u32) -> f64 {
     if x < SIZE[0] / 2 { 1.0 } else { 4.0 }
 }
 
 #[test]
-fn what_no_frame_has_in_focus_is_told_with_its_side() {
+fn pixels_in_focus_in_no_frame_are_reported_with_their_side() {
     let sweep = Sweep::new(4, half_beyond);
     let output = sweep.stack(&["--json"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-    // Of the right half; beside the edge between the planes nothing tells.
+    // Fractions of the right half. Pixels along the edge between the planes may stay undetermined.
     let half = f64::from(SIZE[0] * SIZE[1] / 2);
     let count = |key: &str| report["never_in_focus"][key].as_f64().unwrap() / half;
     assert!(
@@ -183,24 +184,24 @@ fn what_no_frame_has_in_focus_is_told_with_its_side() {
         "{}",
         report["never_in_focus"]
     );
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(told.contains("never") && told.contains("beyond the last"), "{told}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(stderr.contains("never") && stderr.contains("beyond the last"), "{stderr}");
     let sides = image::open(sweep.out().join("beyond.png")).unwrap().into_luma8();
     let depth = image::open(sweep.out().join("depth.png")).unwrap().into_rgba8();
     let (_, _, focus) = read_field(&sweep.out().join("focus.exr")).unwrap();
     let at = [150, 64];
     assert!(sides.get_pixel(at[0], at[1]).0 == [2] && focus[(at[1] * SIZE[0] + at[0]) as usize].is_nan());
     assert!(sides.get_pixel(30, 64).0 == [0] && !focus[(64 * SIZE[0] + 30) as usize].is_nan());
-    // Stripes of the far end's colour and of grey, which is not the hatching of what nothing tells of.
+    // Pixels beyond the last frame have stripes of the far end's colour and grey, unlike pixels of unknown focus.
     let [one, other] = [0, 4].map(|dx| depth.get_pixel(at[0] + dx, at[1]).0);
     let is_grey = |[r, g, b, _]: [u8; 4]| r == g && g == b;
     assert!(is_grey(one) != is_grey(other), "{one:?} {other:?}");
 }
 
 #[test]
-fn frames_out_of_order_or_there_twice_are_put_in_order() {
+fn frames_out_of_order_are_sorted_and_duplicates_dropped() {
     let mut sweep = Sweep::new(6, |x| 5.0 * f64::from(x) / f64::from(SIZE[0]));
-    // Names in no natural order are taken as given only with positions; so the files change places.
+    // Frames out of natural name order are accepted only with positions, so the contents of two files are exchanged.
     let [third, fourth] = [2, 3].map(|n| fs::read(&sweep.files[n]).unwrap());
     fs::write(&sweep.files[2], &fourth).unwrap();
     fs::write(&sweep.files[3], &third).unwrap();
@@ -208,9 +209,9 @@ fn frames_out_of_order_or_there_twice_are_put_in_order() {
     fs::copy(&sweep.files[5], &twice).unwrap();
     sweep.files.push(twice);
     let output = sweep.stack(&["--json"]);
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success() && told.contains("taken as 1, 2, 4, 3, 5, 6"), "{told}");
-    assert!(told.contains("frame 7 is the same photograph as frame 6"), "{told}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && stderr.contains("taken as 1, 2, 4, 3, 5, 6"), "{stderr}");
+    assert!(stderr.contains("frame 7 is the same photograph as frame 6"), "{stderr}");
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(report["order"], serde_json::json!([0, 1, 3, 2, 4, 5]));
     assert!(report["frames"][2]["file"].as_str().unwrap().ends_with("frame_3.png"), "{}", report["frames"][2]);
@@ -219,7 +220,7 @@ fn frames_out_of_order_or_there_twice_are_put_in_order() {
         let found = f64::from(focus[(64 * width + x) as usize]);
         assert!((found - 5.0 * f64::from(x) / f64::from(SIZE[0])).abs() < 0.2, "{found} at {x}");
     }
-    // Where positions are stated they rule.
+    // Stated positions override the estimated order.
     sweep.files.pop();
     let output = sweep.stack(&["--quiet", "--json", "--positions", "0,1,2,3,4,5"]);
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -228,13 +229,13 @@ fn frames_out_of_order_or_there_twice_are_put_in_order() {
 }
 
 #[test]
-fn what_is_no_sweep_is_refused_in_plain_words() {
+fn invalid_sweeps_are_refused_with_a_reason() {
     let sweep = Sweep::new(3, planes);
     let refused = |extra: &[&str], words: &[&str]| {
         let output = sweep.stack(extra);
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!output.status.success() && !sweep.out().exists(), "{told}");
-        assert!(words.iter().all(|word| told.contains(word)), "{told}");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && !sweep.out().exists(), "{stderr}");
+        assert!(words.iter().all(|word| stderr.contains(word)), "{stderr}");
     };
     refused(&["--positions", "0,1"], &["2 positions for 3 frames"]);
     refused(&["--positions", "0,2,1"], &["ascending"]);

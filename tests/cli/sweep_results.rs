@@ -17,12 +17,12 @@ fn on(sweep: &Sweep, subcommand: &str, extra: &[&str]) -> Output {
     command.arg(subcommand).arg(sweep.out()).args(extra).output().unwrap()
 }
 
-fn told(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 fn done(output: &Output) -> Value {
-    assert!(output.status.success(), "{}", told(output));
+    assert!(output.status.success(), "{}", stderr(output));
     serde_json::from_slice(&output.stdout).unwrap_or_default()
 }
 
@@ -44,7 +44,7 @@ fn is_hatched(sweep: &Sweep, x: u32, y: u32) -> bool {
 }
 
 #[test]
-fn steps_profiles_and_views_are_as_of_a_pair() {
+fn steps_profiles_and_views_work_as_for_a_pair() {
     let sweep = Sweep::new(5, planes);
     done(&sweep.stack(&["--quiet", "--no-html"]));
     let step = ["--step", "20,20,50,80", "120,20,50,80", "--profile", "10,64,180,64,9"];
@@ -57,13 +57,13 @@ fn steps_profiles_and_views_are_as_of_a_pair() {
     assert!(csv.starts_with("distance_px,x_px,y_px,focus_settings,focus_deviation_settings\n"), "{csv}");
     assert!(lists(&report(&sweep), "profile_1.png") && report(&sweep)["measurements"] == measured);
 
-    // In mm, once it is known where the frames were focused.
+    // With focus distances steps are measured in mm.
     done(&on(&sweep, "depth", &["--focus-at", "0,0.5,1,1.5,2", "--stage", "--quiet"]));
     let output = on(&sweep, "measure", &[&step[..], &["--json"]].concat());
     let measured = done(&output);
     let depth = measured["steps"][0]["depth_mm"]["value"].as_f64().unwrap();
     assert!((depth - 0.8).abs() < 0.05, "{depth}");
-    assert!(told(&output).contains("mm, +1.") && told(&output).contains("settings"), "{}", told(&output));
+    assert!(stderr(&output).contains("mm, +1.") && stderr(&output).contains("settings"), "{}", stderr(&output));
     let csv = fs::read_to_string(sweep.out().join("profile_1.csv")).unwrap();
     assert!(csv.lines().next().unwrap().ends_with(",depth_mm,depth_deviation_mm"), "{csv}");
 
@@ -71,13 +71,13 @@ fn steps_profiles_and_views_are_as_of_a_pair() {
     let view = image::open(sweep.out().join("view.png")).unwrap();
     assert!(view.width() >= 400);
     let refused = on(&sweep, "view", &["-o", sweep.out().join("valid.png").to_str().unwrap()]);
-    assert!(!refused.status.success() && told(&refused).contains("is a result"), "{}", told(&refused));
+    assert!(!refused.status.success() && stderr(&refused).contains("is a result"), "{}", stderr(&refused));
     let refused = on(&sweep, "calibrate", &["--reference", "10,10,20,20", "230"]);
-    assert!(!refused.status.success(), "{}", told(&refused));
+    assert!(!refused.status.success(), "{}", stderr(&refused));
 }
 
 #[test]
-fn depth_comes_afterwards_as_if_it_had_been_stated() {
+fn depth_command_gives_the_same_depth_as_stack() {
     let sweep = Sweep::new(5, slope);
     let inverse = |setting: f64| 1000.0 / (4.0 + 0.1 * setting);
     let at = (0..5).map(|n| inverse(f64::from(n)).to_string()).collect::<Vec<_>>().join(",");
@@ -88,14 +88,14 @@ fn depth_comes_afterwards_as_if_it_had_been_stated() {
     done(&sweep.stack(&["--quiet", "--export", "depth16,ply"]));
     let (before, surface) = (report(&sweep), fs::read(sweep.out().join("surface.ply")).unwrap());
     assert!(!sweep.out().join("depth_mm.exr").exists() && before["depth16"]["quantity"] == "focus");
-    let told_of = done(&on(&sweep, "depth", &["--focus-at", &at, "--json"]));
+    let printed = done(&on(&sweep, "depth", &["--focus-at", &at, "--json"]));
     let after = report(&sweep);
-    assert!((told_of["median"].as_f64().unwrap() - inverse(2.0)).abs() < 1.0, "{told_of}");
+    assert!((printed["median"].as_f64().unwrap() - inverse(2.0)).abs() < 1.0, "{printed}");
     assert_eq!((&after["depth16"]["unit"], &after["nearer"]), (&"mm".into(), &2.into()));
-    assert!((after["depth"]["median"].as_f64().unwrap() - told_of["median"].as_f64().unwrap()).abs() < 1e-3);
+    assert!((after["depth"]["median"].as_f64().unwrap() - printed["median"].as_f64().unwrap()).abs() < 1e-3);
     assert_eq!(after["frames"][1]["focus_mm"].as_f64(), Some(inverse(1.0)));
     assert_eq!((&after["focus"], &after["focus_unit"]), (&before["focus"], &"settings".into()));
-    // Near and far have changed places: the surface and the page are written again.
+    // Near and far are exchanged, so the surface and the page are written again.
     assert!(lists(&after, "depth_mm.exr") && lists(&after, "surface.ply"));
     assert_ne!(surface, fs::read(sweep.out().join("surface.ply")).unwrap());
     assert!(fs::read_to_string(sweep.out().join("report.html")).unwrap().contains("field-depth"));
@@ -106,7 +106,7 @@ fn depth_comes_afterwards_as_if_it_had_been_stated() {
     let off = a.pixels().zip(b.pixels()).filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 8)).count();
     assert!(a.dimensions() == b.dimensions() && off < 200, "{off}");
 
-    // The page has the frames, wherever their files are.
+    // The page embeds the frames and does not need their files.
     fs::remove_file(&sweep.files[1]).unwrap();
     done(&on(&sweep, "depth", &["--focus-at", &at]));
     assert!(sweep.out().join("report.html").exists() && lists(&report(&sweep), "report.html"));
@@ -118,13 +118,13 @@ fn depth_comes_afterwards_as_if_it_had_been_stated() {
         (&[], "give --focus-at"),
     ] {
         let refused = on(&sweep, "depth", extra);
-        assert!(!refused.status.success() && told(&refused).contains(words), "{}", told(&refused));
+        assert!(!refused.status.success() && stderr(&refused).contains(words), "{}", stderr(&refused));
     }
 }
 
 #[test]
-fn pixels_without_a_focus_are_marked_and_exports_hold_the_rest() {
-    // Without texture in the middle.
+fn pixels_without_focus_are_marked_and_exports_hold_the_others() {
+    // Remove the texture in the middle of each frame.
     let sweep = Sweep::new(4, slope);
     for file in &sweep.files {
         let mut frame = image::open(file).unwrap().into_luma16();
@@ -133,8 +133,9 @@ fn pixels_without_a_focus_are_marked_and_exports_hold_the_rest() {
         }
         frame.save(file).unwrap();
     }
-    let asked = ["--export", "depth16,ply,cloud,glb,labels", "--colors", "grey", "--nearer", "2", "--mesh-cells", "48"];
-    let found = done(&sweep.stack(&[&asked[..], &["--json"]].concat()));
+    let options =
+        ["--export", "depth16,ply,cloud,glb,labels", "--colors", "grey", "--nearer", "2", "--mesh-cells", "48"];
+    let found = done(&sweep.stack(&[&options[..], &["--json"]].concat()));
     let files = ["depth16.png", "depth16.tiff", "surface.ply", "points.ply", "surface.glb", "labels.png", "valid.png"];
     for name in files {
         assert!(lists(&found, name) && sweep.out().join(name).is_file(), "{name}");
@@ -154,12 +155,12 @@ fn pixels_without_a_focus_are_marked_and_exports_hold_the_rest() {
         unknown += usize::from(u.is_nan());
     }
     assert!(unknown > 1000, "{unknown}");
-    // Somewhere within, with the next stripe.
+    // Find an unknown pixel whose neighbour 4 px to the right is also unknown.
     let mut within = (60..126).flat_map(|x| (30..100).map(move |y| (x, y)));
     let is_unknown = |x: u32, y: u32| focus[(y * width + x) as usize].is_nan();
     let (x, y) = within.find(|&(x, y)| is_unknown(x, y) && is_unknown(x + 4, y)).unwrap();
     assert!(is_hatched(&sweep, x, y));
-    // The last is near: white.
+    // The last frame is near, which is white.
     let [left, right] = [20, 172].map(|x| picture.get_pixel(x, 10).0);
     assert!(left[0] < 60 && right[0] > 195 && left[0] == left[1], "{left:?} {right:?}");
     let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(sweep.out().join("labels.png")).unwrap()));
@@ -175,7 +176,7 @@ fn pixels_without_a_focus_are_marked_and_exports_hold_the_rest() {
 }
 
 #[test]
-fn a_part_has_the_results_that_it_has_in_the_whole_and_a_mask_leaves_holes() {
+fn results_of_a_region_match_the_whole_and_a_mask_leaves_holes() {
     let sweep = Sweep::new(4, slope);
     let whole = done(&sweep.stack(&["--json", "--no-html"]));
     let (_, _, of_whole) = read_field(&sweep.out().join("focus.exr")).unwrap();
@@ -222,12 +223,12 @@ fn a_part_has_the_results_that_it_has_in_the_whole_and_a_mask_leaves_holes() {
         (&["--crop-valid", "--step", "1,1,2,2", "3,3,2,2"], "--crop-valid moves"),
     ] {
         let refused = sweep.stack(extra);
-        assert!(!refused.status.success() && told(&refused).contains(words), "{}", told(&refused));
+        assert!(!refused.status.success() && stderr(&refused).contains(words), "{}", stderr(&refused));
     }
 }
 
 #[test]
-fn frames_are_registered_and_brought_onto_the_reference() {
+fn frames_are_registered_and_aligned_to_the_reference() {
     let folder = tempfile::TempDir::new().unwrap();
     let path = |name: &str| folder.path().join(name);
     let run = |arguments: &[&str]| {
@@ -248,37 +249,41 @@ fn frames_are_registered_and_brought_onto_the_reference() {
     let images = frames.each_ref().map(String::as_str);
     done(&run(&[&["apply"], &images[..], &["--transform", "rig.json", "-o", "aligned", "--json"]].concat()));
     let frame = |name: &str| read(&path(name)).unwrap();
-    assert_eq!(frame("aligned/frame_03.png"), frame("sweep/frame_03.png"), "the reference");
+    assert_eq!(frame("aligned/frame_03.png"), frame("sweep/frame_03.png"), "the reference must not change");
     let (transform, none) = (Registration::read(&path("rig.json")).unwrap().frames[0].transform, [120, 90]);
     let moved = registered(&frame(images[0]), &transform, &Brightness::identity(none), Decode::None);
     let aligned = frame("aligned/frame_01.png");
     assert_eq!(aligned.format(), frame(images[0]).format());
     assert!(aligned == moved && aligned != frame(images[0]));
 
-    // A stack's report does as well, its part included, and a folder of frames.
+    // `apply` also accepts the report of `stack`, with its region, and a folder of frames.
     let applied =
         done(&run(&["apply", "sweep", "--transform", "out/report.json", "-o", "part", "--exposure", "--json"]));
     assert_eq!(applied["files"].as_array().unwrap().len(), 4);
     assert_eq!((frame("part/frame_01.png").width(), frame("part/frame_01.png").height()), (60, 50));
-    // An earlier registration is replaced, other files stay.
+    // An earlier registration is replaced; a foreign file is not.
     done(&run(&["register", "sweep", "-o", "rig.json", "--reference", "1", "--quiet"]));
     let refused = run(&["register", "sweep", "-o", "sweep/truth.json"]);
-    assert!(!refused.status.success() && told(&refused).contains("--force"), "{}", told(&refused));
+    assert!(!refused.status.success() && stderr(&refused).contains("--force"), "{}", stderr(&refused));
 
     let refused = run(&[&["apply"], &images[..3], &["--transform", "rig.json", "-o", "few"]].concat());
-    assert!(!refused.status.success() && told(&refused).contains("registers 4 frames, and 3"), "{}", told(&refused));
+    assert!(
+        !refused.status.success() && stderr(&refused).contains("registers 4 frames, and 3"),
+        "{}",
+        stderr(&refused)
+    );
     image::GrayImage::new(9, 9).save(path("sweep/frame_04.png")).unwrap();
     let refused = run(&["apply", "sweep", "--transform", "rig.json", "-o", "none"]);
-    assert!(!refused.status.success() && told(&refused).contains("frame_04.png: is 9x9"), "{}", told(&refused));
-    assert!(!path("none").exists(), "all or none");
+    assert!(!refused.status.success() && stderr(&refused).contains("frame_04.png: is 9x9"), "{}", stderr(&refused));
+    assert!(!path("none").exists(), "no file may be written if one is refused");
     for (extra, words) in [(&["--method", "sift"][..], "--method"), (&["--reference", "9"], "no reference frame 9")] {
         let refused = run(&[&["register", "sweep"], extra].concat());
-        assert!(!refused.status.success() && told(&refused).contains(words), "{}", told(&refused));
+        assert!(!refused.status.success() && stderr(&refused).contains(words), "{}", stderr(&refused));
     }
 }
 
 #[test]
-fn a_damaged_folder_is_refused_in_plain_words() {
+fn a_damaged_folder_is_refused_with_a_reason() {
     let sweep = Sweep::new(3, planes);
     done(&sweep.stack(&["--quiet", "--no-html"]));
     let good = report(&sweep);
@@ -301,15 +306,15 @@ fn a_damaged_folder_is_refused_in_plain_words() {
             ("depth", &["--focus-at", "1,2,3"]),
         ] {
             let output = on(&sweep, subcommand, extra);
-            let told = told(&output);
+            let stderr = stderr(&output);
             assert!(
-                output.status.code() == Some(1) && told.contains("again") && told.lines().count() == 1,
-                "{key}: {told}"
+                output.status.code() == Some(1) && stderr.contains("again") && stderr.lines().count() == 1,
+                "{key}: {stderr}"
             );
         }
     }
     fs::write(&json, good.to_string()).unwrap();
     fs::write(sweep.out().join("focus.exr"), "no image").unwrap();
     let output = on(&sweep, "view", &[]);
-    assert!(!output.status.success() && told(&output).contains("focus.exr"), "{}", told(&output));
+    assert!(!output.status.success() && stderr(&output).contains("focus.exr"), "{}", stderr(&output));
 }

@@ -1,4 +1,4 @@
-//! Nothing lost, nobody harmed: hostile files, pipes, results that were changed, programs that are ended.
+//! Hostile and damaged input: malicious files, pipes, modified results, terminated programs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,17 +9,17 @@ use assert_cmd::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A file of which one byte was changed so that the decoder asks for all memory.
+/// An EXR file with one changed byte that makes the decoder allocate all memory.
 const DWAA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hostile/dwaa_abort.exr");
 
-/// A folder with the pair `i1.png`, `i2.png`.
+/// A temporary folder with the pair `i1.png`, `i2.png`.
 struct Desk(TempDir);
 
 impl Desk {
     fn new() -> Self {
         let desk = Self(TempDir::new().unwrap());
         let scene = desk.run(&["simulate", "plane", "--size", "80x64", "-o", "scene", "--quiet"]);
-        assert!(scene.status.success(), "{}", told(&scene));
+        assert!(scene.status.success(), "{}", stderr(&scene));
         for name in ["i1.png", "i2.png"] {
             fs::copy(desk.path("scene").join(name), desk.path(name)).unwrap();
         }
@@ -44,23 +44,26 @@ impl Desk {
     #[track_caller]
     fn refuses(&self, arguments: &[&str], parts: &[&str]) {
         let output = self.run(arguments);
-        let told = told(&output);
-        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {told}");
-        assert!(told.lines().count() == 1 && parts.iter().all(|part| told.contains(part)), "{arguments:?}: {told}");
+        let stderr = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {stderr}");
+        assert!(
+            stderr.lines().count() == 1 && parts.iter().all(|part| stderr.contains(part)),
+            "{arguments:?}: {stderr}"
+        );
     }
 
-    /// Runs a batch of the list; what it says of each.
+    /// Runs `batch` on list.csv and asserts its exit status. Returns the status of each pair.
     #[track_caller]
     fn batch(&self, extra: &[&str], status: i32) -> Vec<String> {
         let batch = ["batch", "list.csv", "-o", "many", "--outer-iterations", "6", "--no-html", "--quiet"];
         let output = self.run(&[&batch[..], extra].concat());
-        assert_eq!(output.status.code(), Some(status), "{}", told(&output));
+        assert_eq!(output.status.code(), Some(status), "{}", stderr(&output));
         let tally: Value = serde_json::from_slice(&fs::read(self.path("many/batch.json")).unwrap()).unwrap();
         tally["pairs"].as_array().unwrap().iter().map(|row| row["status"].as_str().unwrap().to_string()).collect()
     }
 }
 
-fn told(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
@@ -70,7 +73,7 @@ fn names_in(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn one_broken_file_does_not_take_a_batch_down() {
+fn a_malicious_file_does_not_end_a_batch() {
     let desk = Desk::new();
     fs::copy(DWAA, desk.path("broken.exr")).unwrap();
     fs::write(desk.path("list.csv"), "i1.png,i2.png,a\nbroken.exr,broken.exr,b\ni1.png,i2.png,c\n").unwrap();
@@ -79,7 +82,7 @@ fn one_broken_file_does_not_take_a_batch_down() {
 }
 
 #[test]
-fn resume_solves_again_where_a_result_is_not_as_it_was_written() {
+fn resume_solves_pairs_again_whose_results_were_modified() {
     let desk = Desk::new();
     fs::write(desk.path("list.csv"), "i1.png,i2.png,a\ni2.png,i1.png,b\n").unwrap();
     assert_eq!(desk.batch(&[], 0), ["solved", "solved"]);
@@ -92,7 +95,7 @@ fn resume_solves_again_where_a_result_is_not_as_it_was_written() {
     fs::copy(desk.path("many/b/uncertainty.exr"), desk.path("many/a/uncertainty.exr")).unwrap();
     assert_eq!(desk.batch(&["--resume"], 0), ["solved", "kept"]);
 
-    // A report as from before there were hashes.
+    // Reports of early versions have no hashes.
     let report = desk.path("many/b/report.json");
     let mut found: Value = serde_json::from_slice(&fs::read(&report).unwrap()).unwrap();
     found.as_object_mut().unwrap().remove("hashes").unwrap();
@@ -101,7 +104,7 @@ fn resume_solves_again_where_a_result_is_not_as_it_was_written() {
 }
 
 #[test]
-fn results_that_join_later_are_vouched_for_too() {
+fn files_of_later_commands_are_covered_by_hashes() {
     let desk = Desk::new();
     fs::write(desk.path("list.csv"), "i1.png,i2.png,a\n").unwrap();
     assert_eq!(desk.batch(&[], 0), ["solved"]);
@@ -115,7 +118,7 @@ fn results_that_join_later_are_vouched_for_too() {
 
 #[cfg(unix)]
 #[test]
-fn a_pipe_or_a_device_is_refused_at_once_whatever_it_is_for() {
+fn pipes_and_devices_are_refused_as_any_input() {
     let desk = Desk::new();
     assert!(std::process::Command::new("mkfifo").arg(desk.path("pipe")).status().unwrap().success());
     let solve = ["solve", "i1.png", "i2.png", "-o", "out"];
@@ -130,7 +133,7 @@ fn a_pipe_or_a_device_is_refused_at_once_whatever_it_is_for() {
 
 #[cfg(unix)]
 #[test]
-fn two_programs_do_not_write_into_one_folder() {
+fn a_folder_locked_by_another_parfocal_is_refused() {
     let desk = Desk::new();
     fs::create_dir(desk.path("out")).unwrap();
     let other = fs::File::open(desk.path("out")).unwrap();
@@ -143,7 +146,7 @@ fn two_programs_do_not_write_into_one_folder() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_program_that_is_told_to_end_leaves_nothing_half_written() {
+fn a_terminated_program_leaves_no_partial_files() {
     let desk = Desk::new();
     for (signal, status) in [("-TERM", 143), ("-INT", 130)] {
         let out = desk.path(signal);
@@ -157,20 +160,20 @@ fn a_program_that_is_told_to_end_leaves_nothing_half_written() {
         let ended = running.wait().unwrap();
         let left = names_in(&out);
         assert!(left.iter().all(|name| !name.starts_with(".parfocal")), "{signal}: {left:?}");
-        // It may have been quicker.
+        // The program may finish before the signal arrives.
         assert!(ended.code() == Some(status) || (ended.success() && left.len() > 3), "{kill} {ended}: {left:?}");
     }
 }
 
 #[test]
-fn what_is_too_large_for_the_device_is_not_decoded() {
+fn images_too_large_for_the_device_are_not_decoded() {
     let desk = Desk::new();
     let mut bytes = Vec::new();
     let wide = image::GrayImage::new(60_000, 300);
     wide.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
-    // Were it decoded, it would be damaged.
+    // The file is truncated, so decoding it would give another error.
     fs::write(desk.path("wide.png"), &bytes[..bytes.len() / 2]).unwrap();
-    // A pair would be solved in parts.
+    // `solve` supports this size in tiles, so its error is of the truncated file.
     desk.refuses(&["solve", "wide.png", "wide.png", "-o", "out"], &["wide.png"]);
     desk.refuses(&["register", "wide.png", "wide.png"], &["wide.png: 60000x300 is too large", "60000 px"]);
     desk.refuses(&["stack", "wide.png", "wide.png", "wide.png", "-o", "out"], &["wide.png: 60000x300 is too large"]);
@@ -180,44 +183,44 @@ fn what_is_too_large_for_the_device_is_not_decoded() {
 
 #[cfg(unix)]
 #[test]
-fn what_others_named_commands_no_terminal() {
+fn control_characters_in_names_are_escaped() {
     let desk = Desk::new();
     let shot = "a\x1b[2J\nb.png";
     fs::copy(desk.path("i1.png"), desk.path(shot)).unwrap();
     fs::write(desk.path("list.csv"), format!("\"{shot}\",i2.png,a\n\"gone{shot}\",i2.png,b\n")).unwrap();
     let output = desk.run(&["batch", "list.csv", "-o", "many\x1b[2J", "--outer-iterations", "6", "--no-html"]);
-    let told_of = told(&output);
-    assert!(!told_of.contains('\x1b') && told_of.contains(r"gonea\u{1b}[2J b.png: there is no such file"), "{told_of}");
-    assert!(told_of.contains("1 solved, 0 kept, 1 failed"), "{told_of}");
-    assert!(told_of.lines().any(|line| line.ends_with(r"many\u{1b}[2J/batch.json")), "{told_of}");
+    let text = stderr(&output);
+    assert!(!text.contains('\x1b') && text.contains(r"gonea\u{1b}[2J b.png: there is no such file"), "{text}");
+    assert!(text.contains("1 solved, 0 kept, 1 failed"), "{text}");
+    assert!(text.lines().any(|line| line.ends_with(r"many\u{1b}[2J/batch.json")), "{text}");
     let solve = ["solve", "gone\x1b[2J.png", "i2.png", "-o", "out\x1b[2J"];
     desk.refuses(&solve, &[r"gone\u{1b}[2J.png: there is no such file"]);
-    assert!(!told(&desk.run(&solve)).contains('\x1b'));
-    // Nor what is no argument at all.
+    assert!(!stderr(&desk.run(&solve)).contains('\x1b'));
+    // Invalid arguments are escaped as well.
     let typed = "x\x1b[2J\nerror: y\u{9b}1m";
     let [option, value] = [format!("--{typed}"), format!("--relaxation-sweeps={typed}")];
     for arguments in
         [&[typed][..], &["solve", &option], &["solve", &value], &["--", typed], &["solve", "a", "b", typed]]
     {
         let output = desk.run(arguments);
-        let told_of = told(&output);
-        assert_eq!(output.status.code(), Some(2), "{told_of}");
-        assert!(told_of.contains(r"x\u{1b}[2J\nerror: y\u{9b}1m"), "{told_of}");
-        assert!(!told_of.contains(['\x1b', '\u{9b}']) && told_of.matches("\nerror").count() == 0, "{told_of}");
+        let text = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(text.contains(r"x\u{1b}[2J\nerror: y\u{9b}1m"), "{text}");
+        assert!(!text.contains(['\x1b', '\u{9b}']) && text.matches("\nerror").count() == 0, "{text}");
     }
 }
 
 #[test]
-fn a_driver_that_cannot_be_loaded_is_what_is_told_of() {
+fn a_driver_that_cannot_be_loaded_is_the_reported_error() {
     let desk = Desk::new();
     for text in ["no manifest", r#"{"file_format_version": "1.0.0", "ICD": {"library_path": "/nowhere.so"}}"#, "{}"] {
         fs::write(desk.path("driver.json"), text).unwrap();
         let mut command = desk.command(&["register", "i1.png", "i2.png"]);
         command.env("VK_DRIVER_FILES", desk.path("driver.json")).env("VK_ICD_FILENAMES", desk.path("driver.json"));
         let output = command.output().unwrap();
-        let told = told(&output);
-        assert_eq!(output.status.code(), Some(1), "{told}");
+        let stderr = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{stderr}");
         let parts = ["error: no Vulkan device", "no driver could be loaded", "VK_DRIVER_FILES"];
-        assert!(parts.iter().all(|part| told.contains(part)) && !told.contains("smaller"), "{text}: {told}");
+        assert!(parts.iter().all(|part| stderr.contains(part)) && !stderr.contains("smaller"), "{text}: {stderr}");
     }
 }

@@ -1,4 +1,4 @@
-//! `parfocal view` on results that need no device: its pictures, and its messages about missing or damaged files.
+//! `parfocal view`: its pictures, and its errors for missing or damaged files. No test needs a device.
 
 use std::fs;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use assert_cmd::Command;
 use image::{ImageBuffer, Luma, RgbImage};
 use tempfile::TempDir;
 
-/// A folder with the results of a solve, as far as `view` reads them: a step from far (left) to near, with a hole.
+/// A results folder with the files that `view` reads: a step from far (left) to near (right), with a hole.
 struct Desk(TempDir);
 
 impl Desk {
@@ -51,7 +51,7 @@ impl Desk {
 }
 
 #[test]
-fn the_picture_has_both_panels_and_is_the_same_each_time() {
+fn the_picture_has_both_panels_and_is_reproducible() {
     let desk = Desk::new();
     let from_above = ["--elevation", "90", "--azimuth", "0"];
     desk.viewed(&from_above);
@@ -59,14 +59,14 @@ fn the_picture_has_both_panels_and_is_the_same_each_time() {
         let picture = image::open(desk.path("out/view.png")).unwrap().into_rgb8();
         picture.get_pixel(x, picture.height() / 2 + 30).0
     };
-    // The textured panel is green, the other as depth.png: purple at the left (far) and yellow at the right (near).
+    // The textured panel is green. The other has the colours of depth.png: purple at the left (far), yellow at right.
     assert!(at(40)[1] > at(40)[0] && at(40)[1] > at(40)[2], "{:?}", at(40));
     assert!(at(180)[2] > at(180)[1] && at(180)[1] < 60, "{:?}", at(180));
     assert!(at(260)[0] > 150 && at(260)[1] > 150 && at(260)[2] < 80, "{:?}", at(260));
     let first = fs::read(desk.path("out/view.png")).unwrap();
     desk.viewed(&[&from_above[..], &["-o", "deep/other.png"]].concat());
     assert_eq!(first, fs::read(desk.path("deep/other.png")).unwrap());
-    // As in the paper: blue and red.
+    // The colour map of the paper: blue and red.
     desk.viewed(&[&from_above[..], &["--colors", "red-blue"]].concat());
     assert!(at(180)[2] > 150 && at(180)[0] < 120, "{:?}", at(180));
     assert!(at(260)[0] > 150 && at(260)[2] < 80, "{:?}", at(260));
@@ -85,12 +85,12 @@ fn the_turntable_is_an_animation_of_both_panels() {
         frames.push(frame.buffer.to_vec());
     }
     assert_eq!(frames.len(), 48);
-    // There and back.
+    // The view turns there and back.
     assert!(frames[1] == frames[47] && frames[0] != frames[24]);
 }
 
 #[test]
-fn results_without_a_valid_pixel_are_an_empty_picture() {
+fn results_without_a_valid_pixel_give_an_empty_picture() {
     let desk = Desk::new();
     desk.field("relative_blur.exr", (96, 64), |_, _| f32::NAN);
     desk.viewed(&["--turntable", "turn.gif"]);

@@ -1,5 +1,5 @@
-//! A fuzzer: readers run on mutations of a corpus, in child processes with limits of memory and time. A case is
-//! reproducible by its number.
+//! A fuzzer: runs readers on mutated files in child processes with limits of memory and time. The number of a case
+//! determines its file.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -10,22 +10,22 @@ use std::time::{Duration, Instant};
 
 use super::trust;
 
-/// A reader, valid files for it, and the name of the file that it reads.
+/// A reader, a corpus of valid files, and the name of the file that the reader opens.
 pub struct Target {
     pub name: &'static str,
     pub file: &'static str,
     pub corpus: Vec<Vec<u8>>,
-    /// Reads a file; the result is ignored.
+    /// Reads a file and ignores the result.
     pub read: fn(&Path),
 }
 
-/// Address space of a child, KiB: 256 MiB, for at most a megapixel.
+/// Address space of a child process, KiB. Images have at most one megapixel.
 const MEMORY: u32 = 256 << 10;
-/// The longest time of a case.
+/// Time limit of a case.
 const LONGEST: Duration = Duration::from_secs(1);
-/// Time without a new case after which a child hangs: the machine may be busy.
+/// Time without a new case after which a child counts as hung. It allows for a busy machine.
 const HANGS: Duration = Duration::from_secs(20);
-/// The environment variable with a child's task: target, first case, end, and folder.
+/// Environment variable with the task of a child: target, first case, end, and folder.
 const CHILD: &str = "PARFOCAL_FUZZ_CHILD";
 
 /// Number of cases of each target in a short and in a long run.
@@ -34,10 +34,10 @@ pub struct Share {
     pub long: u64,
 }
 
-/// Runs the targets in child processes of the named test; fails if one crashes, panics, hangs, or exceeds a limit.
+/// Runs the targets in child processes of the named test. Fails if a case crashes, panics, hangs, or exceeds a limit.
 pub fn run(test: &str, targets: &[Target], share: &Share) {
-    if let Ok(told) = std::env::var(CHILD) {
-        return child(targets, &told);
+    if let Ok(task) = std::env::var(CHILD) {
+        return child(targets, &task);
     }
     let cases = if trust::is_long() { share.long } else { share.short };
     let findings: Vec<String> = targets.iter().flat_map(|target| parent(test, target, cases)).collect();
@@ -46,35 +46,35 @@ pub fn run(test: &str, targets: &[Target], share: &Share) {
     assert!(findings.is_empty(), "{findings:#?}");
 }
 
-/// Runs all cases of a target in children; returns the findings.
+/// Runs all cases of a target in child processes. Returns the findings.
 fn parent(test: &str, target: &Target, cases: u64) -> Vec<String> {
     let mut findings = Vec::new();
     let mut first = 0;
-    // Most of many findings have one cause.
+    // Stops after 20 findings: many findings usually have one cause.
     while first < cases && findings.len() < 20 {
         let desk = desk();
-        let told = format!("{}\n{first}\n{cases}\n{}", target.name, desk.path().display());
-        // Into a file: a pipe that nobody reads would stop the child once panics that were caught have filled it.
-        let said = desk.path().join("said");
+        let task = format!("{}\n{first}\n{cases}\n{}", target.name, desk.path().display());
+        // A file, not a pipe: messages of caught panics would fill an unread pipe and block the child.
+        let stderr = desk.path().join("stderr");
         let mut child = Command::new("sh")
             .args(["-c", &format!("ulimit -v {MEMORY}; ulimit -c 0; exec \"$0\" \"$@\"")])
             .arg(std::env::current_exe().unwrap())
             .args([test, "--exact", "--nocapture", "--test-threads=1"])
-            // An arena for each thread takes 64 MiB of addresses.
+            // One arena per thread would take 64 MiB of address space each.
             .env("MALLOC_ARENA_MAX", "1")
-            .env(CHILD, told)
+            .env(CHILD, task)
             .env("RUST_BACKTRACE", "0")
             .stdout(Stdio::null())
-            .stderr(File::create(&said).unwrap())
+            .stderr(File::create(&stderr).unwrap())
             .spawn()
             .unwrap();
         let ended = watched(&mut child, desk.path());
         let last = progress(desk.path()).unwrap_or(first);
         if ended != "done" {
-            let said = fs::read_to_string(said).unwrap();
-            let last_said = said.trim().rsplit("\n\n").next().unwrap_or_default();
+            let messages = fs::read_to_string(stderr).unwrap();
+            let last_message = messages.trim().rsplit("\n\n").next().unwrap_or_default();
             let kept = keep(target, last);
-            findings.push(format!("{} {last}: {ended}: {last_said} ({})", target.name, kept.display()));
+            findings.push(format!("{} {last}: {ended}: {last_message} ({})", target.name, kept.display()));
         }
         let slow = fs::read_to_string(desk.path().join("findings")).unwrap_or_default();
         findings.extend(slow.lines().map(String::from));
@@ -83,16 +83,16 @@ fn parent(test: &str, target: &Target, cases: u64) -> Vec<String> {
     findings
 }
 
-/// Waits until the child ends or hangs; returns how it ended.
+/// Waits until the child ends or hangs. Returns its exit status as text.
 fn watched(child: &mut Child, desk: &Path) -> String {
-    let (mut seen, mut since) = (None, Instant::now());
+    let (mut latest, mut since) = (None, Instant::now());
     loop {
         if let Some(status) = child.try_wait().unwrap() {
             return if status.success() { "done".to_string() } else { status.to_string() };
         }
         let now = progress(desk);
-        if now != seen {
-            (seen, since) = (now, Instant::now());
+        if now != latest {
+            (latest, since) = (now, Instant::now());
         } else if since.elapsed() > HANGS {
             child.kill().unwrap();
             child.wait().unwrap();
@@ -106,7 +106,7 @@ fn progress(desk: &Path) -> Option<u64> {
     fs::read(desk.join("progress")).ok()?.try_into().ok().map(u64::from_le_bytes)
 }
 
-/// A folder, in memory if possible: every case is a file.
+/// Creates a temporary folder, in memory if possible, because every case writes a file.
 fn desk() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");
     if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.unwrap()
@@ -121,16 +121,16 @@ fn keep(target: &Target, case: u64) -> PathBuf {
     path
 }
 
-/// Runs the cases of a child.
-fn child(targets: &[Target], told: &str) {
-    let [name, first, end, desk] = told.split('\n').collect::<Vec<_>>()[..] else { panic!("{told}") };
+/// Runs the cases of a child process.
+fn child(targets: &[Target], task: &str) {
+    let [name, first, end, desk] = task.split('\n').collect::<Vec<_>>()[..] else { panic!("{task}") };
     let target = targets.iter().find(|target| target.name == name).unwrap();
     let (file, progress) = (Path::new(desk).join(target.file), File::create(Path::new(desk).join("progress")).unwrap());
     for case in first.parse::<u64>().unwrap()..end.parse().unwrap() {
         progress.write_all_at(&case.to_le_bytes(), 0).unwrap();
         fs::write(&file, mutated(target, case)).unwrap();
         let begun = Instant::now();
-        // A panic ends the child: the state of the reader is unknown after it.
+        // A panic ends the child, because the state of the reader is unknown afterwards.
         (target.read)(&file);
         let took = begun.elapsed();
         if took > LONGEST {
@@ -141,7 +141,7 @@ fn child(targets: &[Target], told: &str) {
     }
 }
 
-/// Random numbers from a seed (splitmix64).
+/// Pseudo-random numbers from a seed (splitmix64).
 struct Random(u64);
 
 impl Random {
@@ -153,7 +153,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Below `end`, which is not 0.
+    /// Returns a number below `end`, which must not be 0.
     fn below(&mut self, end: usize) -> usize {
         (self.next() % end as u64) as usize
     }
@@ -163,10 +163,10 @@ impl Random {
     }
 }
 
-/// Numbers that break readers.
+/// Numbers at the limits of integer types.
 const NUMBERS: [u64; 12] =
     [0, 1, 0x7f, 0x80, 0xff, 0x7fff, 0xffff, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, u64::MAX / 2, u64::MAX];
-/// Text that breaks readers.
+/// Texts that readers often handle wrongly.
 const WORDS: [&str; 16] = [
     "-1",
     "0",
@@ -186,7 +186,7 @@ const WORDS: [&str; 16] = [
     "\u{1F4F7}",
 ];
 
-/// The file of a case: one of the corpus, changed in one to six places.
+/// Returns the file of a case: a file of the corpus with one to six mutations.
 fn mutated(target: &Target, case: u64) -> Vec<u8> {
     let name = target.name.bytes().fold(0, |hash: u64, byte| hash.wrapping_mul(31).wrapping_add(byte.into()));
     let mut random = Random(name ^ case.wrapping_mul(0x2545_f491_4f6c_dd1d));
@@ -205,7 +205,7 @@ fn mutate(bytes: &mut Vec<u8>, target: &Target, random: &mut Random) {
         bytes.push(random.next() as u8);
         return;
     }
-    // Half of the changes are in the first 128 bytes, the headers.
+    // Half of the mutations are in the first 128 bytes, which hold the headers.
     let reach = if random.below(2) == 0 { bytes.len().min(128) } else { bytes.len() };
     let at = random.below(reach);
     let length = 1 + random.below((bytes.len() - at).min(64));
@@ -236,14 +236,14 @@ fn number(bytes: &mut [u8], at: usize, random: &mut Random) {
     bytes[at..at + size].copy_from_slice(written);
 }
 
-/// Replaces the word that begins there.
+/// Replaces the word that begins at `at`.
 fn word(bytes: &mut Vec<u8>, at: usize, random: &mut Random) {
     let is_of_word = |byte: &u8| byte.is_ascii_alphanumeric() || b"+-._".contains(byte);
     let end = at + bytes[at..].iter().take_while(|byte| is_of_word(byte)).count();
     drop(bytes.splice(at..end, random.of(&WORDS).bytes()));
 }
 
-/// Corrects the checksums of a PNG's chunks: decoders stop at a wrong one.
+/// Corrects the checksums of the chunks of a PNG, because decoders stop at a wrong checksum.
 fn correct_checksums(bytes: &mut [u8]) {
     let mut at = 8;
     while let Some(head) = bytes.get(at..at + 4) {

@@ -1,5 +1,5 @@
-//! Shared by the tests of whole solves: a device under validation, scenes with known V and T, photographs.
-#![allow(dead_code, reason = "each test program uses its own part")]
+//! Helpers for tests of whole solves: an engine under validation, scenes with known V and T, photographs.
+#![allow(dead_code, reason = "no test program uses all helpers")]
 
 #[cfg(target_os = "linux")]
 pub mod fuzz;
@@ -15,10 +15,10 @@ use parfocal::{
     internals::baseline, transform::Homography,
 };
 
-/// The engine that all tests of a program share. A test fails on any validation message, its own or another test's.
+/// An engine that fails the test on any validation message. Tests share one engine, and so its messages.
 pub struct TestEngine(Arc<Engine>);
 
-/// Opened once: opening a device under validation takes as long as most tests.
+/// The shared engine. It is opened once, because opening a device under validation takes as long as most tests.
 static SHARED: LazyLock<Arc<Engine>> = LazyLock::new(open);
 
 fn open() -> Arc<Engine> {
@@ -26,13 +26,13 @@ fn open() -> Arc<Engine> {
 }
 
 impl TestEngine {
-    /// On the device named by PARFOCAL_DEVICE, under validation unless PARFOCAL_VALIDATE is 0. A missing device or
-    /// layer fails the test.
+    /// Returns the shared engine, on the device that `PARFOCAL_DEVICE` names. Validation is enabled unless
+    /// `PARFOCAL_VALIDATE` is 0. A missing device or layer fails the test.
     pub fn new() -> Self {
         Self(SHARED.clone())
     }
 
-    /// An engine of its own, for a test that poisons or closes it.
+    /// Opens a separate engine, for a test that poisons it or needs a second one.
     pub fn alone() -> Self {
         Self(open())
     }
@@ -43,7 +43,7 @@ impl TestEngine {
     }
 }
 
-/// Options with a progress function, and the log of its calls.
+/// Returns options with a progress function, and the log of its calls.
 pub fn progress_log() -> (SolveOptions, Arc<Mutex<Vec<Progress>>>) {
     let log = Arc::<Mutex<Vec<Progress>>>::default();
     let calls = log.clone();
@@ -51,7 +51,7 @@ pub fn progress_log() -> (SolveOptions, Arc<Mutex<Vec<Progress>>>) {
     (SolveOptions { progress: Some(Arc::new(progress)), ..SolveOptions::default() }, log)
 }
 
-/// The options with which all tests open their device.
+/// Returns the engine options of all tests.
 pub fn options() -> EngineOptions {
     EngineOptions {
         device: std::env::var("PARFOCAL_DEVICE").ok(),
@@ -77,22 +77,24 @@ impl Drop for TestEngine {
     }
 }
 
-/// A real pair: of the project's own data, or of a folder of pairs named by PARFOCAL_PAIRS (else `../shared/data`).
-/// Pairs that may not be copied into the project can be absent: that is said, and `None`.
+/// Reads a real pair from the project's data or from the folder `PARFOCAL_PAIRS` (default `../shared/data`).
+/// The project cannot distribute some pairs. If a pair is absent, prints a message and returns `None`.
 pub fn real_pair(folder: &str, names: [&str; 2]) -> Option<[Frame; 2]> {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let from = |name: &str| std::env::var_os(name).map(PathBuf::from);
     let own = from("PARFOCAL_DATA").unwrap_or_else(|| root.join("data"));
     let others = from("PARFOCAL_PAIRS").unwrap_or_else(|| root.join("../shared/data"));
     let Some(data) = [own, others].into_iter().map(|d| d.join(folder)).find(|d| d.is_dir()) else {
-        eprintln!("the pair '{folder}' is absent: set PARFOCAL_PAIRS to the folder that holds it; nothing was tested");
+        eprintln!(
+            "the pair '{folder}' is missing, and the test is skipped: set PARFOCAL_PAIRS to the folder that holds it"
+        );
         return None;
     };
     let (i1, i2) = image_io::read_pair(&data.join(names[0]), &data.join(names[1])).unwrap();
     Some([i1, i2])
 }
 
-/// Root mean square and mean of V less the truth, over the valid pixels 16 px inside the border.
+/// Returns the rms and the mean of the error of V, px², over the valid pixels without a border of 16 px.
 pub fn blur_error(solution: &Solution, truth: impl Fn(usize, usize) -> f64) -> (f64, f64) {
     let (width, height, border) = (solution.width as usize, solution.height as usize, 16);
     let errors: Vec<f64> = (border..height - border)
@@ -105,7 +107,7 @@ pub fn blur_error(solution: &Solution, truth: impl Fn(usize, usize) -> f64) -> (
     ((errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt(), errors.iter().sum::<f64>() / n)
 }
 
-/// Fails unless the error of T is within these pixels (per axis), degrees and percents.
+/// Asserts that the errors of T are at most these: translation per axis in pixels, rotation in degrees, scale in %.
 #[track_caller]
 pub fn assert_transform(found: &Homography, truth: impl Into<Homography>, [pixels, degrees, percent]: [f64; 3]) {
     let truth = truth.into();

@@ -1,6 +1,7 @@
-//! Scenes with known V and T, rendered in closed form: no code is shared with the solver.
+//! Scenes with known V and T, rendered in closed form without any code of the solver.
 //!
-//! A radiance of cosines is blurred exactly by any Gaussian, each by `exp(-v k²/2)`, and read exactly at any place.
+//! The radiance is a sum of cosines. A Gaussian blur of variance v scales each cosine by `exp(-v k²/2)`, so the blurred
+//! radiance is exact at any point.
 
 use std::f64::consts::TAU;
 
@@ -9,11 +10,11 @@ use parfocal::{
     transform::{Homography, Similarity, centre},
 };
 
-/// Random numbers, the same for the same seed (splitmix64).
+/// Pseudo-random numbers from a seed (splitmix64).
 pub struct Random(pub u64);
 
 impl Random {
-    /// In [0, 1).
+    /// Returns a number in [0, 1).
     pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -22,7 +23,7 @@ impl Random {
         ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Mean 0, deviation 1 (Box and Muller).
+    /// Returns a normal number of mean 0 and standard deviation 1 (Box-Muller transform).
     pub fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (TAU * self.uniform()).cos()
     }
@@ -43,7 +44,7 @@ impl Radiance {
         let mut all = Vec::new();
         for sigma in [0.7, 1.5, 4.0, 10.0] {
             for _ in 0..waves {
-                // Frequencies beyond 2.6 would not survive sampling at Nyquist, π.
+                // Frequencies above 2.6 are too close to the Nyquist frequency π.
                 let k =
                     std::iter::repeat_with(|| [random.normal(), random.normal()].map(|n| n / (2f64.sqrt() * sigma)))
                         .find(|k| k[0].hypot(k[1]) < 2.6)
@@ -55,7 +56,7 @@ impl Radiance {
         Self(all)
     }
 
-    /// The radiance at a place, blurred by a per-axis variance in px².
+    /// Returns the radiance at a point, blurred by a Gaussian of variance `v` per axis, px².
     pub fn blurred(&self, [x, y]: [f64; 2], v: f64) -> f64 {
         let wave = |w: &Wave| {
             let k2 = w.k[0] * w.k[0] + w.k[1] * w.k[1];
@@ -65,7 +66,7 @@ impl Radiance {
     }
 }
 
-/// A pair: I1 blurred by v1(x), I2 by v2(x) with `I2(T x)` over I1(x), Gaussian noise added to both.
+/// Renders a pair with `I2(T x) = I1(x)` up to blur and Gaussian noise. `blur` returns the variances of I1 and I2 at x.
 pub fn pair(
     [width, height]: [u32; 2],
     transform: impl Into<Homography>,
@@ -86,7 +87,7 @@ pub fn pair(
     })
 }
 
-/// Blur of the slanted plane: V falls from +4 px² at the left border to -4 at the right.
+/// Returns the blur of a slanted plane: V falls from +4 px² at the left border to -4 px² at the right border.
 pub fn slanted(width: u32) -> impl Fn([f64; 2]) -> [f64; 2] {
     move |[x, _]| {
         let ramp = x / (f64::from(width) - 1.0);
@@ -94,7 +95,7 @@ pub fn slanted(width: u32) -> impl Fn([f64; 2]) -> [f64; 2] {
     }
 }
 
-/// The grey values of a frame in [0, 1] (Rec. 601).
+/// Returns the luminance of a frame in [0, 1] (Rec. 601).
 pub fn luminance(frame: &Frame) -> Vec<f64> {
     use parfocal::frame::Samples;
     let values: Vec<f64> = match frame.samples() {
@@ -108,7 +109,7 @@ pub fn luminance(frame: &Frame) -> Vec<f64> {
     }
 }
 
-/// The frame J with `J(T x) = frame(x)`, read by a windowed sinc of radius 12 (flat to 0.8 of Nyquist).
+/// Resamples a frame to J with `J(T x) = frame(x)`, by a windowed sinc of radius 12 (flat to 0.8 of Nyquist).
 pub fn displaced(frame: &Frame, transform: &Similarity) -> Frame {
     const RADIUS: isize = 12;
     let (width, height) = (frame.width(), frame.height());
@@ -140,7 +141,7 @@ pub fn displaced(frame: &Frame, transform: &Similarity) -> Frame {
     Frame::gray(width, height, values).unwrap()
 }
 
-/// `gain I + offset`.
+/// Returns `gain * frame + offset`.
 pub fn exposed(frame: &Frame, gain: f64, offset: f64) -> Frame {
     let values = luminance(frame).into_iter().map(|v| (gain * v + offset) as f32).collect();
     Frame::gray(frame.width(), frame.height(), values).unwrap()

@@ -1,5 +1,5 @@
-//! Whatever a file holds, it is read or refused: photographs of every format, fields, kernels, transforms, reports and
-//! folders of results.
+//! Fuzz test of the file readers: photographs, fields, kernels, transforms, reports and results folders.
+//! A reader must return a value or an error for any content.
 
 use std::fs;
 use std::io::Cursor;
@@ -12,11 +12,11 @@ use parfocal::image_io::{self, Photograph};
 
 use crate::common::fuzz::{self, Share, Target};
 
-/// The most pixels that are decoded: of what states more, as a bomb does, the header and what else it says. A device is
-/// asked before more are decoded by the program too.
+/// Maximum number of pixels that are decoded. Of a larger image, only the header and metadata are read.
+/// The program itself checks the limits of the device before it decodes a large image.
 const PIXELS: u32 = 1 << 20;
 
-/// As the program reads a photograph.
+/// Reads a photograph in the same way as the program.
 fn photograph(file: &Path) {
     let Ok(photograph) = Photograph::open(file) else { return };
     let _ = photograph.describe();
@@ -36,7 +36,7 @@ fn pixels<T: image::Primitive>(channels: u32, of: impl Fn(u32) -> T) -> Vec<T> {
     (0..SIZE[0] * SIZE[1] * channels).map(of).collect()
 }
 
-/// A picture in each kind of pixels.
+/// Returns one picture for each pixel type.
 fn pictures() -> Vec<DynamicImage> {
     let [w, h] = SIZE;
     let byte = |i: u32| (i * 37 % 251) as u8;
@@ -50,7 +50,7 @@ fn pictures() -> Vec<DynamicImage> {
     ]
 }
 
-/// The pictures as files, as far as a format has their kind.
+/// Encodes the pictures in each format that supports their pixel type.
 fn encoded(formats: &[ImageFormat]) -> Vec<Vec<u8>> {
     let write = |picture: &DynamicImage, format| {
         let mut bytes = Vec::new();
@@ -59,7 +59,7 @@ fn encoded(formats: &[ImageFormat]) -> Vec<Vec<u8>> {
     formats.iter().flat_map(|format| pictures().into_iter().filter_map(move |p| write(&p, *format))).collect()
 }
 
-/// A picture as a camera and an editor leave it: EXIF, and a profile, which JPEG holds as it is and PNG packed.
+/// Encodes a picture with EXIF metadata and an ICC profile. PNG compresses the profile; JPEG does not.
 fn described(mut encoder: impl ImageEncoder) {
     use exif::{Field, In, Rational, Tag, Value};
     let ratio = |num, denom| Value::Rational(vec![Rational { num, denom }]);
@@ -74,10 +74,10 @@ fn described(mut encoder: impl ImageEncoder) {
         (Tag::ColorSpace, Value::Short(vec![1])),
     ];
     let fields = fields.map(|(tag, value)| Field { tag, ifd_num: In::PRIMARY, value });
-    let (mut writer, mut said) = (exif::experimental::Writer::new(), Cursor::new(Vec::new()));
+    let (mut writer, mut bytes) = (exif::experimental::Writer::new(), Cursor::new(Vec::new()));
     fields.iter().for_each(|field| writer.push_field(field));
-    writer.write(&mut said, false).unwrap();
-    encoder.set_exif_metadata(said.into_inner()).unwrap();
+    writer.write(&mut bytes, false).unwrap();
+    encoder.set_exif_metadata(bytes.into_inner()).unwrap();
     encoder.set_icc_profile(moxcms::ColorProfile::new_display_p3().encode().unwrap()).unwrap();
     encoder.write_image(&pixels(3, |i| i as u8), SIZE[0], SIZE[1], ExtendedColorType::Rgb8).unwrap();
 }
@@ -94,7 +94,7 @@ fn jpeg() -> Vec<Vec<u8>> {
     [encoded(&[ImageFormat::Jpeg]), vec![bytes]].concat()
 }
 
-/// Grey and colour, by each way to compress them.
+/// Returns a grey and a colour image in each compression.
 fn exr() -> Vec<Vec<u8>> {
     use exr::image::write::channels::WritableChannels;
     use exr::prelude::*;
@@ -159,7 +159,7 @@ fn texts() -> Vec<Vec<u8>> {
     vec![REPORT.into(), matrix.into(), r#"{"tx_px": 1, "ty_px": 2, "rotation_deg": 0, "scale": 1}"#.into()]
 }
 
-/// Of a folder whose report is anything.
+/// Reads a results folder whose report is the mutated file.
 fn folder(file: &Path) {
     let folder = file.parent().unwrap();
     if !folder.join("relative_blur.exr").exists() {
@@ -174,7 +174,7 @@ fn folder(file: &Path) {
     }
 }
 
-/// A transform is anything that states one.
+/// Reads the size and the transform from a file.
 fn transform(file: &Path) {
     let _ = (image_io::size(file).is_ok(), Registration::read(file).is_ok());
 }
@@ -216,6 +216,6 @@ fn whatever_a_file_holds_it_is_read_or_refused() {
         target("transform", "transform.json", texts(), transform),
         target("report", "report.json", texts(), folder),
     ];
-    // Some 100 µs a case.
+    // A case takes about 100 µs.
     fuzz::run("fuzz::whatever_a_file_holds_it_is_read_or_refused", &targets, &Share { short: 2000, long: 100_000 });
 }

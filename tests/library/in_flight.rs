@@ -1,4 +1,4 @@
-//! Pairs in flight: several at a time, their borrowed results, and cancelled solves.
+//! Tests of pairs in flight: several at a time, their borrowed results, and cancellation.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -61,7 +61,7 @@ fn assert_same(found: &SolutionRef<'_>, expected: &Solution) {
 }
 
 #[test]
-fn without_the_fused_image_the_rest_is_the_same() {
+fn solving_without_the_fused_image_does_not_change_other_results() {
     let engine = TestEngine::new();
     let [i1, i2] = &pairs()[0];
     let solve = |fused| engine.solve([i1, i2], &Settings { fused, ..Settings::default() });
@@ -90,20 +90,20 @@ fn pairs_in_flight_have_the_results_of_single_solves() {
     }
     let mut last = before.unwrap();
     assert_same(&last.wait().unwrap(), &expected[4]);
-    // The results stay until the pair is dropped, and so does its frame in flight.
+    // A pair keeps its results and its frame in flight until it is dropped.
     let others = [0, 1].map(|n| submit(&mut solver, &pairs[n]));
     assert_same(&last.wait_timeout(Duration::ZERO).unwrap().unwrap(), &expected[4]);
     let busy = solver.submit(pairs[2].each_ref(), &[], &SolveOptions::default()).map(drop);
     assert!(matches!(busy, Err(Error::Busy { frames: 3 })), "{busy:?}");
     drop(others);
-    // A pair may outlive its solver.
+    // A pair can outlive its solver.
     let mut pending = submit(&mut solver, &pairs[1]);
     drop(solver);
     assert_same(&pending.wait().unwrap(), &expected[1]);
 }
 
 #[test]
-fn a_pair_may_be_written_where_the_device_reads_it() {
+fn a_pair_can_be_written_into_the_memory_that_the_device_reads() {
     let engine = TestEngine::new();
     let [i1, i2] = &pairs()[2];
     let settings = Settings { white_level: Some(0.75), ..Settings::default() };
@@ -133,28 +133,28 @@ fn masked_pixels_are_nan_in_borrowed_results() {
     assert!(solution.relative_blur().iter().zip(solution.uncertainty()).all(|(v, s)| v.is_nan() == s.is_nan()));
     assert_eq!(solution.valid_fraction, known as f64 / (96.0 * 80.0));
     assert!(solution.converged, "{:?}", solution.warnings);
-    // Each pair has a mask of its own.
+    // Each pair has its own mask.
     assert!(unmasked.wait().unwrap().relative_blur()[60 * 96 + 45].is_finite());
     let refused = solver.submit([i1, i2], &[], &SolveOptions { crop_valid: true, ..options }).map(drop);
     assert!(matches!(refused, Err(Error::Mismatch(_))), "{refused:?}");
 }
 
 #[test]
-fn a_cancelled_pair_leaves_the_others_alone() {
+fn cancelling_a_pair_does_not_affect_other_pairs() {
     let (engine, pairs) = (TestEngine::new(), pairs());
     let mut solver = solver(&engine, 2);
     let expected = solver.solve(pairs[0].each_ref(), &SolveOptions::default()).unwrap();
     let [mut cancelled, mut other] = [0, 1].map(|_| submit(&mut solver, &pairs[0]));
     cancelled.cancel();
     assert!(matches!(cancelled.wait().map(drop), Err(Error::Cancelled)));
-    assert!(cancelled.poll().unwrap(), "the device has left it");
+    assert!(cancelled.poll().unwrap(), "the device still works on the cancelled pair");
     assert_same(&other.wait().unwrap(), &expected);
     drop(cancelled);
     assert_same(&submit(&mut solver, &pairs[0]).wait().unwrap(), &expected);
 }
 
 #[test]
-fn a_token_cancels_from_another_thread_and_all_that_begins_with_it() {
+fn a_token_cancels_a_solve_from_another_thread_and_every_later_solve_with_it() {
     let (engine, [i1, i2]) = (TestEngine::new(), large_pair());
     let mut solver = PairSolver::new(&engine, &long()).unwrap();
     let options = SolveOptions::default();
@@ -180,16 +180,16 @@ fn the_token_of_an_earlier_pair_does_not_cancel_the_next() {
     earlier.cancel.cancel();
     assert!(pending.wait().unwrap().converged);
     drop(pending);
-    // A pair that fails before it is submitted gives its frame in flight back.
+    // If an error occurs before submission, the frame in flight is released.
     let rows = vec![0xff; 4 * (SIZE[0] * SIZE[1]) as usize];
-    let not_numbers = Source::Rows { bytes: &rows, pitch: 0 };
-    let refused = solver.submit([not_numbers; 2], &[], &SolveOptions::default()).map(drop);
+    let not_finite = Source::Rows { bytes: &rows, pitch: 0 };
+    let refused = solver.submit([not_finite; 2], &[], &SolveOptions::default()).map(drop);
     assert!(matches!(refused, Err(Error::Mismatch(_))), "{refused:?}");
     assert!(matches!(solver.submit(pairs[0].each_ref(), &[], &earlier).map(drop), Err(Error::Cancelled)));
     assert!(submit(&mut solver, &pairs[0]).wait().unwrap().converged);
 }
 
-/// Options whose progress function cancels, and a log of its calls.
+/// Returns options whose progress function cancels the solve, and a log of its calls.
 fn cancelling() -> (SolveOptions, Arc<std::sync::Mutex<Vec<parfocal::Progress>>>) {
     let (mut options, log) = progress_log();
     let (report, cancel) = (options.progress.take().unwrap(), options.cancel.clone());
@@ -219,11 +219,11 @@ fn regions_and_sweeps_are_cancelled_by_their_progress_function() {
     assert_eq!(log.lock().unwrap().len(), 1);
 }
 
-/// Measures how soon a cancelled solve of 1 Mpx ends: `cargo test --test library how_soon_a_solve_ends -- --ignored
-/// --nocapture`
+/// Measures how long a solve of 1 Mpx runs on after it is cancelled:
+/// `cargo test --test library how_soon_a_cancelled_solve_ends -- --ignored --nocapture`
 #[test]
-#[ignore = "it measures"]
-fn how_soon_a_solve_ends() {
+#[ignore = "a measurement"]
+fn how_soon_a_cancelled_solve_ends() {
     let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
     let size = [1024, 1024];
     let pair = pair(size, Similarity::new(0.4, -0.3, 0.05, 1.0), slanted(size[0]), 0.002, 3);

@@ -1,5 +1,5 @@
-//! A program with its own Vulkan device: photographs on it, and solves in its command buffers.
-#![allow(unsafe_code, reason = "the program's own Vulkan")]
+//! Tests of a caller's Vulkan device: photographs in its memory, solves in its command buffers.
+#![allow(unsafe_code, reason = "the tests call Vulkan themselves")]
 
 use std::ffi::{CStr, c_void};
 use std::ptr::NonNull;
@@ -16,10 +16,10 @@ use parfocal::{
 use crate::common::TestEngine;
 use crate::common::scene::pair;
 
-/// The validation messages of the programs of this file.
+/// Validation messages of all `Program`s.
 static MESSAGES: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
-extern "system" fn hear(
+extern "system" fn collect_message(
     _: vk::DebugUtilsMessageSeverityFlagsEXT,
     _: vk::DebugUtilsMessageTypeFlagsEXT,
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
@@ -31,13 +31,13 @@ extern "system" fn hear(
     vk::FALSE
 }
 
-/// A program's device, of the family that tests compute on.
+/// A Vulkan device of the caller, with a queue of family 0.
 struct Program {
     _entry: ash::Entry,
     instance: ash::Instance,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     physical: vk::PhysicalDevice,
-    wanted: DeviceRequirements,
+    requirements: DeviceRequirements,
     device: ash::Device,
     queue: vk::Queue,
     pool: vk::CommandPool,
@@ -56,8 +56,8 @@ impl Program {
             create = create.enabled_layer_names(&layers).enabled_extension_names(&extensions).push_next(&mut features);
         }
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(0).queue_priorities(&[1.0])];
-        // SAFETY: all that is pointed to outlives the calls; the first device of the machine has what is asked for, or
-        // validation says so.
+        // SAFETY: the create infos and the arrays that they point to outlive the calls. If the first physical device
+        // lacks a feature, the validation layer reports it.
         unsafe {
             let entry = ash::Entry::load().unwrap();
             let instance = entry.create_instance(&create, None).unwrap();
@@ -68,51 +68,53 @@ impl Program {
                         vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
                     )
                     .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
-                    .pfn_user_callback(Some(hear));
+                    .pfn_user_callback(Some(collect_message));
                 let messenger = utils.create_debug_utils_messenger(&create, None).unwrap();
                 (utils, messenger)
             });
             let physical = instance.enumerate_physical_devices().unwrap()[0];
-            let mut wanted = DeviceRequirements::for_device(&instance, physical).unwrap();
-            let liked: Vec<_> = wanted.extensions().into_iter().map(CStr::as_ptr).collect();
-            let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&liked);
-            let create = wanted.enable_features(create);
+            let mut requirements = DeviceRequirements::for_device(&instance, physical).unwrap();
+            let device_extensions: Vec<_> = requirements.extensions().into_iter().map(CStr::as_ptr).collect();
+            let create =
+                vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&device_extensions);
+            let create = requirements.enable_features(create);
             let device = instance.create_device(physical, &create, None).unwrap();
             let queue = device.get_device_queue(0, 0);
             let create = vk::CommandPoolCreateInfo::default().queue_family_index(0);
             let pool = device.create_command_pool(&create, None).unwrap();
-            Self { _entry: entry, instance, messenger, physical, wanted, device, queue, pool }
+            Self { _entry: entry, instance, messenger, physical, requirements, device, queue, pool }
         }
     }
 
     fn engine(&self) -> Engine {
-        // SAFETY: all are of this program, which outlives the engine and uses the queue from this thread alone, as it
-        // uses the engine; the device was made with what is wanted.
-        let foreign = unsafe {
+        // SAFETY: the handles belong to this program, which outlives the engine. Only this thread uses the queue and
+        // the engine. The device was created with the required features and extensions.
+        let external = unsafe {
             ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), 0, self.queue)
-                .with_requirements(&self.wanted)
+                .with_requirements(&self.requirements)
         };
-        Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap()
+        Engine::from_vulkan(external, &EngineOptions::default()).unwrap()
     }
 
     fn memory(&self, needs: vk::MemoryRequirements) -> vk::DeviceMemory {
-        let wanted = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
-        // SAFETY: the type is one of those that the resource may have.
+        let properties = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+        // SAFETY: `memory_type_bits` contains the memory type.
         unsafe {
             let types = self.instance.get_physical_device_memory_properties(self.physical).memory_types;
-            let fits =
-                |n: &u32| needs.memory_type_bits >> n & 1 == 1 && types[*n as usize].property_flags.contains(wanted);
+            let fits = |n: &u32| {
+                needs.memory_type_bits >> n & 1 == 1 && types[*n as usize].property_flags.contains(properties)
+            };
             let kind = (0..types.len() as u32).find(fits).unwrap();
             let create = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(kind);
             self.device.allocate_memory(&create, None).unwrap()
         }
     }
 
-    /// A mapped buffer with these bytes.
+    /// Creates a mapped buffer that holds the bytes.
     fn buffer(&self, bytes: &[u8]) -> (vk::Buffer, vk::DeviceMemory) {
         let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let create = vk::BufferCreateInfo::default().size(bytes.len() as u64).usage(usage);
-        // SAFETY: the memory is new, mapped, and as long as the buffer.
+        // SAFETY: the memory is new, mapped, and large enough for the buffer.
         unsafe {
             let buffer = self.device.create_buffer(&create, None).unwrap();
             let memory = self.memory(self.device.get_buffer_memory_requirements(buffer));
@@ -125,7 +127,7 @@ impl Program {
 
     /// Overwrites a mapped buffer.
     fn fill(&self, (_, memory): (vk::Buffer, vk::DeviceMemory), bytes: &[u8]) {
-        // SAFETY: the memory is mapped, as long, and nothing of the device reads it now.
+        // SAFETY: the memory is mapped and at least `bytes.len()` long. The device does not access it now.
         unsafe {
             self.device.unmap_memory(memory);
             let mapped = self.device.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()).unwrap();
@@ -136,7 +138,7 @@ impl Program {
     fn timeline(&self) -> vk::Semaphore {
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-        // SAFETY: the device has timelines.
+        // SAFETY: the device supports timeline semaphores.
         unsafe { self.device.create_semaphore(&create, None) }.unwrap()
     }
 
@@ -151,7 +153,7 @@ impl Program {
             .usage(
                 vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST | vk::ImageUsageFlags::SAMPLED,
             );
-        // SAFETY: the memory is new, and as the image needs it.
+        // SAFETY: the memory is new and meets the requirements of the image.
         unsafe {
             let image = self.device.create_image(&create, None).unwrap();
             let memory = self.memory(self.device.get_image_memory_requirements(image));
@@ -161,7 +163,7 @@ impl Program {
     }
 
     fn free(&self, (buffer, memory): (vk::Buffer, vk::DeviceMemory)) {
-        // SAFETY: nothing uses it any more.
+        // SAFETY: no pending command uses the buffer.
         unsafe {
             self.device.destroy_buffer(buffer, None);
             self.device.free_memory(memory, None);
@@ -170,7 +172,7 @@ impl Program {
 
     fn commands(&self) -> vk::CommandBuffer {
         let create = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
-        // SAFETY: the pool is of this thread.
+        // SAFETY: only this thread uses the command pool.
         unsafe {
             let commands = self.device.allocate_command_buffers(&create).unwrap()[0];
             self.device.begin_command_buffer(commands, &vk::CommandBufferBeginInfo::default()).unwrap();
@@ -178,7 +180,7 @@ impl Program {
         }
     }
 
-    /// Ends and submits commands, which wait for a semaphore to reach a value and signal another.
+    /// Ends and submits a command buffer that waits for one timeline semaphore and signals another.
     fn submit(
         &self,
         commands: vk::CommandBuffer,
@@ -197,7 +199,7 @@ impl Program {
             .wait_semaphore_infos(&waits)
             .command_buffer_infos(&buffers)
             .signal_semaphore_infos(&signals);
-        // SAFETY: the queue is used by this thread alone.
+        // SAFETY: the queue is used only by this thread.
         unsafe {
             self.device.end_command_buffer(commands).unwrap();
             self.device.queue_submit2(self.queue, &[submit], vk::Fence::null()).unwrap();
@@ -217,21 +219,21 @@ impl Program {
             .new_layout(to)
             .image(image)
             .subresource_range(range)];
-        // SAFETY: the commands are being recorded.
+        // SAFETY: the command buffer is in the recording state.
         unsafe {
             self.device.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().image_memory_barriers(&barrier));
         }
     }
 
     fn idle(&self) {
-        // SAFETY: the queue is used by this thread alone.
+        // SAFETY: the queue is used only by this thread.
         unsafe { self.device.queue_wait_idle(self.queue) }.unwrap();
     }
 }
 
 impl Drop for Program {
     fn drop(&mut self) {
-        // SAFETY: the engine and all that was made here is gone, or goes.
+        // SAFETY: the engine was dropped before, and no command is pending after the wait.
         unsafe {
             self.device.device_wait_idle().unwrap();
             self.device.destroy_command_pool(self.pool, None);
@@ -252,13 +254,13 @@ fn frames(seed: u64) -> [Frame; 2] {
     pair(SIZE, Similarity::new(0.4, -0.3, 0.05, 1.0), |x| [1.0, 1.5 + 0.02 * x[0]], 0.0, seed)
 }
 
-/// The solution on an engine with its own device, by the passes for pairs with clipped pixels.
+/// V in bits, solved by an engine with its own device. The settings use the passes for clipped pixels.
 fn expected([i1, i2]: &[Frame; 2], settings: &Settings) -> Vec<u32> {
     let solved = TestEngine::new().solve([i1, i2], settings);
     solved.relative_blur.iter().map(|v| v.to_bits()).collect()
 }
 
-/// Settings by which some pixels of frames with this white level are clipped.
+/// Returns settings with which some pixels of frames with this white level are clipped.
 fn settings(white: f64) -> Settings {
     Settings { white_level: Some(0.75 * white), decode: Decode::None, ..Settings::default() }
 }
@@ -271,7 +273,7 @@ fn bits(view: &SolutionRef<'_>) -> Vec<u32> {
 const DRAWN: vk::ImageLayout = vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL;
 
 impl Program {
-    /// Draws into the second layer of an image, as a renderer does.
+    /// Records commands that copy a buffer into the second layer of an image.
     fn draw(&self, from: vk::Buffer, image: vk::Image) -> vk::CommandBuffer {
         let (commands, to) = (self.commands(), vk::ImageLayout::TRANSFER_DST_OPTIMAL);
         self.change(commands, image, vk::ImageLayout::UNDEFINED, to);
@@ -282,7 +284,7 @@ impl Program {
         let [width, height] = SIZE;
         let extent = vk::Extent3D { width, height, depth: 1 };
         let region = [vk::BufferImageCopy::default().image_subresource(layer).image_extent(extent)];
-        // SAFETY: the buffer holds the image.
+        // SAFETY: the buffer is as large as the image layer.
         unsafe { self.device.cmd_copy_buffer_to_image(commands, from, image, to, &region) };
         self.change(commands, image, to, DRAWN);
         commands
@@ -290,12 +292,11 @@ impl Program {
 }
 
 #[test]
-fn photographs_are_fetched_from_buffers_and_images_after_their_semaphores() {
+fn buffers_and_images_are_read_after_their_semaphores_are_signalled() {
     let (program, pairs) = (Program::new(), [frames(3), frames(5), frames(6)]);
     let engine = program.engine();
     let mut solver = PairSolver::for_frames(&engine, pairs[0].each_ref(), &settings(1.0)).unwrap();
-    // I1 in a buffer, in rows with gaps, from an odd word on; I2 in the second layer of an image as a renderer leaves
-    // it.
+    // I1 is in a buffer with gaps between the rows, at an offset of 4 bytes. I2 is in the second layer of an image.
     let pitch = 4 * SIZE[0] as usize + 12;
     let row = |row: &[u8]| [row, &[0xa5; 12]].concat();
     let rows = |frame: &Frame| {
@@ -307,11 +308,12 @@ fn photographs_are_fetched_from_buffers_and_images_after_their_semaphores() {
     let (drawn, written) = (program.timeline(), program.timeline());
     let mut taken = None;
     for (value, pair) in (1..).zip(&pairs) {
-        // Drawing waits for the pair before to be taken, on the device, and is perhaps not yet done as the slot takes
-        // this one.
+        // On the device, the draw waits until the previous pair was read. The draw may still be pending when this pair
+        // is submitted.
         program.fill(upload, pair[1].bytes());
         program.submit(program.draw(upload.0, image), taken, Some((drawn, value)));
-        // SAFETY: both are of this device, outlive the pair, and are written again only once they are taken.
+        // SAFETY: the buffer and the image belong to this device and outlive the pair. They are written again only
+        // after the pair was read.
         let (sources, waits) = unsafe {
             let sources = [DeviceSource::buffer(near.0, 4, pitch as u64), DeviceSource::image(image, DRAWN, 1)];
             (
@@ -323,10 +325,10 @@ fn photographs_are_fetched_from_buffers_and_images_after_their_semaphores() {
         assert_eq!(pending.is_fetched(), [true; 2]);
         taken = pending.on_device().inputs_read;
         assert!(!pending.wait_fetched(Duration::from_millis(30)).unwrap() && !pending.poll().unwrap());
-        // I1 is written by the host only now.
+        // The host writes I1 only now.
         program.fill(near, &rows(&pair[0]));
         let signal = vk::SemaphoreSignalInfo::default().semaphore(written).value(value);
-        // SAFETY: the value is the next of this timeline.
+        // SAFETY: the value is greater than the current value of the semaphore.
         unsafe { program.device.signal_semaphore(&signal) }.unwrap();
         assert!(pending.wait_fetched(Duration::MAX).unwrap());
         assert!(bits(&pending.wait().unwrap()) == expected(pair, &settings(1.0)), "pair {value}");
@@ -334,7 +336,7 @@ fn photographs_are_fetched_from_buffers_and_images_after_their_semaphores() {
     drop((solver, engine));
     program.idle();
     [near, upload].into_iter().for_each(|buffer| program.free(buffer));
-    // SAFETY: nothing uses them any more.
+    // SAFETY: no pending command uses them.
     unsafe {
         program.device.destroy_image(image, None);
         program.device.free_memory(memory, None);
@@ -343,17 +345,17 @@ fn photographs_are_fetched_from_buffers_and_images_after_their_semaphores() {
 }
 
 #[test]
-fn host_memory_is_imported_if_the_device_can() {
+fn host_memory_is_imported_if_the_device_supports_it() {
     let program = Program::new();
     let (engine, bytes) = (program.engine(), vec![0u8; 10_000]);
-    let can = program.wanted.extensions().contains(&ext::external_memory_host::NAME);
-    // SAFETY: the bytes outlive it, and are not written.
+    let can_import = program.requirements.extensions().contains(&ext::external_memory_host::NAME);
+    // SAFETY: the bytes outlive the shared memory and are not written.
     let memory = engine.share(unsafe { HostMemory::new(NonNull::from(&bytes[3]), bytes.len() - 3) });
-    assert_eq!(memory.is_staged(), !can);
+    assert_eq!(memory.is_staged(), !can_import);
 }
 
 #[test]
-fn an_encoded_solve_may_be_executed_again() {
+fn an_encoded_solve_can_be_executed_more_than_once() {
     let program = Program::new();
     let engine = program.engine();
     let format: PixelFormat = "BGRa8".parse().unwrap();
@@ -365,25 +367,25 @@ fn an_encoded_solve_may_be_executed_again() {
     let mut solver = PairSolver::for_size(&engine, SIZE, [format; 2], 2, &settings(255.0)).unwrap();
     let sources = pairs[0].each_ref().map(|bytes| program.buffer(bytes));
     let commands = program.commands();
-    // SAFETY: the buffers outlive the solver; nothing else of it runs while the commands do, which are waited for.
+    // SAFETY: the buffers outlive the solver. The queue is idle before the solver is used again.
     let mut encoded = unsafe {
         let sources = sources.map(|(buffer, _)| DeviceSource::buffer(buffer, 0, 0));
         solver.encode(ExternalCommandBuffer::new(commands), sources, &SolveOptions::default()).unwrap()
     };
-    // SAFETY: the commands are ended once.
+    // SAFETY: the command buffer is in the recording state.
     unsafe { program.device.end_command_buffer(commands) }.unwrap();
-    assert!(encoded.results().unwrap().is_none(), "no results before the commands are executed");
+    assert!(encoded.results().unwrap().is_none(), "results exist before the commands are executed");
     for pair in &pairs {
         sources.iter().zip(pair).for_each(|(&buffer, bytes)| program.fill(buffer, bytes));
         let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
         let submit = vk::SubmitInfo2::default().command_buffer_infos(&buffers);
-        // SAFETY: the queue is this thread's alone.
+        // SAFETY: only this thread uses the queue.
         unsafe { program.device.queue_submit2(program.queue, &[submit], vk::Fence::null()) }.unwrap();
         program.idle();
         let frames = pair.each_ref().map(|bytes| format.frame(SIZE, bytes).unwrap());
         assert!(bits(&encoded.results().unwrap().unwrap()) == expected(&frames, &settings(255.0)));
     }
-    // Other pairs of the solver are solved as before.
+    // The solver still solves other pairs.
     let frames = pairs[1].each_ref().map(|bytes| parfocal::frame::Source::Rows { bytes, pitch: 0 });
     let mut pending = solver.submit(frames, &[], &SolveOptions::default()).unwrap();
     let frames = pairs[1].each_ref().map(|bytes| format.frame(SIZE, bytes).unwrap());

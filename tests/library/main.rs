@@ -1,4 +1,4 @@
-//! The library as an embedding program sees it. One test program, since each takes long to link.
+//! Tests of the public library. They are one test program because linking takes long.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,4 +1,4 @@
-//! Pixels without weight: clipped, or excluded by a mask.
+//! Tests of pixels without weight: clipped pixels and pixels that a mask excludes.
 
 use crate::common::scene::{luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
@@ -19,18 +19,18 @@ fn clean_pair() -> [Frame; 2] {
     pair(SIZE, transform(), slanted(SIZE[0]), 0.0, 5)
 }
 
-/// The frame in 16 bits, with the values that `replace` returns.
+/// Converts a frame to 16 bits. Where `replace` returns a value, it replaces the pixel.
 fn stored(frame: &Frame, replace: impl Fn(u32, u32) -> Option<f64>) -> Frame {
     let values = luminance(frame).into_iter().enumerate().map(|(i, v)| {
         let (x, y) = (i as u32 % frame.width(), i as u32 / frame.width());
-        // Half of the range: nothing else is clipped.
+        // Scaled to half of the range, so that no other pixel is clipped.
         (65535.0 * replace(x, y).unwrap_or(0.25 + 0.5 * v).clamp(0.0, 1.0)).round() as u16
     });
     Frame::new(frame.width(), frame.height(), Channels::Gray, Samples::U16(values.collect())).unwrap()
 }
 
-/// Blots of this radius on a lattice moved by `shift`.
-fn blots(radius: i64, shift: i64) -> impl Fn(u32, u32) -> bool {
+/// Returns whether a pixel is within a disk of this radius on a grid of 40 px, moved by `shift`.
+fn disks(radius: i64, shift: i64) -> impl Fn(u32, u32) -> bool {
     move |x, y| {
         let offset = |i: u32| (i64::from(i) + shift).rem_euclid(40) - 20;
         offset(x).pow(2) + offset(y).pow(2) <= radius * radius
@@ -55,36 +55,36 @@ fn corner(solution: &Solution) -> f64 {
     solution.transform.corner_distance(transform(), SIZE[0], SIZE[1])
 }
 
-/// Clipped highlights at different places of the images, like reflections.
+/// Reflections clip different pixels in the two images.
 #[test]
 fn clipped_pixels_carry_no_weight() {
     let [i1, i2] = clean_pair();
     let white = |on: bool| on.then_some(1.0);
-    let i1 = stored(&i1, |x, y| white(blots(3, 0)(x, y)));
-    let i2 = stored(&i2, |x, y| white(blots(3, 6)(x, y)));
+    let i1 = stored(&i1, |x, y| white(disks(3, 0)(x, y)));
+    let i2 = stored(&i2, |x, y| white(disks(3, 6)(x, y)));
     let engine = TestEngine::new();
-    let near = |x: u32, y: u32| blots(9, 0)(x, y) || blots(9, 6)(x, y);
-    let weighed = engine.solve([&i1, &i2], &Settings::default());
-    let believed = engine.solve([&i1, &i2], &Settings { white_level: Some(1e5), ..Settings::default() });
-    let [a, b] = [&weighed, &believed].map(|s| (corner(s), v_rms(s, near)));
-    println!("clipped: corner {:.4} px, V rms {:.4} px²; believed: {:.4}, {:.4}", a.0, a.1, b.0, b.1);
+    let near = |x: u32, y: u32| disks(9, 0)(x, y) || disks(9, 6)(x, y);
+    let weighted = engine.solve([&i1, &i2], &Settings::default());
+    let unweighted = engine.solve([&i1, &i2], &Settings { white_level: Some(1e5), ..Settings::default() });
+    let [a, b] = [&weighted, &unweighted].map(|s| (corner(s), v_rms(s, near)));
+    println!("without clipped pixels: corner {:.4} px, V rms {:.4} px²; with them: {:.4}, {:.4}", a.0, a.1, b.0, b.1);
     assert!(a.0 < 0.1 && a.1 < 0.25, "{a:?}");
     assert!(b.0 > 3.0 * a.0 && b.1 > 2.0 * a.1, "{b:?}");
 }
 
-/// Clipping below white, at a stated level in stored values.
+/// Pixels clip below the maximum of the format, at a level given in stored values.
 #[test]
-fn the_white_level_can_be_stated() {
+fn the_white_level_can_be_set() {
     let [i1, i2] = clean_pair();
     let grey = |on: bool| on.then_some(0.9);
-    let i1 = stored(&i1, |x, y| grey(blots(3, 0)(x, y)));
-    let i2 = stored(&i2, |x, y| grey(blots(3, 6)(x, y)));
+    let i1 = stored(&i1, |x, y| grey(disks(3, 0)(x, y)));
+    let i2 = stored(&i2, |x, y| grey(disks(3, 6)(x, y)));
     let solution = TestEngine::new()
         .solve([&i1, &i2], &Settings { white_level: Some((0.9 * 65535.0f64).round()), ..Settings::default() });
     assert!(corner(&solution) < 0.1, "{}", corner(&solution));
 }
 
-/// A part of I2 moves by itself, and a mask excludes it.
+/// A part of I2 moves differently, and a mask excludes it.
 #[test]
 fn pixels_excluded_by_a_mask_do_not_affect_the_registration() {
     let [i1, i2] = clean_pair();
@@ -113,15 +113,15 @@ fn pixels_excluded_by_a_mask_do_not_affect_the_registration() {
     println!("residual {middle:.4} where the scene moved, {beside:.4} beside it");
     assert!(middle > 5.0 * beside, "{middle} {beside}");
     let again = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
-    assert_eq!(again.transform, whole.transform, "a mask leaves no trace");
+    assert_eq!(again.transform, whole.transform, "the mask affected a later solve");
     let mask = Some(Mask::from_image(&Frame::gray(16, 16, vec![1.0; 256]).unwrap()));
     let refused = solver.solve([&i1, &i2], &SolveOptions { mask, ..SolveOptions::default() });
     assert!(refused.unwrap_err().to_string().contains("16x16"));
 }
 
-/// Less than a hundredth of the frame is enough if the mask asks for it.
+/// A mask may leave less than 1 % of the frame without a warning.
 #[test]
-fn a_small_mask_is_no_lack_of_overlap() {
+fn a_small_mask_does_not_cause_an_overlap_warning() {
     let [i1, i2] = clean_pair();
     let inside = |i: u32| (64..78).contains(&(i % SIZE[0])) && (60..74).contains(&(i / SIZE[0]));
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if inside(i) { 1.0 } else { 0.0 }).collect();
@@ -140,8 +140,8 @@ fn masks_agree_with_the_reference() {
     let size = [151, 131];
     let [i1, i2] = pair(size, Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(size[0]), 0.0, 5);
     let white = |on: bool| on.then_some(1.0);
-    let i1 = stored(&i1, |x, y| white(blots(3, 0)(x, y)));
-    let i2 = stored(&i2, |x, y| white(blots(3, 6)(x, y)));
+    let i1 = stored(&i1, |x, y| white(disks(3, 0)(x, y)));
+    let i2 = stored(&i2, |x, y| white(disks(3, 6)(x, y)));
     let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
     let picture = (0..size[0] * size[1]).map(|i| if i % size[0] < 30 { 0.0 } else { 1.0 }).collect();
     let mask = Mask::from_image(&Frame::gray(size[0], size[1], picture).unwrap());

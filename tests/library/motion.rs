@@ -1,4 +1,4 @@
-//! Motion models: maps of the plane in closed form, and the comparison with simpler and richer models.
+//! Tests of the motion models on known maps, and of the comparison with simpler and richer models.
 
 use parfocal::{
     Settings, Solution,
@@ -11,7 +11,7 @@ use crate::common::{TestEngine, blur_error};
 
 const SIZE: [u32; 2] = [256, 192];
 
-/// The map of a camera of this focal length, pixels, that turns by these angles about x, y and z, degrees: K R K⁻¹.
+/// Homography K R K⁻¹ of a camera that rotates about x, y and z. The focal length is in pixels, the angles in degrees.
 fn hand_held(focal: f64, [x, y, z]: [f64; 3]) -> Homography {
     let [x, y, z] = [x, y, z].map(f64::to_radians);
     let product = |a: [[f64; 3]; 3], b: [[f64; 3]; 3]| -> [[f64; 3]; 3] {
@@ -26,14 +26,14 @@ fn hand_held(focal: f64, [x, y, z]: [f64; 3]) -> Homography {
     Homography::from_matrix(matrix).unwrap()
 }
 
-/// The map of a flat stage that is tilted by some degrees about y and shifted by t: a point at X moves to depth
-/// Z + X sin α and to X cos α on the right.
+/// Homography of a flat stage that is tilted by α about y and shifted by t. A point at X moves to X cos α, at depth
+/// Z + X sin α.
 fn tilted_stage(focal: f64, degrees: f64, [tx, ty]: [f64; 2]) -> Homography {
     let tilt = degrees.to_radians();
     Homography::from_matrix([[tilt.cos(), 0.0, tx], [0.0, 1.0, ty], [tilt.sin() / focal, 0.0, 1.0]]).unwrap()
 }
 
-/// Solves the slanted plane displaced by a map; returns the corner error, px, and the rms error of V, px².
+/// Solves the slanted plane, displaced by a map. Returns the corner error in px and the rms error of V in px².
 fn solve(engine: &TestEngine, truth: Homography, motion: Motion) -> (Solution, [f64; 2]) {
     let [i1, i2] = pair(SIZE, truth, slanted(SIZE[0]), 0.0, 5);
     let solution = engine.solve([&i1, &i2], &Settings { motion, ..Settings::default() });
@@ -46,7 +46,7 @@ fn solve(engine: &TestEngine, truth: Homography, motion: Motion) -> (Solution, [
     (solution, [corner, v])
 }
 
-/// A homography finds the map; a similarity does not, and the solution reports the richer model.
+/// Checks that a homography recovers the map, and that a solve with a similarity reports the richer model.
 fn check_homography(truth: Homography, [corner, v]: [f64; 2]) {
     let engine = TestEngine::new();
     let (solution, errors) = solve(&engine, truth, Motion::Homography);
@@ -54,23 +54,26 @@ fn check_homography(truth: Homography, [corner, v]: [f64; 2]) {
     assert!(solution.converged, "{:?}", solution.warnings);
     assert!(solution.other_motion.is_none_or(|other| other.explains_more), "{:?}", solution.other_motion);
     let (simple, [simple_corner, _]) = solve(&engine, truth, Motion::Similarity);
-    let other = simple.other_motion.expect("a richer one would explain more");
+    let other = simple.other_motion.expect("no richer model was compared");
     assert!(other.explains_more && other.motion == Motion::Homography, "{other:?}");
-    assert!((other.corner_px - simple_corner).abs() < 0.5 * simple_corner, "{other:?}, truly {simple_corner}");
+    assert!(
+        (other.corner_px - simple_corner).abs() < 0.5 * simple_corner,
+        "{other:?}, true corner error {simple_corner} px"
+    );
 }
 
 #[test]
-fn a_hand_held_pair() {
+fn a_homography_registers_a_hand_held_pair() {
     check_homography(hand_held(300.0, [0.25, -0.35, 0.2]), [0.03, 0.1]);
 }
 
 #[test]
-fn a_tilted_stage() {
+fn a_homography_registers_a_tilted_stage() {
     check_homography(tilted_stage(500.0, 2.0, [1.3, -0.9]), [0.03, 0.1]);
 }
 
 #[test]
-fn a_sheared_pair() {
+fn an_affine_map_registers_a_sheared_pair() {
     let engine = TestEngine::new();
     let truth = Homography::from_matrix([[1.006, 0.004, 0.8], [-0.002, 0.997, -0.4], [0.0, 0.0, 1.0]]).unwrap();
     let (solution, [corner, v]) = solve(&engine, truth, Motion::Affine);
@@ -81,19 +84,19 @@ fn a_sheared_pair() {
 }
 
 #[test]
-fn a_homography_finds_a_similarity_and_reports_it() {
+fn a_homography_recovers_a_similarity_and_reports_that_it_suffices() {
     let engine = TestEngine::new();
     let truth = Similarity::new(1.3, -0.9, 0.15, 1.01);
     let (plain, [own, _]) = solve(&engine, truth.into(), Motion::Similarity);
     assert_eq!(plain.other_motion, None);
     let (rich, [corner, _]) = solve(&engine, truth.into(), Motion::Homography);
-    // 0.007 px: the cost of V's slope at the borders, which four more unknowns follow more closely.
+    // 0.007 px is the error from the slope of V at the borders. The four further unknowns fit this slope more closely.
     assert!(corner <= 1.5 * own.max(0.007), "{corner} px, {own} px by a similarity");
     assert_eq!(rich.other_motion.map(|other| (other.motion, other.explains_more)), Some((Motion::Similarity, false)));
 }
 
 #[test]
-fn a_shift_takes_two_unknowns() {
+fn a_translation_registers_a_shift() {
     let engine = TestEngine::new();
     let truth = Similarity::new(1.3, -0.9, 0.0, 1.0);
     let (solution, [corner, _]) = solve(&engine, truth.into(), Motion::Translation);

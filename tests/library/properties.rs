@@ -1,6 +1,7 @@
-//! Metamorphic tests: how a solution must change when the photographs are shifted, mirrored, padded, exchanged or
-//! exposed otherwise, or iterated longer. There are a few seeds instead of thousands of cases, because a solve takes
-//! long.
+//! Metamorphic tests: a change of the photographs must change the solution in a known way.
+//!
+//! The changes are shift, mirror, padding, exchange, exposure, and more iterations. The tests use few seeds because a
+//! solve takes long.
 
 use crate::common::scene::{luminance, pair, slanted};
 use crate::common::{TestEngine, trust};
@@ -10,7 +11,7 @@ use parfocal::{
 };
 
 const SIZE: [u32; 2] = [97, 75];
-/// Pixels along the border that are left out: what lies beyond it differs.
+/// Width of the excluded border, px. The pixels beyond the image border differ between the solves.
 const BORDER: usize = 12;
 
 fn seeds() -> std::ops::Range<u64> {
@@ -30,7 +31,7 @@ fn solve([i1, i2]: &[Frame; 2]) -> Solution {
     TestEngine::new().solve([i1, i2], &Settings::default())
 }
 
-/// A frame with the values of another at other places.
+/// Returns a frame whose pixels are copied from the positions that `of` returns.
 fn gather(frame: &Frame, [width, height]: [u32; 2], of: impl Fn(usize, usize) -> (usize, usize)) -> Frame {
     let (values, row) = (luminance(frame), frame.width() as usize);
     let at = |i: usize| of(i % width as usize, i / width as usize);
@@ -38,7 +39,7 @@ fn gather(frame: &Frame, [width, height]: [u32; 2], of: impl Fn(usize, usize) ->
     Frame::gray(width, height, values.collect()).unwrap()
 }
 
-/// Root mean square of V less the expected V inside the border, where both are numbers.
+/// Returns the rms of V minus the expected V, px², inside the border. NaN pixels are excluded.
 fn rms(solution: &Solution, expected: impl Fn(usize, usize) -> f32) -> f64 {
     let (width, height) = (solution.width as usize, solution.height as usize);
     let places = (BORDER..height - BORDER).flat_map(|y| (BORDER..width - BORDER).map(move |x| (x, y)));
@@ -54,7 +55,7 @@ fn v(solution: &Solution) -> impl Fn(usize, usize) -> f32 {
     |x, y| solution.relative_blur[y * solution.width as usize + x]
 }
 
-/// Asserts for each seed that V is within `most_v` px² and the corners of T within `most_t` px.
+/// Asserts for each seed that the error of V is at most `most_v` px² and the corner error of T at most `most_t` px.
 #[track_caller]
 fn hold(what: &str, [most_v, most_t]: [f64; 2], of: impl Fn(u64) -> [f64; 2]) {
     let found: Vec<[f64; 2]> = seeds().map(of).collect();
@@ -65,7 +66,7 @@ fn hold(what: &str, [most_v, most_t]: [f64; 2], of: impl Fn(u64) -> [f64; 2]) {
 }
 
 #[test]
-fn a_shift_of_i2_is_one_of_t() {
+fn shifting_i2_shifts_t_by_the_same_amount() {
     hold("shift", [0.02, 0.005], |seed| {
         let (t, by) = (start(seed), Similarity::new(1.25, -0.75, 0.0, 1.0));
         let moved = pair(SIZE, by.after(&t), slanted(SIZE[0]), 0.0, 100 + seed);
@@ -90,7 +91,7 @@ fn a_mirrored_pair_has_mirrored_results() {
 }
 
 #[test]
-fn padding_changes_little_inside() {
+fn padding_hardly_changes_the_interior() {
     const AROUND: usize = 8;
     hold("padding", [0.3, 0.1], |seed| {
         let size = SIZE.map(|side| side + 2 * AROUND as u32);
@@ -119,7 +120,7 @@ fn an_exchanged_pair_has_the_inverse_t_and_the_opposite_v() {
 }
 
 #[test]
-fn another_exposure_of_i2_changes_the_gain_alone() {
+fn another_exposure_of_i2_changes_only_the_gain() {
     hold("exposure", [0.01, 0.002], |seed| {
         let [i1, i2] = scene(seed);
         let values = luminance(&i2).iter().map(|value| (0.8 * value + 0.05) as f32).collect();
@@ -133,7 +134,7 @@ fn another_exposure_of_i2_changes_the_gain_alone() {
 }
 
 #[test]
-fn more_iterations_change_nothing_that_has_settled() {
+fn more_iterations_do_not_change_a_settled_solution() {
     hold("more iterations", [0.01, 0.001], |seed| {
         let [i1, i2] = scene(seed);
         let longer = Settings { outer_iterations: 300, ..Settings::default() };

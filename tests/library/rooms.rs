@@ -1,17 +1,17 @@
-//! Imports between the rooms of `src/`: none upwards, and no circle of files.
+//! Tests of the imports in `src/`: a module imports only lower modules, and files have no import cycles.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The rooms from the lowest up. `solve` and `metric` do not import each other.
+/// Top-level modules, lowest first. `solve` and `metric` do not import each other.
 const ROOMS: [&str; 8] = ["base", "engine", "solve", "metric", "files", "page", "lab", "cli"];
 
 fn source() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
 }
 
-/// Adds all files of a folder, by module path: `engine/stages/mod.rs` is `["engine", "stages"]`.
+/// Adds all files of a folder under their module paths. `engine/stages/mod.rs` is `["engine", "stages"]`.
 fn modules(folder: &Path, path: &[String], into: &mut BTreeMap<Vec<String>, PathBuf>) {
     for entry in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
         let stem = entry.file_stem().unwrap().to_string_lossy().into_owned();
@@ -24,7 +24,7 @@ fn modules(folder: &Path, path: &[String], into: &mut BTreeMap<Vec<String>, Path
     }
 }
 
-/// The text of a file without its comments and tests.
+/// Returns the text of a file without comments and tests.
 fn code(file: &Path) -> String {
     let text = fs::read_to_string(file).unwrap();
     let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap();
@@ -52,7 +52,7 @@ fn leaves(prefix: &str, tree: &str, into: &mut Vec<String>) {
     }
 }
 
-/// The module paths that a file imports or names by `crate::` or `super::`.
+/// Returns the module paths that a file imports or names with `crate::` or `super::`.
 fn referenced(module: &[String], code: &str) -> Vec<Vec<String>> {
     let mut paths = Vec::new();
     for (at, root) in code.match_indices("crate::").chain(code.match_indices("super::")) {
@@ -74,7 +74,7 @@ fn referenced(module: &[String], code: &str) -> Vec<Vec<String>> {
             for part in leaf.split("::").map(|part| part.split_whitespace().next().unwrap_or("")) {
                 match part {
                     "crate" => {}
-                    // A module's path is its own: `super` removes the last name, for a folder's mod.rs as for a file.
+                    // `super` removes the last name of the module path, both for a file and for a folder's mod.rs.
                     "super" => drop(path.pop()),
                     name => path.push(name.to_string()),
                 }
@@ -85,7 +85,7 @@ fn referenced(module: &[String], code: &str) -> Vec<Vec<String>> {
     paths
 }
 
-/// The imports between files. Imports of a parent's own names are left out: the parent re-exports them.
+/// Returns the imports between files, without those from a parent module, which re-exports names of its children.
 fn imports() -> BTreeMap<Vec<String>, BTreeSet<Vec<String>>> {
     let mut files = BTreeMap::new();
     for room in ROOMS {
@@ -107,10 +107,10 @@ fn imports() -> BTreeMap<Vec<String>, BTreeSet<Vec<String>>> {
 }
 
 #[test]
-fn no_import_runs_upwards() {
+fn no_module_imports_a_higher_module() {
     let rank = |module: &[String]| ROOMS.iter().position(|room| *room == module[0]).unwrap();
     let imports = imports();
-    // Far fewer than there are: a parser that misses imports would let this test pass.
+    // Detects a parser that misses imports. The actual number is far greater.
     assert!(imports.values().map(BTreeSet::len).sum::<usize>() > 250, "too few imports were parsed");
     for (module, targets) in imports {
         for target in targets {
@@ -120,9 +120,9 @@ fn no_import_runs_upwards() {
 }
 
 #[test]
-fn no_files_import_each_other_in_a_circle() {
+fn files_have_no_import_cycles() {
     let imports = imports();
-    // Removes files that import none of the remaining ones, until there are none. The rest is in or above a circle.
+    // Repeatedly removes the files that import no remaining file. The files left at the end are in or above a cycle.
     let mut left: BTreeSet<&Vec<String>> = imports.keys().collect();
     loop {
         let free: Vec<_> = left
@@ -135,6 +135,6 @@ fn no_files_import_each_other_in_a_circle() {
         }
         left.retain(|module| !free.contains(module));
     }
-    let circles: Vec<String> = left.iter().map(|module| module.join("::")).collect();
-    assert!(circles.is_empty(), "in or above a circle: {circles:#?}");
+    let cycles: Vec<String> = left.iter().map(|module| module.join("::")).collect();
+    assert!(cycles.is_empty(), "in or above an import cycle: {cycles:#?}");
 }

@@ -1,4 +1,4 @@
-//! Solve options: a region, cropping, a flat reference; and shading.
+//! Tests of the solve options (region, cropping, flat reference) and of shading.
 
 use crate::common::scene::{exposed, luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
@@ -38,7 +38,7 @@ fn corner(solution: &Solution) -> f64 {
 }
 
 #[test]
-fn a_region_has_the_solution_of_the_whole() {
+fn a_region_has_the_solution_of_the_whole_frame() {
     let [i1, i2] = clean_pair();
     let region = Region { x: 120, y: 90, width: 150, height: 110 };
     let scope = SolveOptions { region: Some(region), ..SolveOptions::default() };
@@ -52,7 +52,7 @@ fn a_region_has_the_solution_of_the_whole() {
     );
     assert!(at_corner < 0.05 && v < 0.05 && solution.valid_fraction == 1.0);
     let held = Settings { start: transform().into(), method: parfocal::settings::Method::Aligned, ..settings() };
-    assert!(corner(&solve(&scope, [&i1, &i2], &held)) < 1e-3, "a start is of the whole frame");
+    assert!(corner(&solve(&scope, [&i1, &i2], &held)) < 1e-3, "the start was not applied to the whole frame");
     let outside = SolveOptions { region: Some(Region { x: 200, ..region }), ..SolveOptions::default() };
     let mut solver = PairSolver::new(&TestEngine::new(), &settings()).unwrap();
     let refused = solver.solve([&i1, &i2], &outside).unwrap_err();
@@ -69,9 +69,9 @@ fn cropped_results_are_valid_everywhere() {
     assert_eq!(solution.fused.len(), (solution.width * solution.height) as usize);
 }
 
-/// I2 is darker by a third towards the corners.
+/// I2 darkens towards the corners, by about a third.
 #[test]
-fn shading_is_found_and_corrected() {
+fn shading_is_estimated_and_corrected() {
     let [i1, i2] = clean_pair();
     let darker = |x: f64, y: f64| 1.0 - 0.35 * ((x - 160.0).powi(2) + (y - 130.0).powi(2)) / 4e4;
     let values = luminance(&i2).into_iter().enumerate().map(|(i, v)| {
@@ -90,7 +90,7 @@ fn shading_is_found_and_corrected() {
     let even = solve(&SolveOptions::default(), [&i1, &exposed(&i1, 0.8, 0.0)], &settings());
     let [low, high] = even.shading.range();
     assert!(low > 0.99 && high < 1.01, "{low} to {high}");
-    // The shading of a region is stated over the part that was solved.
+    // The shading of a region refers to the solved part of the frame.
     let region = Region { x: 120, y: 90, width: 150, height: 110 };
     let part = solve(&SolveOptions { region: Some(region), ..SolveOptions::default() }, [&i1, &i2], &settings());
     for place in [[130.0, 100.0], [200.0, 150.0], [260.0, 190.0]] {
@@ -103,14 +103,14 @@ fn shading_is_found_and_corrected() {
 fn a_flat_reference_is_subtracted() {
     let [i1, i2] = clean_pair();
     let plain = solve(&SolveOptions::default(), [&i1, &i2], &settings());
-    // The slanted plane as its own flat target leaves V at the centre.
+    // The slanted plane is its own flat target, so only V at the centre remains.
     let flat = FieldCurvature::of_flat_target(SIZE, &plain.relative_blur, &plain.uncertainty).unwrap();
     let scope = SolveOptions { flat: Some(flat), crop_valid: true, ..SolveOptions::default() };
     let solution = solve(&scope, [&i1, &i2], &settings());
     let largest = solution.relative_blur.iter().fold(0.0f32, |m, v| m.max(v.abs()));
     println!("largest |V| {largest:.3} px²");
     assert!(largest < 0.2, "{largest}");
-    // Pixels at the limit of |V| stay there, and V can be restored.
+    // Pixels at the limit of |V| stay at the limit, and V can be restored.
     let limited = Settings { max_relative_blur: 2.0, ..settings() };
     let flat = scope.flat.clone();
     let bounded = solve(&SolveOptions { flat: flat.clone(), ..SolveOptions::default() }, [&i1, &i2], &limited);

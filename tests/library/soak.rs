@@ -1,4 +1,4 @@
-//! Many pairs on one engine, some of them broken: memory, threads and descriptors do not grow.
+//! Soak test: memory, threads and open files do not grow over many pairs, some of which fail.
 
 use std::process::Command;
 use std::time::Duration;
@@ -11,12 +11,12 @@ use parfocal::{
 };
 
 const CHILD: &str = "PARFOCAL_SOAK_CHILD";
-/// One pair in this many is broken.
+/// Every n-th pair fails on purpose.
 const BROKEN: usize = 20;
-/// Growth to ignore, KiB: what an allocator keeps varies by some MiB.
+/// Growth that is ignored, KiB. The memory that an allocator retains varies by some MiB.
 const SLACK: u64 = 16 << 10;
 
-/// Resources of the process: KiB, threads, open files.
+/// Resources of the process: resident memory in KiB, threads, open files.
 #[derive(Clone, Copy, Debug)]
 struct Held {
     memory: u64,
@@ -30,17 +30,17 @@ impl Held {
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
         let count = |folder| std::fs::read_dir(folder).unwrap().count();
         let memory = line.trim().trim_end_matches(" kB").parse().unwrap();
-        // A thread that has been joined stands in `/proc` until the kernel has buried it: the least of half a second.
-        let look = |_| {
+        // `/proc` lists a joined thread until the kernel has removed it. The minimum over half a second excludes it.
+        let sample = |_| {
             std::thread::sleep(Duration::from_millis(10));
             count("/proc/self/task")
         };
-        let threads = (0..50).map(look).min().unwrap();
+        let threads = (0..50).map(sample).min().unwrap();
         Self { memory, threads, files: count("/proc/self/fd") }
     }
 }
 
-/// Without validation, which has memory of its own and triples the time of a pair.
+/// Options without validation, which allocates memory and triples the time per pair.
 fn open() -> EngineOptions {
     EngineOptions { validation: false, ..options() }
 }
@@ -59,7 +59,7 @@ fn bits(solution: &Solution) -> Vec<u32> {
     solution.relative_blur.iter().chain(&solution.uncertainty).map(|value| value.to_bits()).collect()
 }
 
-/// A failure and its error.
+/// Causes one of five failures and checks its error.
 fn broken(engine: &Engine, n: usize) {
     let [i1, i2] = frames(n);
     match n / BROKEN % 5 {
@@ -68,11 +68,11 @@ fn broken(engine: &Engine, n: usize) {
             assert!(matches!(solve(engine, &[i1, other[1].clone()]), Err(Error::Mismatch(_))));
         }
         1 => {
-            // No texture: a warning.
-            let nothing = Frame::gray(i1.width(), i1.height(), vec![0.5; (i1.width() * i1.height()) as usize]).unwrap();
-            assert!(solve(engine, &[nothing.clone(), nothing]).is_ok_and(|solution| !solution.warnings.is_empty()));
-            let numberless = vec![f32::NAN; (i1.width() * i1.height()) as usize];
-            assert!(Frame::gray(i1.width(), i1.height(), numberless).is_err());
+            // An image without texture gives a warning.
+            let uniform = Frame::gray(i1.width(), i1.height(), vec![0.5; (i1.width() * i1.height()) as usize]).unwrap();
+            assert!(solve(engine, &[uniform.clone(), uniform]).is_ok_and(|solution| !solution.warnings.is_empty()));
+            let not_finite = vec![f32::NAN; (i1.width() * i1.height()) as usize];
+            assert!(Frame::gray(i1.width(), i1.height(), not_finite).is_err());
         }
         2 => {
             let folder = tempfile::tempdir().unwrap();
@@ -95,7 +95,7 @@ fn broken(engine: &Engine, n: usize) {
 fn soak(pairs: usize) {
     let engine = Engine::new(&open()).unwrap();
     let first = bits(&solve(&engine, &frames(0)).unwrap());
-    // After every size and fault, caches are full.
+    // Caches are full after every size and every failure has occurred.
     let warm = (pairs / 5).clamp(5 * BROKEN, 1000);
     let mut before = None;
     for n in 0..pairs {
@@ -109,20 +109,23 @@ fn soak(pairs: usize) {
         }
     }
     let (before, after) = (before.unwrap(), Held::now());
-    assert_eq!(bits(&solve(&engine, &frames(0)).unwrap()), first, "other results at the end");
-    let said = |Held { memory, threads, files }| format!("{memory} KiB, {threads} threads, {files} files");
-    trust::note("pairs soaked", format!("{pairs}: {} after {warm} pairs, {} at the end", said(before), said(after)));
+    assert_eq!(bits(&solve(&engine, &frames(0)).unwrap()), first, "the results changed");
+    let describe = |Held { memory, threads, files }| format!("{memory} KiB, {threads} threads, {files} files");
+    trust::note(
+        "pairs soaked",
+        format!("{pairs}: {} after {warm} pairs, {} at the end", describe(before), describe(after)),
+    );
     assert!(after.memory <= before.memory + SLACK, "{before:?}, {after:?}");
     assert!(after.threads <= before.threads && after.files <= before.files, "{before:?}, {after:?}");
 }
 
-/// Runs a test in its own process, whose resources it counts. Returns whether this is that process.
+/// Runs a test in its own process, so that its resources can be counted. Returns whether this is that process.
 fn is_alone(test: &str) -> bool {
     if std::env::var_os(CHILD).is_some() {
         return true;
     }
     let mut child = Command::new(std::env::current_exe().unwrap());
-    // An arena for each thread would grow.
+    // One arena per thread would make the memory grow.
     let child = child.args([test, "--exact", "--nocapture"]).env(CHILD, "1").env("MALLOC_ARENA_MAX", "1");
     assert!(child.status().unwrap().success());
     false
@@ -136,7 +139,7 @@ fn many_pairs_by_one_engine_leave_nothing_behind() {
     }
 }
 
-/// PARFOCAL_PAIRS_OF_MEMORY is the number of pairs, 48 by default.
+/// `PARFOCAL_PAIRS_OF_MEMORY` sets the number of pairs (default 48).
 #[test]
 fn a_stream_takes_no_more_memory_for_more_pairs() {
     if !is_alone("soak::a_stream_takes_no_more_memory_for_more_pairs") {
@@ -151,7 +154,7 @@ fn a_stream_takes_no_more_memory_for_more_pairs() {
     let mut before = None;
     for (n, solution) in stream.map(some.iter().cycle().take(pairs).cloned()).enumerate() {
         solution.unwrap();
-        // All frames in flight and queue places have been used.
+        // All frames in flight and all places of the queue have been used.
         if n == 23 {
             before = Some(Held::now());
         }

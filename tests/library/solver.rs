@@ -1,4 +1,4 @@
-//! The solver as an embedding program sees it.
+//! Tests of `PairSolver`: agreement with the CPU reference, determinism, warnings, errors, threads.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,13 +18,13 @@ fn small_pair() -> [Frame; 2] {
 }
 
 #[test]
-fn agrees_with_the_reference() {
+fn the_device_agrees_with_the_cpu_reference() {
     check_reference(small_pair());
 }
 
-/// With three levels the finest reads I2 warped onto the pixels of I1.
+/// With three levels, the finest level resamples I2 onto the pixels of I1.
 #[test]
-fn agrees_with_the_reference_where_i2_is_warped() {
+fn the_device_agrees_with_the_cpu_reference_if_i2_is_resampled() {
     check_reference(pair([151, 131], Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(151), 0.0, 5));
 }
 
@@ -32,7 +32,7 @@ fn check_reference([i1, i2]: [Frame; 2]) {
     let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
     let expected = reference::solve(&i1, &i2, &settings).unwrap();
     let found = TestEngine::alone().solve([&i1, &i2], &settings);
-    // Single against double precision over some sixty iterations that each feed the next.
+    // Single and double precision differ over about sixty iterations, each of which continues from the previous one.
     assert!(
         found.transform.corner_distance(expected.transform, i1.width(), i1.height()) < 2e-3,
         "{:?}",
@@ -62,7 +62,7 @@ fn the_same_pair_gives_the_same_bits() {
     let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
     let first = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
-    // Another pair between must leave no trace.
+    // A solve of another pair must not affect the next one.
     solver.solve([&i2, &i1], &SolveOptions::default()).unwrap();
     let again = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
     let fresh = engine.solve([&i1, &i2], &Settings::default());
@@ -82,20 +82,20 @@ fn a_settled_level_stops() {
     let solution = TestEngine::new().solve([&i1, &i2], &settings);
     let done: Vec<usize> = solution.levels.iter().map(|l| l.energy.len()).collect();
     println!("outer iterations by level: {done:?}");
-    // Not before an iteration at the final α, which comes sooner the finer the level.
+    // A level cannot stop before the final α. Finer levels reach it in fewer iterations.
     let earliest = [13, 9, 7];
     assert!(solution.converged && done.iter().zip(earliest).all(|(d, e)| (e..60).contains(d)), "{done:?}");
 }
 
 #[test]
-fn what_is_held_stays() {
+fn held_parameters_do_not_change() {
     let [i1, i2] = small_pair();
     let engine = TestEngine::new();
     let start = Similarity::new(0.6, -0.4, 0.1, 1.004);
     let aligned = Settings { method: Method::Aligned, start: start.into(), ..Settings::default() };
     let solution = engine.solve([&i1, &i2], &aligned);
     assert!(solution.transform.corner_distance(start, 97, 75) < 1e-5, "{:?}", solution.transform);
-    assert_ne!(solution.photometric, Photometric::IDENTITY, "photometry is still solved for");
+    assert_ne!(solution.photometric, Photometric::IDENTITY, "gain and offset were not solved for");
     let held = Settings { photometric: false, ..aligned };
     let solution = engine.solve([&i1, &i2], &held);
     assert_eq!(solution.photometric, Photometric::IDENTITY);
@@ -108,7 +108,7 @@ fn what_is_held_stays() {
 }
 
 #[test]
-fn colours_and_bit_depths_mix() {
+fn a_pair_can_mix_colours_and_bit_depths() {
     let [i1, i2] = small_pair();
     let colour = |frame: &Frame| {
         let samples =
@@ -155,7 +155,7 @@ fn samples_of_8_bits_are_read_as_srgb_by_default_and_of_more_as_linear() {
     }
 }
 
-fn doubtful(i1: &Frame, i2: &Frame, settings: &Settings, word: &str) {
+fn assert_warns(i1: &Frame, i2: &Frame, settings: &Settings, word: &str) {
     let solution = TestEngine::new().solve([i1, i2], settings);
     assert!(!solution.converged);
     assert!(solution.warnings.iter().any(|w| w.contains(word)), "{:?}", solution.warnings);
@@ -168,10 +168,10 @@ fn doubtful(i1: &Frame, i2: &Frame, settings: &Settings, word: &str) {
 }
 
 #[test]
-fn pairs_that_cannot_be_solved_are_an_answer() {
+fn pairs_that_cannot_be_solved_give_a_warning() {
     let grey = |v: f32| Frame::gray(80, 60, vec![v; 80 * 60]).unwrap();
-    doubtful(&grey(0.5), &grey(0.5), &Settings::default(), "texture");
-    doubtful(&grey(0.0), &grey(1.0), &Settings::default(), "texture");
+    assert_warns(&grey(0.5), &grey(0.5), &Settings::default(), "texture");
+    assert_warns(&grey(0.0), &grey(1.0), &Settings::default(), "texture");
     let constant = TestEngine::new().solve([&grey(0.5), &grey(0.6)], &Settings::default());
     assert!(constant.confidence.iter().all(|c| *c == 0.0));
 
@@ -183,16 +183,16 @@ fn pairs_that_cannot_be_solved_are_an_answer() {
     };
     let solution = TestEngine::new().solve([&i1, &i2], &away);
     assert!(solution.relative_blur.iter().all(|v| v.is_nan()) && solution.confidence.iter().all(|c| *c == 0.0));
-    doubtful(&i1, &i2, &away, "overlap");
+    assert_warns(&i1, &i2, &away, "overlap");
 
     let mut random = Random(3);
     let mut noise = || Frame::gray(90, 70, (0..90 * 70).map(|_| random.uniform() as f32).collect()).unwrap();
     let (a, b) = (noise(), noise());
-    doubtful(&a, &b, &Settings::default(), "correlate");
+    assert_warns(&a, &b, &Settings::default(), "correlate");
 }
 
 #[test]
-fn extreme_values_give_numbers() {
+fn extreme_values_give_finite_results() {
     let checker =
         |scale: f32| Frame::gray(64, 48, (0..64 * 48).map(|i| scale * ((i / 3) % 2) as f32).collect()).unwrap();
     for (a, b) in [(1.0, 1e4), (1e4, 1e-4), (-1.0, 1.0)] {
@@ -218,12 +218,15 @@ fn sizes_and_formats_that_do_not_fit_are_refused() {
     assert!(matches!(solver.solve([&i1, &other], &SolveOptions::default()), Err(Error::Mismatch(_))));
     let submitted = solver.submit([&other, &other], &[], &SolveOptions::default()).map(drop);
     assert!(matches!(submitted, Err(Error::Mismatch(_))));
-    assert!(solver.solve([&other, &other], &SolveOptions::default()).is_ok(), "a solver prepares itself again");
+    assert!(
+        solver.solve([&other, &other], &SolveOptions::default()).is_ok(),
+        "the solver did not adapt to another size"
+    );
     assert!(matches!(PairSolver::for_frames(&engine, [&i1, &other], &Settings::default()), Err(Error::Mismatch(_))));
 }
 
 #[test]
-fn the_least_size_and_odd_sizes_solve() {
+fn the_smallest_size_and_odd_sizes_are_solved() {
     let engine = TestEngine::new();
     for size in [[16, 16], [17, 33], [33, 16], [129, 31]] {
         let [i1, i2] = pair(size, Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
@@ -233,7 +236,7 @@ fn the_least_size_and_odd_sizes_solve() {
 }
 
 #[test]
-fn engines_and_solvers_go_to_other_threads() {
+fn engines_and_solvers_can_be_used_from_other_threads() {
     fn send<T: Send>() {}
     fn sync<T: Sync>() {}
     send::<Engine>();
@@ -267,11 +270,11 @@ fn stripes_do_not_determine_the_registration() {
         let value = |i: usize| 0.5 + 0.3 * (0.9 * ((i % 80) as f32 + shift)).sin();
         Frame::gray(80, 60, (0..80 * 60).map(value).collect()).unwrap()
     };
-    doubtful(&stripes(0.0), &stripes(0.3), &Settings::default(), "determine");
+    assert_warns(&stripes(0.0), &stripes(0.3), &Settings::default(), "determine");
 }
 
 #[test]
-fn a_progress_function_that_panics_leaves_nothing_in_use() {
+fn a_solver_is_usable_after_its_progress_function_panics() {
     let engine = TestEngine::alone();
     let [i1, i2] = small_pair();
     let panics = |settings: &Settings| {
@@ -283,7 +286,7 @@ fn a_progress_function_that_panics_leaves_nothing_in_use() {
         assert!(std::panic::catch_unwind(solve).is_err());
         solver.solve([&i1, &i2], &SolveOptions::default())
     };
-    // The panic waits for the solve in flight, with and without optional parts.
+    // The solve in flight ends before the panic continues, with and without optional parts.
     for settings in [Settings::default(), Settings { outer_iterations: 5, ..Settings::default() }] {
         let after = panics(&settings).unwrap();
         let before = engine.solve([&i1, &i2], &settings);
@@ -295,7 +298,7 @@ fn a_progress_function_that_panics_leaves_nothing_in_use() {
 fn a_wait_that_times_out_poisons_the_engine() {
     let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..options() }).unwrap();
     let [i1, i2] = pair([128, 128], Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
-    // Preparing waits too, for the images to be made ready.
+    // Preparation also waits for the device, to initialize the images.
     let prepared = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default());
     let timed_out = prepared.and_then(|mut solver| solver.solve([&i1, &i2], &SolveOptions::default()));
     assert!(matches!(timed_out, Err(Error::Timeout { .. })), "{timed_out:?}");

@@ -1,5 +1,5 @@
-//! Photographs as cameras pack them, in memory of the caller, and in memory that is shared with the device.
-#![allow(unsafe_code, reason = "the caller vouches for shared memory")]
+//! Tests of image sources: packed camera formats, memory of the caller, memory shared with the device.
+#![allow(unsafe_code, reason = "the constructors of shared memory are unsafe")]
 
 use std::ptr::NonNull;
 use std::time::{Duration, Instant};
@@ -17,14 +17,14 @@ use parfocal::{
 use crate::common::scene::pair;
 use crate::common::{TestEngine, options};
 
-/// A size whose rows end with a byte in any format.
+/// An image size whose rows are whole bytes in every format.
 const SIZE: [u32; 2] = [96, 80];
 
 fn frames() -> [Frame; 2] {
     pair(SIZE, Similarity::new(0.4, -0.3, 0.05, 1.0), |x| [1.0, 1.5 + 0.02 * x[0]], 0.0, 3)
 }
 
-/// The bytes that a camera makes of a grey scene.
+/// Packs a grey frame into the bytes that a camera sends in this format.
 fn packed(frame: &Frame, format: PixelFormat) -> Vec<u8> {
     let Samples::F32(values) = frame.samples() else { unreachable!() };
     let name = format.to_string();
@@ -40,7 +40,7 @@ fn packed(frame: &Frame, format: PixelFormat) -> Vec<u8> {
     let value = |v: &f32| (f64::from(*v) * f64::from((1u32 << bits) - 1)).round() as u16;
     let samples = values.iter().map(value);
     if name.ends_with('p') {
-        // Four samples of 10 bits in five bytes, or of 12 bits in six.
+        // Four samples take five bytes at 10 bits and six bytes at 12 bits.
         let words: Vec<u16> = samples.collect();
         let word = |four: &[u16]| four.iter().rev().fold(0u64, |all, &v| all << bits | u64::from(v));
         return words.chunks(4).flat_map(|four| word(four).to_le_bytes()[..bits / 2].to_vec()).collect();
@@ -60,7 +60,7 @@ fn packed(frame: &Frame, format: PixelFormat) -> Vec<u8> {
     samples.flat_map(bytes).collect()
 }
 
-/// The same rows with gaps.
+/// Adds gaps between the rows, so that a row starts every `pitch` bytes.
 fn with_gaps(bytes: &[u8], pitch: usize) -> Vec<u8> {
     let row = bytes.len() / SIZE[1] as usize;
     bytes.chunks(row).flat_map(|row| [row, &vec![0xa5; pitch - row.len()]].concat()).collect()
@@ -87,7 +87,7 @@ fn bits(mut pending: Pending) -> Vec<u32> {
 fn every_source_gives_the_results_of_unpacked_frames() {
     let (engine, frames) = (TestEngine::new(), frames());
     for format in formats() {
-        // Some pixels are clipped, so that frames use the passes that other sources always use.
+        // Some pixels are clipped, so that frames use the same passes as all other sources.
         let white = if format.format().depth == Depth::U8 { 255.0 } else { 65535.0 };
         let settings = Settings { white_level: Some(0.75 * white), decode: Decode::None, ..Settings::default() };
         let photographs = frames.each_ref().map(|frame| packed(frame, format));
@@ -97,7 +97,7 @@ fn every_source_gives_the_results_of_unpacked_frames() {
         let pitch = photographs[0].len() / SIZE[1] as usize + 7;
         let [a, b] = photographs.each_ref().map(|bytes| with_gaps(bytes, pitch));
         let write = |bytes: &mut [u8]| bytes.copy_from_slice(&photographs[0]);
-        // SAFETY: they outlive the solver's pairs, and are not written.
+        // SAFETY: the bytes outlive the pairs of the solver and are not written.
         let [near, far] =
             [&photographs[0], &b].map(|of| unsafe { HostMemory::new(NonNull::from(of.as_slice()).cast(), of.len()) });
         let (near, far) = (engine.share(near), engine.share(far));
@@ -121,13 +121,13 @@ fn every_source_gives_the_results_of_unpacked_frames() {
 }
 
 #[test]
-fn shared_memory_may_be_overwritten_once_it_is_fetched() {
+fn shared_memory_can_be_overwritten_after_the_device_has_read_it() {
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
     let format = PixelFormat::from(i1.format());
     let mut ring = [i1.bytes().to_vec(), i2.bytes().to_vec()].concat();
-    // An odd offset, not at the start of a page.
+    // The offset is odd and not aligned to a page.
     ring.insert(0, 0);
-    // SAFETY: the ring outlives its shared memory, and is written only after its pairs are fetched.
+    // SAFETY: the ring outlives the shared memory. It is written only after the device has read the pair.
     let memory = engine.share(unsafe { HostMemory::new(NonNull::from(ring.as_mut_slice()).cast(), ring.len()) });
     assert_eq!(memory.bytes(), ring.len());
     let mut solver = PairSolver::for_size(&engine, SIZE, [format; 2], 1, &Settings::default()).unwrap();
@@ -136,7 +136,7 @@ fn shared_memory_may_be_overwritten_once_it_is_fetched() {
     let mut solve = |ring: &mut Vec<u8>| {
         let mut pending = submit(&mut solver, sources);
         assert!(pending.wait_fetched(Duration::MAX).unwrap());
-        // The device works on its copy.
+        // The device has its own copy.
         ring.fill(0);
         bits(pending)
     };
@@ -147,7 +147,7 @@ fn shared_memory_may_be_overwritten_once_it_is_fetched() {
     assert_eq!(solve(&mut ring), first);
 }
 
-/// A file in memory, which no device imports, in the place of a dma-buf.
+/// Uses a file in memory in place of a dma-buf. No device can import it.
 #[cfg(target_os = "linux")]
 #[test]
 fn the_host_copies_from_memory_that_the_device_cannot_import() {
@@ -157,10 +157,10 @@ fn the_host_copies_from_memory_that_the_device_cannot_import() {
     let mut file = tempfile::tempfile_in("/dev/shm").unwrap();
     file.write_all(&[i1.bytes(), i2.bytes()].concat()).unwrap();
     let bytes = 2 * i1.bytes().len();
-    // SAFETY: the file stays as it is.
+    // SAFETY: the file is not changed.
     let short = unsafe { DmaBuf::new(file.try_clone().unwrap().into(), bytes + 1) };
     assert!(engine.share_dma_buf(short).unwrap_err().to_string().contains(&format!("has {bytes} bytes, not")));
-    // SAFETY: likewise.
+    // SAFETY: the file is not changed.
     let memory = engine.share_dma_buf(unsafe { DmaBuf::new(file.into(), bytes) }).unwrap();
     assert!(memory.is_staged());
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
@@ -199,7 +199,7 @@ fn sources_that_do_not_fit_are_refused() {
     assert!(problem(&mut odd, [rows, rows]).contains("ends within a byte"));
     assert!(problem(&mut odd, [frame, rows]).contains("prepared for 97x80 Mono12p, not 96x80"));
     let other = TestEngine::alone();
-    // SAFETY: the bytes outlive it, and are not written.
+    // SAFETY: the bytes outlive the shared memory and are not written.
     let memory = other.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
     let shared = |offset| Source::Shared { memory: &memory, offset, pitch: 0 };
     assert!(problem(&mut gray, [frame, shared(0)]).contains("shared with another engine"));
@@ -208,10 +208,10 @@ fn sources_that_do_not_fit_are_refused() {
     assert!(problem(&mut its_own, [frame, shared(usize::MAX)]).contains("there are 0"));
 }
 
-/// How long the host is held until `submit` returns, and the pair until it is solved: for figures,
+/// Measures the time until `submit` returns and until the pair is solved:
 /// `cargo test --test library how_long_frames_of_a_camera_take -- --ignored --nocapture`
 #[test]
-#[ignore = "it measures"]
+#[ignore = "a measurement"]
 fn how_long_frames_of_a_camera_take() {
     let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
     let size = [2448, 2048];
@@ -222,7 +222,7 @@ fn how_long_frames_of_a_camera_take() {
         let [plain, unpacked] = [PixelFormat::from(format.format()), format];
         let mut by_host = PairSolver::for_size(&engine, size, [plain; 2], 1, &settings).unwrap();
         let mut by_device = PairSolver::for_size(&engine, size, [unpacked; 2], 1, &settings).unwrap();
-        // SAFETY: the bytes outlive it, and are not written.
+        // SAFETY: the bytes outlive the shared memory and are not written.
         let memory = engine.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
         let mut rounds = [(); 3].map(|()| Vec::new());
         for _ in 0..6 {
@@ -243,12 +243,12 @@ fn how_long_frames_of_a_camera_take() {
             note(2, &mut by_device, &|solver| submit(solver, [shared; 2]));
         }
         for (way, mut times) in ["unpacked by the host", "rows", "shared"].into_iter().zip(rounds) {
-            // The first compiles.
+            // The first round compiles pipelines.
             times.remove(0);
             times.sort_by(|a, b| a.0.total_cmp(&b.0));
             let (least, [held, whole], most) = (times[0].0, [times[2].0, times[2].1], times[4].0);
             println!(
-                "{name}, {way}: host held {held:.1} ms ({least:.1} to {most:.1}), five iterations there after {whole:.0} ms"
+                "{name}, {way}: submit returns after {held:.1} ms ({least:.1} to {most:.1}), five iterations end after {whole:.0} ms"
             );
         }
     }

@@ -1,4 +1,4 @@
-//! Streams: results in order and with the bits of single solves, whatever happens to other pairs.
+//! Tests of streams: results come in order and equal those of single solves bit for bit.
 
 use std::iter;
 use std::sync::LazyLock;
@@ -16,7 +16,7 @@ use crate::common::{TestEngine, options};
 
 const SIZE: [u32; 2] = [72, 64];
 
-/// Different pairs and the solution of each.
+/// Four pairs and their solutions.
 static SOLVED: LazyLock<Vec<([Frame; 2], Solution)>> = LazyLock::new(|| {
     let engine = TestEngine::new();
     let of = |n: u64| pair(SIZE, Similarity::new(0.3 * n as f64, -0.3, 0.05, 1.0), slanted(SIZE[0]), 0.0, 3 + n);
@@ -37,7 +37,7 @@ fn stream(engines: &[&Engine], frames_in_flight: usize) -> Stream {
     Stream::new(engines, frames_in_flight, SIZE, formats(), &settings()).unwrap()
 }
 
-/// The pair of a number and its expected solution.
+/// Returns the n-th pair and its expected solution.
 fn solved(n: usize) -> &'static ([Frame; 2], Solution) {
     &SOLVED[n % SOLVED.len()]
 }
@@ -55,7 +55,7 @@ fn assert_is(found: &Solution, n: usize) {
     assert_eq!(bits(&found.fused), bits(&expected.fused), "pair {n}");
 }
 
-/// A pair of another size.
+/// Returns a pair of another size.
 fn other() -> [Frame; 2] {
     pair([64, 48], Similarity::new(0.0, 0.0, 0.0, 1.0), slanted(64), 0.0, 1)
 }
@@ -84,7 +84,7 @@ fn one_thread_pushes_and_another_reads() {
         let count = stream.results().enumerate().map(|(n, found)| assert_is(&found.unwrap(), n)).count();
         assert_eq!(count, 9);
     });
-    // Another push takes `finish` back.
+    // A further push reopens the stream after `finish`.
     stream.push(solved(2).0.clone(), Duration::ZERO).unwrap();
     assert_is(&stream.next(Duration::MAX).unwrap().unwrap(), 2);
 }
@@ -94,7 +94,7 @@ fn a_full_stream_returns_the_pair() {
     let engine = TestEngine::new();
     let stream = stream(&[&engine], 1);
     assert_eq!((stream.capacity(), stream.is_empty()), (2, true));
-    assert!(stream.next(Duration::ZERO).unwrap().is_none(), "nothing is pushed");
+    assert!(stream.next(Duration::ZERO).unwrap().is_none(), "a result before the first push");
     pairs(2).for_each(|pair| stream.push(pair, Duration::ZERO).unwrap());
     let before = Instant::now();
     let QueueFull(back) = stream.push(solved(2).0.clone(), Duration::from_millis(30)).unwrap_err();
@@ -128,7 +128,7 @@ fn dropping_a_stream_leaves_the_engine_usable() {
     for pushed in [0, 1, 6] {
         let mut stream = stream(&[&engine], 3);
         pairs(pushed).for_each(|pair| stream.push(pair, Duration::ZERO).unwrap());
-        // Pairs of a dropped map stay in order.
+        // Dropping the iterator of `map` keeps the pending pairs and their order.
         let first = stream.map(pairs(9).skip(pushed)).next().unwrap().unwrap();
         assert_is(&first, 0);
         assert_is(&stream.next(Duration::MAX).unwrap().unwrap(), 1);
@@ -147,7 +147,7 @@ fn a_stream_that_cannot_be_prepared_is_an_error() {
     assert!(matches!(Stream::new(&[], 3, SIZE, formats(), &settings()).map(drop), Err(Error::NoDevice(_))));
 }
 
-/// A pair and settings whose solve takes long.
+/// Returns a pair and settings whose solve takes long.
 fn long() -> ([Frame; 2], Settings) {
     let settings = Settings { levels: Some(1), outer_iterations: 1000, continuation: 1.0, ..Settings::default() };
     (pair([256, 256], Similarity::new(3.0, 2.0, 0.5, 1.01), slanted(256), 0.2, 5), settings)
@@ -156,21 +156,21 @@ fn long() -> ([Frame; 2], Settings) {
 #[test]
 fn other_devices_solve_the_pairs_of_a_failed_one() {
     let (pair, settings) = long();
-    let sound = TestEngine::new();
+    let intact = TestEngine::new();
     let before = Instant::now();
-    let expected = sound.solve(pair.each_ref(), &settings);
+    let expected = intact.solve(pair.each_ref(), &settings);
     println!("{:?}", before.elapsed());
-    // Long enough to prepare, too short to solve.
+    // The timeout is long enough to prepare and too short to solve.
     let hurried = || Engine::new(&EngineOptions { timeout: Duration::from_millis(150), ..options() }).unwrap();
     let solve = |engines: &[&Engine], count: usize| {
         let mut stream = Stream::new(engines, 2, [256, 256], formats(), &settings).unwrap();
         stream.map(iter::repeat_n(pair.clone(), count)).collect::<Vec<_>>()
     };
-    for found in solve(&[&hurried(), &sound], 3) {
+    for found in solve(&[&hurried(), &intact], 3) {
         let found = found.unwrap();
         assert!(found.relative_blur.iter().zip(&expected.relative_blur).all(|(a, b)| a.to_bits() == b.to_bits()));
     }
-    // The last device returns its error. Its engine is poisoned then.
+    // If no other device is left, the stream returns the error. The engine is poisoned afterwards.
     let hurried = hurried();
     let found = solve(&[&hurried], 6);
     assert!(matches!(found[0], Err(Error::Timeout { .. })), "{:?}", found[0].as_ref().map(drop));
@@ -179,15 +179,15 @@ fn other_devices_solve_the_pairs_of_a_failed_one() {
 }
 
 #[test]
-fn a_stream_may_be_shared() {
-    fn may<T: Send + Sync>() {}
-    may::<Stream>();
+fn a_stream_is_send_and_sync() {
+    fn check<T: Send + Sync>() {}
+    check::<Stream>();
 }
 
-/// Measures what a stream saves. On lavapipe device and host share the processor: it saves little.
+/// Measures the time that a stream saves. It saves little on lavapipe, where device and host share the processor:
 /// `cargo test --test library how_much_a_stream_saves -- --ignored --nocapture`
 #[test]
-#[ignore = "it measures"]
+#[ignore = "a measurement"]
 fn how_much_a_stream_saves() {
     let (size, settings) = ([512, 384], Settings::default());
     let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
@@ -204,7 +204,7 @@ fn how_much_a_stream_saves() {
         before.elapsed().as_secs_f64()
     };
     seconds(&mut streamed);
-    // Alternating, so that other load on the machine affects both.
+    // Both orders alternate, so that other load on the machine affects both.
     let mut ratios: Vec<f64> = Vec::new();
     for round in 0..7 {
         let (blocking, overlapping) = match round % 2 {
@@ -228,7 +228,7 @@ fn how_much_a_stream_saves() {
 }
 
 #[test]
-fn sweeps_come_in_order_with_errors_in_their_place() {
+fn sweeps_come_in_order_and_errors_in_their_place() {
     let engine = TestEngine::new();
     let frame = |v: f64, seed: u64| pair(SIZE, Similarity::IDENTITY, move |_| [v, v], 0.0, seed)[0].clone();
     let sweep = |seed: u64| [1.3, 0.3, 1.3, 4.3].map(|v| frame(v, seed)).to_vec();
@@ -240,7 +240,7 @@ fn sweeps_come_in_order_with_errors_in_their_place() {
     let mut stream = Stream::of_sweeps(&[&engine], 2, &SweepOptions::default()).unwrap();
     assert_eq!(stream.capacity(), 4);
     let mut found: Vec<_> = stream.map(sweeps).collect();
-    assert!(matches!(found.remove(1), Err(Error::Mismatch(_))), "two frames are no sweep");
+    assert!(matches!(found.remove(1), Err(Error::Mismatch(_))), "a sweep of two frames was accepted");
     let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
     for (found, expected) in found.into_iter().zip(expected) {
         assert_eq!(bits(&found.unwrap().focus), bits(&expected));

@@ -1,4 +1,4 @@
-//! Focus sweeps in closed form: a slope through a lens that breathes and drifts.
+//! Tests of focus sweeps: a slope rendered in closed form, through a lens that breathes and drifts.
 
 use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
@@ -11,17 +11,17 @@ use crate::common::TestEngine;
 use crate::common::scene::{Random, pair};
 
 const SIZE: [u32; 2] = [288, 224];
-/// c, px² by squared settings.
+/// Blur rate c, px² per squared focus setting.
 const RATE: f64 = 1.2;
 const FRAMES: usize = 7;
 const REFERENCE: usize = 3;
 
-/// u at a place of the reference.
+/// Focus setting u at a pixel of the reference frame.
 fn focus([x, y]: [f64; 2]) -> f64 {
     0.8 + 4.4 * (0.7 * x / f64::from(SIZE[0]) + 0.3 * y / f64::from(SIZE[1]))
 }
 
-/// A frame at a focus setting, displaced, brighter by a gain, with noise.
+/// Renders a frame at a focus setting, with displacement, gain and noise.
 fn frame(setting: f64, t: Homography, gain: f64, noise: f64, seed: u64) -> Frame {
     let [_, shown] = pair(SIZE, t, |x| [0.0, 0.2 + RATE * (setting - focus(x)).powi(2)], 0.0, 5);
     let mut random = Random(seed);
@@ -30,7 +30,7 @@ fn frame(setting: f64, t: Homography, gain: f64, noise: f64, seed: u64) -> Frame
     Frame::gray(SIZE[0], SIZE[1], values.collect()).unwrap()
 }
 
-/// Breathing of 5 % over the sweep, a drift of 10 px along a curve, a turn, gain within 5 %.
+/// Transform of frame n: scale by 5 % over the sweep, a curved drift of 10 px, and a rotation.
 fn transform(n: usize) -> Homography {
     let s = n as f64 - REFERENCE as f64;
     Similarity::new(1.6 * s, 0.4 * s * s - 0.5 * s, 0.05 * s, 1.0 + 0.05 * s / (FRAMES - 1) as f64).into()
@@ -52,7 +52,8 @@ fn solve(settings: &[f64], noise: f64) -> Sweep {
     solver.solve(&frames, &SolveOptions::default()).unwrap()
 }
 
-/// The median of |u - truth| in settings, and the shares within one and two deviations, 24 px inside the border.
+/// Returns the median of |u - truth| in focus settings, and the shares within one and two standard deviations. The
+/// outermost 24 px are excluded.
 fn errors_inside(sweep: &Sweep) -> [f64; 3] {
     let [width, height] = SIZE.map(|side| side as usize);
     let places = (24..height - 24).flat_map(|y| (24..width - 24).map(move |x| (x, y)));

@@ -1,4 +1,4 @@
-"""Times parfocal beside OpenCV: one pair, one machine, every system once a round; see README.md."""
+"""Compares the times of parfocal and OpenCV on one machine. Each round runs every system once; see README.md."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ SMALLEST = 16
 
 
 def rounds(entries: list[System], repeats: int) -> list[Outcome]:
-    """Every system once, in turns, so that what slows the machine for a while slows them all.
+    """Runs every system once per round, so that a temporary load on the machine slows all of them.
 
-    A first round is not counted: it starts OpenCV's threads and fills parfocal's cache of pipelines. A system that
-    fails has no figures and is not asked again.
+    The first round is not counted: it starts the threads of OpenCV and fills the pipeline cache of parfocal. A system
+    that fails has no figures and is not run again.
     """
     readings: dict[str, list[Reading]] = {system.name: [] for system in entries}
     failures: dict[str, str] = {}
@@ -47,7 +47,7 @@ def rounds(entries: list[System], repeats: int) -> list[Outcome]:
 
 
 def pairs(parfocal: Parfocal, arguments: argparse.Namespace, work: Path) -> Iterator[tuple[str, Size, Files, Path | None]]:
-    """Of each pair what it is called, its size, its files and its truth; a scene is rendered when its turn comes."""
+    """Yields the name, size, files and truth of each pair. A scene is rendered when it is reached."""
     if arguments.pair:
         i1, i2 = arguments.pair
         height, width = read_grey(i1).shape
@@ -63,7 +63,7 @@ def pairs(parfocal: Parfocal, arguments: argparse.Namespace, work: Path) -> Iter
 
 
 def run(parfocal: Parfocal, arguments: argparse.Namespace) -> None:
-    """Every pair; both files are written anew after each."""
+    """Times every pair, and writes both result files after each pair."""
     versions = {package: version(package) for package in ("opencv-python-headless", "numpy")}
     results: list[PairResult] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -75,7 +75,7 @@ def run(parfocal: Parfocal, arguments: argparse.Namespace) -> None:
 
 
 def bind(threads: int) -> None:
-    """This process and those it starts keep to so many cores; OpenCV's threads and lavapipe's are as many."""
+    """Limits this process and its children, and the threads of OpenCV and lavapipe, to a number of cores."""
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:threads])
     cv2.setNumThreads(threads)
     os.environ["LP_NUM_THREADS"] = str(threads)

@@ -1,4 +1,4 @@
-"""The times of all systems on each pair, as JSON and as tables."""
+"""Writes the times of all systems on each pair as JSON and as tables."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ time within its passes, all levels together."""
 
 @dataclass(frozen=True)
 class Outcome:
-    """A system's readings, one a round, or none and why."""
+    """The readings of a system, one per round, or none and the reason."""
 
     system: str
     delivers: str
@@ -39,7 +39,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class PairResult:
-    """All systems on one pair."""
+    """The outcomes of all systems on one pair."""
 
     pair: str
     size: Size
@@ -56,7 +56,7 @@ class PairResult:
         return ratios(outcome.ms, self.ms_of(ECC))
 
     def relaxations(self) -> dict[str, Spread | None]:
-        """Mpx-sweeps/s of those that relax."""
+        """Returns the Mpx-sweeps/s of the systems that use relaxation."""
         rates = {
             outcome.system: Spread.of([r.mpx_sweeps_per_s for r in outcome.readings if r.mpx_sweeps_per_s])
             for outcome in self.outcomes
@@ -71,7 +71,7 @@ class PairResult:
 
 @dataclass(frozen=True)
 class Setting:
-    """What it all ran on: the processor, how many of its cores were used, versions by package."""
+    """The environment of the runs: the processor, the number of cores used, and the versions by package."""
 
     cpu: str
     threads: int
@@ -79,7 +79,7 @@ class Setting:
 
 
 def cpu() -> str:
-    """The processor's name."""
+    """Returns the name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -96,7 +96,7 @@ def write(out: Path, setting: Setting, results: list[PairResult]) -> None:
 
 
 def markdown(setting: Setting, results: list[PairResult]) -> str:
-    """Of each pair the table of times and that of relaxations, and below them why something failed."""
+    """Returns the tables of times and relaxation rates of each pair, and the reasons of failures below them."""
     versions = ", ".join(f"{k} {v}" for k, v in setting.versions.items())
     ran = f"{setting.threads} cores of {setting.cpu}; parfocal on {_device(results) or DASH}; {versions}."
     parts = ["# Parfocal beside OpenCV", ran, NOTES]

@@ -1,6 +1,6 @@
 # shellcheck shell=bash
-# What run and bench need, sourced by both from the project's root: $python with OpenCV, $parfocal, a driver.
-# PARFOCAL=path names another build of the program.
+# Sets up $python with OpenCV, $parfocal and a driver. run and bench source it in the root of the project.
+# PARFOCAL=path selects another build of the program.
 . tools/vulkan.sh
 
 venv=target/peers
@@ -16,12 +16,12 @@ if ! cmp -s "$requirements" "$venv/requirements.txt"; then
   python3 -m venv --clear "$venv" || fail 'no virtual environment: install python3-venv (apt-get install python3-venv)'
   "$venv/bin/pip" install --quiet --disable-pip-version-check --requirement "$requirements" ||
     fail "pip could not install $requirements; it needs Python 3.11 or later and PyPI"
-  cp "$requirements" "$venv/requirements.txt" # last: an interrupted installation is done again
+  cp "$requirements" "$venv/requirements.txt" # last, so that an interrupted installation is repeated
 fi
-# shellcheck disable=SC2034 # for those that source this
+# shellcheck disable=SC2034 # the scripts that source this file use it
 python=$venv/bin/python
 
 parfocal=${PARFOCAL:-${CARGO_TARGET_DIR:-target}/release/parfocal}
 [[ -x $parfocal ]] || cargo build --release --locked
-use_driver || true # the program says what is missing
-export PYTHONDONTWRITEBYTECODE=1 # nothing beside the sources
+use_driver || true # the program reports what is missing
+export PYTHONDONTWRITEBYTECODE=1 # no bytecode files beside the sources

@@ -1,4 +1,4 @@
-"""Images and fields of V: reading, displacing, comparing."""
+"""Reads, displaces and compares images and fields of V."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from scipy import ndimage
 from similarity import Similarity
 
 BORDER_PX = 16
-"""Left out of every rms of V, as in `parfocal evaluate`."""
+"""Border excluded from every rms of V, as in `parfocal evaluate`."""
 
 
 def read_grey(path: Path) -> np.ndarray:
-    """Luminance (Rec.601) in 0 to 1, values as stored, pixels as they lie in the file."""
+    """Reads the luminance (Rec. 601) in 0 to 1. Values are not linearized, and the orientation tag is ignored."""
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imread(str(path), flags)
     if image is None:
@@ -25,19 +25,19 @@ def read_grey(path: Path) -> np.ndarray:
 
 
 def write_grey(path: Path, image: np.ndarray) -> None:
-    """As a PNG of 16 bits."""
+    """Writes a 16-bit PNG."""
     if not cv2.imwrite(str(path), np.rint(np.clip(image, 0, 1) * 65535).astype(np.uint16)):
         raise SystemExit(f"{path}: cannot be written; check the folder")
 
 
 def read_field(path: Path) -> np.ndarray:
-    """The channel Y of an OpenEXR file."""
+    """Reads the channel Y of an OpenEXR file."""
     with OpenEXR.File(str(path)) as file:
         return file.channels()["Y"].pixels
 
 
 def displaced(image: np.ndarray, by: Similarity) -> np.ndarray:
-    """The J with J(T x) = image(x), by splines of order 5."""
+    """Resamples an image to J with J(T x) = image(x), by splines of order 5."""
     size = (image.shape[1], image.shape[0])
     (a, b, tx), (c, d, ty) = np.linalg.inv(np.vstack([by.affine(size), [0, 0, 1]]))[:2]
     rows_first = np.array([[d, c], [b, a]])
@@ -45,7 +45,7 @@ def displaced(image: np.ndarray, by: Similarity) -> np.ndarray:
 
 
 def blur_rms(found: np.ndarray, truth: np.ndarray) -> float | None:
-    """Rms of V's error, px², inside the border and where both are valid; None where nothing is."""
+    """Returns the rms error of V, px², over the pixels inside the border that are valid in both, else None."""
     inside = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
     error = found[inside].astype(float) - truth[inside]
     error = error[np.isfinite(error)]

@@ -1,4 +1,4 @@
-"""T of the noisy plane by least squares with the true V: the least corner error possible, beside the unified method's."""
+"""Estimates T of the noisy plane by least squares with the true V. Compares the corner error to that of unified."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from program import Parfocal
 from similarity import Similarity
 
 STEP_PX2 = 0.1
-"""Between the blurs that are made of an image; those between are interpolated."""
+"""Step between the computed blurs of an image. Blurs between them are interpolated."""
 BORDER_PX = 10
-"""Left out: the widest blur, of 4 px², reaches 6 px, and the pair is displaced by 2."""
+"""Excluded border: the largest blur, 4 px², reaches 6 px, and the displacement is 2 px."""
 STEPS = 4
-"""Of Gauss and Newton, from the truth."""
+"""Gauss-Newton steps from the true T."""
 
 
 def blurred(image: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Blurred at each pixel by a Gaussian of so much, px²."""
+    """Blurs each pixel by a Gaussian of its variance, px²."""
     count = math.ceil(variance.max() / STEP_PX2) + 2
     stack = np.array([ndimage.gaussian_filter(image, math.sqrt(n * STEP_PX2), truncate=6) for n in range(count)])
     below = (variance / STEP_PX2).astype(int)
@@ -34,7 +34,7 @@ def blurred(image: np.ndarray, variance: np.ndarray) -> np.ndarray:
 
 
 def registered(i1: np.ndarray, i2: np.ndarray, blur: np.ndarray, start: Similarity) -> Similarity:
-    """T by least squares of the sharper image, blurred as V says, less the other."""
+    """Estimates T by least squares of the difference between the sharper image, blurred by V, and the other image."""
     height, width = i1.shape
     centre = np.array([(width - 1) / 2, (height - 1) / 2])
     y, x = np.indices(i1.shape, dtype=float)
@@ -43,7 +43,7 @@ def registered(i1: np.ndarray, i2: np.ndarray, blur: np.ndarray, start: Similari
     first = blurred(i1.astype(float), np.abs(blur))
     inside = np.zeros(i1.shape, bool)
     inside[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX] = True
-    inside &= np.abs(blur) > STEP_PX2  # where the least blur cannot be distinguished from none
+    inside &= np.abs(blur) > STEP_PX2  # smaller blurs cannot be distinguished from no blur
     found = start
     for _ in range(STEPS):
         a, b = found.linear()[:, 0]
@@ -60,7 +60,7 @@ def registered(i1: np.ndarray, i2: np.ndarray, blur: np.ndarray, start: Similari
 
 
 def corners(program: Parfocal, noise: float, seed: int, out: Path) -> tuple[float, float]:
-    """The corner errors of one plane, px: with the true V, and by the unified method."""
+    """Returns the corner errors of one plane, px: with the true V, and by the unified method."""
     truth = program.simulate(["plane", "--noise", str(noise), "--seed", str(seed)], out)
     pair = (out / "i1.png", out / "i2.png")
     i1, i2 = map(read_grey, pair)

@@ -31,7 +31,7 @@ PEERS: dict[str, Register] = {
 OURS = {report.UNIFIED: "unified", "parfocal appearance": "appearance", "parfocal SIFT": "sift"}
 
 AS_STORED = ["--decode", "none"]
-"""OpenCV takes values as stored, and so does parfocal where they are photographs'."""
+"""Photographs are not linearized, because OpenCV does not linearize them either."""
 HALF_GAUSSIAN = ["--kernel", "half-gaussian"]
 SIGMAS_PX = ("1.0", "1.5", "2.5")
 CUP_DISPLACED_BY = Similarity(1.8, 2.3, 0.2, 1.01)
@@ -47,7 +47,7 @@ REAL = {
 
 @dataclass(frozen=True)
 class Case:
-    """A pair of which T is known, and V unless it is None; and how it is solved."""
+    """A pair with known T, its V or None, and the options of its solve."""
 
     scene: str
     pair: tuple[Path, Path]
@@ -57,12 +57,12 @@ class Case:
     options: list[str] = field(default_factory=list)
 
     def blur_rms(self, found: np.ndarray) -> float | None:
-        """Of V as found, px²."""
+        """Returns the rms error of V, px², or None if the true V is unknown."""
         return None if self.blur is None else blur_rms(found, self.blur)
 
 
 def scenes() -> dict[str, tuple[list[str], list[str]]]:
-    """Of each scene its name, the arguments of `parfocal simulate`, and the options of `parfocal solve`."""
+    """Returns the arguments of `parfocal simulate` and the options of `parfocal solve` for each scene."""
     plain = {name: ([name], []) for name in ("plane", "relief", "steps", "cylinders")}
     half_gaussian = {
         f"{name}, σ {sigma}": ([name, "--sigma", sigma], HALF_GAUSSIAN)
@@ -73,7 +73,7 @@ def scenes() -> dict[str, tuple[list[str], list[str]]]:
 
 
 def cases(parfocal: Parfocal, data: Path, work: Path) -> Iterator[Case]:
-    """The synthetic scenes, then the Cup pair displaced, if it is there."""
+    """Yields the synthetic scenes, then the displaced Cup pair if its files exist."""
     for name, (scene, options) in scenes().items():
         folder = work / name.replace(", σ ", "-")
         truth = parfocal.simulate(scene, folder)
@@ -87,7 +87,7 @@ def cases(parfocal: Parfocal, data: Path, work: Path) -> Iterator[Case]:
 
 
 def cup_displaced(parfocal: Parfocal, cup: Path, work: Path) -> Case:
-    """The Cup pair, its I2 displaced; truth is what the unified solve finds on the pair as it was taken."""
+    """Returns the Cup pair with a displaced I2. The truth is the unified solve of the original pair."""
     near, far = (cup / name for name in REAL["cup"])
     taken = parfocal.solve((near, far), work / "cup-as-taken", "unified", AS_STORED)
     moved = work / "cup-displaced.png"
@@ -101,7 +101,7 @@ def size_of(image: np.ndarray) -> Size:
 
 
 def peer_row(parfocal: Parfocal, case: Case, system: str, out: Path) -> Row:
-    """Registers with a peer, then solves with its T held."""
+    """Registers a pair with a peer, then solves it with this T held."""
     try:
         found, seconds = timed(PEERS[system], case.pair)
     except Failed as e:
@@ -127,7 +127,7 @@ def our_row(parfocal: Parfocal, case: Case, system: str, out: Path) -> Row:
 
 
 def real_rows(parfocal: Parfocal, name: str, data: Path, work: Path) -> list[Row]:
-    """What unified and the peers make of a real pair."""
+    """Returns the results of the unified method and of the peers on a real pair."""
     i1, i2 = REAL[name]
     pair = (data / name / i1, data / name / i2)
     try:
@@ -148,7 +148,7 @@ def real_rows(parfocal: Parfocal, name: str, data: Path, work: Path) -> list[Row
 
 
 def timed(register: Register, pair: tuple[Path, Path]) -> tuple[Similarity, float]:
-    """A registration, and the seconds it took after the images were read."""
+    """Returns a registration and its duration in seconds, without reading the images."""
     i1, i2 = map(read_grey, pair)
     start = time.perf_counter()
     found = register(i1, i2)
@@ -156,7 +156,7 @@ def timed(register: Register, pair: tuple[Path, Path]) -> tuple[Similarity, floa
 
 
 def run(parfocal: Parfocal, data: Path, out: Path) -> None:
-    """Every system on every pair; both files are written anew after each pair."""
+    """Runs every system on every pair, and writes both result files after each pair."""
     versions = {package: version(package) for package in ("opencv-python-headless", "numpy")}
     found: list[Row] = []
     real: list[Row] = []
@@ -182,8 +182,8 @@ def say(line: str) -> None:
 
 
 def check() -> None:
-    """Runs the tests beside this file."""
-    import unittest  # only here
+    """Runs the tests in the folder of this file."""
+    import unittest  # not needed otherwise
 
     tests = unittest.defaultTestLoader.discover(str(Path(__file__).parent))
     raise SystemExit(not unittest.TextTestRunner().run(tests).wasSuccessful())

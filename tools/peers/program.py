@@ -1,4 +1,4 @@
-"""The program parfocal: its scenes and its solves, through the command line and the files that it writes."""
+"""Runs the program parfocal and reads the files that it writes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from similarity import Similarity
 
 @dataclass(frozen=True)
 class Solve:
-    """What a solve found, and the seconds it took: parfocal's own count, without starting the program."""
+    """The result of a solve and its duration in seconds as parfocal reports it, without the start of the program."""
 
     transform: Similarity
     blur: np.ndarray
@@ -31,25 +31,25 @@ class Parfocal:
     path: Path
 
     def simulate(self, scene: list[str], out: Path) -> Similarity:
-        """Renders a scene (its name, then options) into `out`: i1.png, i2.png, relative_blur.exr. Gives the true T."""
+        """Renders a scene (name, then options) to i1.png, i2.png and relative_blur.exr in `out`. Returns the true T."""
         self._run(["simulate", *scene, "--output", str(out)])
         return read_transform(out / "truth.json")
 
     def solve(self, pair: tuple[Path, Path], out: Path, method: str, options: list[str]) -> Solve:
-        """Solves a pair by one of the program's own methods."""
+        """Solves a pair with a method of the program."""
         self._run(["solve", *map(str, pair), "--output", str(out), "--method", method, *options])
         report = json.loads((out / "report.json").read_text())
         blur = read_field(out / "relative_blur.exr")
         return Solve(read_transform(out / "report.json"), blur, report["timings_ms"]["total"] / 1000)
 
     def solve_held(self, pair: tuple[Path, Path], out: Path, transform: Similarity, options: list[str]) -> Solve:
-        """Solves a pair with T held at what another program found; gain and offset are still solved for."""
+        """Solves a pair with T held at the result of another program. Gain and offset are still solved for."""
         file = out.with_suffix(".json")
         file.write_text(json.dumps({"transform": asdict(transform)}))
         return self.solve(pair, out, "aligned", ["--transform", str(file), "--hold", *options])
 
     def bench(self, pair: tuple[Path, Path], method: str, truth: Path | None = None) -> dict[str, Any]:
-        """What `parfocal bench --json` reports of one warm solve of a pair; at least one run is in it. Aligned holds the truth."""
+        """Returns the report of `parfocal bench --json` on one warm solve. Aligned holds T at the truth."""
         options = ["--methods", method, "--warmup", "1", "--repeats", "1", "--json"]
         if truth:
             options += ["--transform", str(truth)]
@@ -67,7 +67,7 @@ class Parfocal:
 
 
 def read_transform(path: Path) -> Similarity:
-    """T of I2 in a report.json or truth.json, or of a file with its fields alone."""
+    """Reads T of I2 from a report.json or truth.json, or from a file that has only the fields of T."""
     file = json.loads(path.read_text())
     transform = file["frames"][1]["transform"] if "frames" in file else file
     return Similarity(*(transform[name] for name in ("tx_px", "ty_px", "rotation_deg", "scale")))

@@ -1,4 +1,4 @@
-"""What anyone would register two photographs with: OpenCV's ECC, by our pyramid or by its own, and OpenCV's SIFT."""
+"""Registers two photographs with OpenCV: ECC with our pyramid, ECC with its own pyramid, and SIFT."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from similarity import Similarity
 
-# Of the settings tried (README.md), those with the smallest errors on the scenes.
+# The settings with the smallest errors on the scenes, of all settings in README.md.
 ECC_GAUSS_FILT_SIZE = 1
 ECC_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-6)
 ECC_SHORTEST_SIDE = 64
@@ -20,29 +20,29 @@ SIFT_FEWEST_MATCHES = 4
 
 
 class Failed(Exception):
-    """Why a registration found nothing."""
+    """The reason why a registration failed."""
 
 
 def ecc(i1: np.ndarray, i2: np.ndarray) -> Similarity:
-    """`findTransformECC`, affine, down a Gaussian pyramid. Images are float32 of one channel and one size."""
+    """Runs `findTransformECC`, affine, on a Gaussian pyramid. Images are float32 with one channel and equal size."""
     pyramid = [(i1, i2)]
     while min(pyramid[-1][0].shape) >= 2 * ECC_SHORTEST_SIDE:
         pyramid.append((cv2.pyrDown(pyramid[-1][0]), cv2.pyrDown(pyramid[-1][1])))
     warp = np.eye(2, 3, dtype=np.float32)
     for template, image in reversed(pyramid):
-        warp[:, 2] *= 2  # pixel i of a level lies on pixel 2i of the next
+        warp[:, 2] *= 2  # pixel i of a level is pixel 2i of the next finer one
         try:
             _, warp = cv2.findTransformECC(
                 template, image, warp.copy(), cv2.MOTION_AFFINE, ECC_CRITERIA, None, ECC_GAUSS_FILT_SIZE
             )
         except cv2.error as e:
-            if template is i1:  # a coarser level only betters the start; where it fails, the start stays
+            if template is i1:  # a coarser level only improves the start; if it fails, the start is kept
                 raise Failed(f"findTransformECC: {e.err}") from e
     return Similarity.nearest(warp, _size(i1))
 
 
 def ecc_multi_scale(i1: np.ndarray, i2: np.ndarray) -> Similarity:
-    """`findTransformECCMultiScale`, affine, from identity, down OpenCV's own pyramid; on bytes. Images in 0 to 1."""
+    """Runs `findTransformECCMultiScale`, affine, from identity, on bytes, with its own pyramid. Images in 0 to 1."""
     parameters = cv2.ECCParameters()
     parameters.motionType = cv2.MOTION_AFFINE
     parameters.gaussFiltSize = ECC_MULTI_SCALE_GAUSS_FILT_SIZE
@@ -52,7 +52,7 @@ def ecc_multi_scale(i1: np.ndarray, i2: np.ndarray) -> Similarity:
 
 
 def ecc_multi_scale_default(i1: np.ndarray, i2: np.ndarray) -> Similarity:
-    """The same as OpenCV sets it: 4 levels, 50 iterations to 1e-6, filter of 5 px."""
+    """Runs the same with the defaults of OpenCV: 4 levels, 50 iterations to 1e-6, filter of 5 px."""
     return _multi_scale(i1, i2, cv2.ECCParameters())
 
 
@@ -66,7 +66,7 @@ def _multi_scale(i1: np.ndarray, i2: np.ndarray, parameters: cv2.ECCParameters) 
 
 
 def ecc_default(i1: np.ndarray, i2: np.ndarray) -> Similarity:
-    """`findTransformECC` as OpenCV sets it: affine, from identity, one level, 50 iterations to 1e-3, filter of 5 px."""
+    """Runs `findTransformECC` with its defaults: affine, identity, one level, 50 iterations to 1e-3, filter of 5 px."""
     try:
         _, warp = cv2.findTransformECC(i1, i2, np.eye(2, 3, dtype=np.float32))
     except cv2.error as e:
@@ -75,7 +75,7 @@ def ecc_default(i1: np.ndarray, i2: np.ndarray) -> Similarity:
 
 
 def sift(i1: np.ndarray, i2: np.ndarray) -> Similarity:
-    """SIFT key-points, ratio test, both ways the best; similarity by RANSAC and least squares. Images in 0 to 1."""
+    """Matches SIFT key-points by ratio test and cross-check. Fits a similarity by RANSAC. Images in 0 to 1."""
     detector = cv2.SIFT_create()
     (points1, descriptors1), (points2, descriptors2) = (
         detector.detectAndCompute(np.rint(255 * image).astype(np.uint8), None) for image in (i1, i2)

@@ -1,4 +1,4 @@
-"""The results: what one system found on one pair, as JSON and as the tables of `parfocal evaluate`."""
+"""Writes the results of all systems as JSON and as tables in the format of `parfocal evaluate`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNIFIED = "parfocal unified"
 
 @dataclass(frozen=True)
 class Error:
-    """What was found less the truth."""
+    """The estimate minus the truth."""
 
     tx_px: float
     ty_px: float
@@ -38,7 +38,7 @@ class Error:
 
 @dataclass(frozen=True)
 class Row:
-    """One system on one scene. What is None failed, and `failure` says why, or has no truth to compare with."""
+    """The result of one system on one scene. A field is None without a truth, or after the failure `failure`."""
 
     scene: str
     system: str
@@ -59,7 +59,7 @@ def write(out: Path, versions: dict[str, str], scenes: list[Row], real: list[Row
 
 
 def ratios(rows: list[Row], peers: list[str]) -> dict[str, list[float | None]]:
-    """Of each scene unified's corner error over that of each peer; None where either failed."""
+    """Returns, for each scene, the corner error of unified divided by that of each peer. None if either failed."""
     corners = {(row.scene, row.system): row.error.corner_px for row in rows if row.error}
 
     def ratio(scene: str, peer: str) -> float | None:
@@ -70,7 +70,7 @@ def ratios(rows: list[Row], peers: list[str]) -> dict[str, list[float | None]]:
 
 
 def markdown(versions: dict[str, str], scenes: list[Row], real: list[Row], peers: list[str]) -> str:
-    """All tables, and below them why something failed."""
+    """Returns all tables, and the reasons of failures below them."""
     parts = ["# Peers", "Errors against the truth, found less true. V: root mean square, 16 px border left out."]
     parts.append(table("scene|system|t_x px|t_y px|θ °|s %|corner px|V rms px²|seconds", map(_scene_cells, scenes)))
     parts.append("Unified's corner error over that of each peer; at most 0.5 is asked for.")
@@ -101,7 +101,7 @@ def _seconds(row: Row) -> str:
 
 
 def number(value: float | None) -> str:
-    """Three significant digits."""
+    """Formats a number with three significant digits."""
     if value is None or not math.isfinite(value):
         return DASH
     if value == 0:
@@ -111,7 +111,7 @@ def number(value: float | None) -> str:
 
 
 def table(columns: str, rows: Iterable[list[str]]) -> str:
-    """Markdown; the columns' names with | between them."""
+    """Returns a Markdown table. `|` separates the names of the columns."""
     head = columns.split("|")
     return "\n".join("| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head), *rows])
 

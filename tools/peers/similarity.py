@@ -1,4 +1,4 @@
-"""The registration, as parfocal defines it: T x = c + s R(θ) (x - c) + t, c the image centre, I2(T x) over I1(x)."""
+"""The similarity of parfocal: T x = c + s R(θ) (x - c) + t with the image centre c. I2(T x) corresponds to I1(x)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class Similarity:
-    """Translation in px to the right and down, rotation in degrees from x towards y, scale; about the centre."""
+    """Translation in px to the right and down, rotation in degrees from x towards y, and scale, about the centre."""
 
     tx_px: float = 0.0
     ty_px: float = 0.0
@@ -22,9 +22,9 @@ class Similarity:
 
     @classmethod
     def nearest(cls, affine: np.ndarray, size: Size) -> Similarity:
-        """The similarity that moves the pixels of an image of this size most like `affine` does, in least squares.
+        """Returns the least-squares fit of a similarity to `affine` over the pixels of an image of this size.
 
-        `affine` is OpenCV's, 2x3: x' = A x + b, pixel centres at integers and the origin at the first of them.
+        `affine` is the 2x3 matrix of OpenCV: x' = A x + b. Pixel centres are at integers; the first is the origin.
         """
         linear, shift = affine[:, :2].astype(float), affine[:, 2].astype(float)
         centre = _centre(size)
@@ -35,7 +35,7 @@ class Similarity:
         return cls(float(t[0]), float(t[1]), math.degrees(math.atan2(b, a)), math.hypot(a, b))
 
     def affine(self, size: Size) -> np.ndarray:
-        """OpenCV's 2x3 matrix of the same map."""
+        """Returns the 2x3 matrix of OpenCV for the same map."""
         linear, centre = self.linear(), _centre(size)
         return np.column_stack([linear, centre - linear @ centre + [self.tx_px, self.ty_px]])
 
@@ -46,13 +46,13 @@ class Similarity:
         return np.array([[cos, -sin], [sin, cos]])
 
     def after(self, first: Similarity) -> Similarity:
-        """The similarity that applies `first` and then this one."""
+        """Returns the similarity that applies `first` and then `self`."""
         tx, ty = self.linear() @ [first.tx_px, first.ty_px] + [self.tx_px, self.ty_px]
         rotation, scale = self.rotation_deg + first.rotation_deg, self.scale * first.scale
         return Similarity(float(tx), float(ty), rotation, scale)
 
     def corner_distance(self, other: Similarity, size: Size) -> float:
-        """The largest distance, px, between where the two put a corner of the image."""
+        """Returns the largest distance, px, between the positions that the two give a corner of the image."""
         width, height = size
         corners = np.array([[x, y, 1] for x in (0, width - 1) for y in (0, height - 1)]).T
         apart = (self.affine(size) - other.affine(size)) @ corners

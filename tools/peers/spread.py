@@ -1,4 +1,4 @@
-"""Repeated readings: their median, how far they scatter, and what follows from readings taken in the same round."""
+"""Statistics of repeated readings: median, spread, and ratios within a round."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Spread:
-    """Median, least and largest of some samples, in their unit, and the samples themselves in order."""
+    """The median, minimum and maximum of samples in their unit, and the samples in order."""
 
     median: float
     min: float
@@ -18,23 +18,23 @@ class Spread:
 
     @classmethod
     def of(cls, samples: Sequence[float]) -> Spread | None:
-        """None where there are none."""
+        """Returns None without samples."""
         if not samples:
             return None
         return cls(statistics.median(samples), min(samples), max(samples), list(samples))
 
 
 def ratios(samples: Sequence[float], reference: Sequence[float]) -> Spread | None:
-    """Round by round, one over the other: what slows a whole round cancels. Both hold the same rounds, or none."""
+    """Returns the ratios by round, so that a load on a whole round cancels. Both have the same rounds, or none."""
     if not samples or not reference:
         return None
     return Spread.of([a / b for a, b in zip(samples, reference, strict=True)])
 
 
 def sweep_rates(pixels: int, sweeps: int, fewer: Sequence[float], more: Sequence[float]) -> Spread | None:
-    """Mpx-sweeps/s of a relaxation alone: `more` (ms) makes so many sweeps of all pixels beyond those of `fewer`.
+    """Returns the Mpx-sweeps/s of a relaxation. Runs of `more` (ms) do `sweeps` more sweeps of all pixels.
 
-    What both do besides cancels. A round in which the longer one was no slower says nothing and is left out.
+    All other work cancels. A round in which `more` was not slower than `fewer` is excluded.
     """
     gained = [b - a for a, b in zip(fewer, more, strict=True)]
     return Spread.of([pixels * sweeps / ms / 1000 for ms in gained if ms > 0])

@@ -1,4 +1,4 @@
-"""What is timed: parfocal's methods and OpenCV's, each as one call that gives one reading of a pair."""
+"""The timed systems: methods of parfocal and OpenCV. Each call times one run on a pair."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from program import Parfocal
 
 FIXED_POINT = 5
 SOR = 5
-"""OpenCV's defaults for VariationalRefinement, stated since its sweeps are counted by them."""
+"""Defaults of OpenCV for VariationalRefinement. They are explicit because the number of sweeps follows from them."""
 MORE_SOR = 25
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One run, from images in memory to results in memory; of parfocal also where it ran and how fast it relaxed."""
+    """The time of one run, from images in memory to results in memory. For parfocal also device and relaxation rate."""
 
     ms: float
     device: str | None = None
@@ -31,7 +31,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class System:
-    """A name, what one run of it leaves one with, and the run."""
+    """A name, the results of a run, and the function that times a run."""
 
     name: str
     delivers: str
@@ -44,18 +44,18 @@ MORE_REFINEMENT = f"OpenCV VariationalRefinement {FIXED_POINT} x {MORE_SOR}"
 
 
 def systems(parfocal: Parfocal, pair: tuple[Path, Path], truth: Path | None) -> list[System]:
-    """All of them, on one pair; each reads the same pixels."""
+    """Returns all systems on one pair. All read the same pixels."""
     grey = [read_grey(path) for path in pair]
     return [*ours(parfocal, pair, truth), *registrations(*grey), *flows(*map(_in_bytes, grey))]
 
 
 def ours(parfocal: Parfocal, pair: tuple[Path, Path], truth: Path | None) -> list[System]:
-    """A process a reading, which warms up before it is timed; starting it and reading files are no part of the time."""
+    """Returns the methods of parfocal. A reading is a new process; its time excludes start, file reading, warm-up."""
 
     def measure(method: str) -> Reading:
         report = parfocal.bench(pair, method, truth)
         run = report["runs"][0]
-        relaxation = run["relaxation"] or {}  # null where the device has no clock
+        relaxation = run["relaxation"] or {}  # null if the device has no timestamps
         return Reading(run["solve_ms"]["median"], report["device"]["name"], relaxation.get("mpx_sweeps_per_s"))
 
     def system(method: str, delivers: str) -> System:
@@ -68,7 +68,7 @@ def ours(parfocal: Parfocal, pair: tuple[Path, Path], truth: Path | None) -> lis
 
 
 def registrations(i1: np.ndarray, i2: np.ndarray) -> list[System]:
-    """ECC and SIFT of `registration`, on float32 in 0 to 1; what they reduce to bytes they reduce in their time."""
+    """Returns ECC and SIFT of `registration`, on float32 in 0 to 1. Their time includes a conversion to bytes."""
 
     def system(
         name: str, register: Callable[[np.ndarray, np.ndarray], object], delivers: str = "registration (affine)"
@@ -85,7 +85,7 @@ def registrations(i1: np.ndarray, i2: np.ndarray) -> list[System]:
 
 
 def flows(i1: np.ndarray, i2: np.ndarray) -> list[System]:
-    """Two displacements at each pixel, on bytes."""
+    """Returns the optical flow methods: two displacements per pixel, on bytes."""
 
     def refinement(name: str, sor: int) -> System:
         refine = cv2.VariationalRefinement_create()
@@ -93,7 +93,7 @@ def flows(i1: np.ndarray, i2: np.ndarray) -> list[System]:
         refine.setSorIterations(sor)
 
         def measure() -> Reading:
-            flow = np.zeros((*i1.shape, 2), dtype=np.float32)  # read and written in place: each run starts from none
+            flow = np.zeros((*i1.shape, 2), dtype=np.float32)  # updated in place, so each run starts from zero flow
             return _timed(lambda: refine.calc(i1, i2, flow))
 
         return System(name, "flow (one level, from zero)", measure)

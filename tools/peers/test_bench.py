@@ -1,4 +1,4 @@
-"""The statistics of the bench, its rounds and tables, and how parfocal's report is read: tools/peers/run --check."""
+"""Tests of the statistics, rounds, tables and report parser of the bench: tools/peers/run --check."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ REPORT = {
 
 
 def program(folder: str, script: str) -> Parfocal:
-    """A stand-in for the program."""
+    """Writes a script that replaces the program."""
     path = Path(folder) / "parfocal"
     path.write_text(f"#!/bin/sh\n{script}\n")
     path.chmod(0o755)
@@ -46,7 +46,7 @@ class Statistics(unittest.TestCase):
         self.assertIsNone(ratios([1.0], []))
 
     def test_ratios_are_of_one_round(self) -> None:
-        """A machine that is three times slower in one round moves no ratio."""
+        """A machine that is three times slower in one round does not change a ratio."""
         self.assertEqual(ratios([10.0, 30.0, 10.0], [5.0, 15.0, 5.0]), Spread(2.0, 2.0, 2.0, [2.0] * 3))
 
     def test_ratios_of_different_rounds_are_refused(self) -> None:
@@ -54,7 +54,7 @@ class Statistics(unittest.TestCase):
             ratios([1.0, 2.0], [1.0])
 
     def test_sweep_rate_is_what_the_further_sweeps_cost(self) -> None:
-        """100 sweeps of a megapixel in 100 ms; a round without a difference is left out."""
+        """100 sweeps of a megapixel take 100 ms. A round without a difference is excluded."""
         rates = sweep_rates(1_000_000, 100, [150.0, 150.0], [250.0, 150.0])
         self.assertEqual(rates, Spread(1000.0, 1000.0, 1000.0, [1000.0]))
 

@@ -1,4 +1,4 @@
-"""OpenCV's conventions against parfocal's, on a picture displaced in closed form: tools/peers/run --check."""
+"""Tests that OpenCV and parfocal use equal conventions, on a picture in closed form: tools/peers/run --check."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TRUTH = Similarity(3.2, -2.1, 0.6, 1.015)
 
 
 def picture(transform: Similarity) -> np.ndarray:
-    """The I2 for which I2(T x) = I1(x): waves and blobs, evaluated at T⁻¹ x and never resampled."""
+    """Returns I2 with I2(T x) = I1(x): waves and blobs, evaluated at T⁻¹ x without resampling."""
     x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     matrix = np.vstack([transform.affine(SIZE), [0, 0, 1]])
     x, y, _ = np.tensordot(np.linalg.inv(matrix), np.stack([x, y, np.ones_like(x)]), 1)

@@ -1,11 +1,11 @@
-//! Whether `include/parfocal.h` is what cbindgen makes of the sources; `PARFOCAL_HEADER=write cargo test --package parfocal-c
-//! --test header` makes it so.
+//! Tests that `include/parfocal.h` is what cbindgen generates from the sources. This command regenerates it:
+//! `PARFOCAL_HEADER=write cargo test --package parfocal-c --test header`.
 
 use std::fs;
 use std::path::Path;
 
 #[test]
-fn the_header_is_of_these_sources() {
+fn the_header_matches_the_sources() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let file = here.join("include/parfocal.h");
     let config = cbindgen::Config::from_file(here.join("cbindgen.toml")).expect("cbindgen.toml");
@@ -15,11 +15,12 @@ fn the_header_is_of_these_sources() {
     let builder = sources.iter().fold(cbindgen::Builder::new().with_config(config), |builder, name| {
         builder.with_src(here.join(format!("src/{name}.rs")))
     });
-    let mut made = Vec::new();
-    builder.generate().expect("the sources are read").write(&mut made);
-    let made = String::from_utf8(made).expect("UTF-8");
+    let mut generated = Vec::new();
+    builder.generate().expect("the sources are read").write(&mut generated);
+    let generated = String::from_utf8(generated).expect("UTF-8");
     if std::env::var_os("PARFOCAL_HEADER").is_some_and(|value| value == "write") {
-        fs::write(&file, &made).expect("the header is written");
+        fs::write(&file, &generated).expect("the header is written");
     }
-    assert!(fs::read_to_string(&file).is_ok_and(|kept| kept == made), "PARFOCAL_HEADER=write makes it anew");
+    let matches = fs::read_to_string(&file).is_ok_and(|header| header == generated);
+    assert!(matches, "include/parfocal.h is outdated: set PARFOCAL_HEADER=write to regenerate it");
 }

@@ -1,4 +1,4 @@
-//! Pairs one after the other take no more memory. PARFOCAL_PAIRS_OF_MEMORY says how many; 20 without.
+//! Tests that memory does not grow with the number of pairs. `PARFOCAL_PAIRS_OF_MEMORY` sets the number (default 20).
 
 #![cfg(target_os = "linux")]
 
@@ -15,7 +15,7 @@ fn photograph(soft: f32) -> Vec<f32> {
     (0..SIZE[0] * SIZE[1]).map(value).collect()
 }
 
-/// Bytes, to a page of 4 KiB or more.
+/// Returns the resident memory in bytes. It assumes pages of 4 KiB.
 fn resident() -> u64 {
     let counts = fs::read_to_string("/proc/self/statm").expect("Linux");
     4096 * counts.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).expect("a count of pages")
@@ -25,7 +25,7 @@ fn count() -> u32 {
     std::env::var("PARFOCAL_PAIRS_OF_MEMORY").ok().and_then(|count| count.parse().ok()).unwrap_or(20)
 }
 
-/// Fails where so many pairs take more memory than the first ones, which `some` solves too.
+/// Asserts that memory does not grow after the first 12 pairs. `some` solves a number of pairs.
 fn assert_flat(what: &str, mut some: impl FnMut(u32)) {
     some(12);
     let before = resident();
@@ -35,9 +35,9 @@ fn assert_flat(what: &str, mut some: impl FnMut(u32)) {
     assert!(grown < 8 << 20, "{grown} bytes more after {} pairs {what}", count());
 }
 
-/// In one test, since both look at all of the process.
+/// This is one test, because both parts measure the memory of the whole process.
 #[test]
-fn pairs_one_after_the_other_take_no_more_memory() {
+fn memory_does_not_grow_with_the_number_of_pairs() {
     let samples = [photograph(0.4), photograph(0.3)];
     let [i1, i2] = samples.each_ref().map(|samples| parfocal_image {
         size: size_of::<parfocal_image>(),
@@ -51,7 +51,7 @@ fn pairs_one_after_the_other_take_no_more_memory() {
     });
     let [i1, i2] = [&raw const i1, &raw const i2];
     let mut engine = null_mut();
-    // SAFETY: images state their samples, handles are used before they are freed.
+    // SAFETY: the images describe their samples. No handle is used after it is freed.
     unsafe {
         assert_eq!(parfocal_engine_new(null(), &raw mut engine), PARFOCAL_OK);
         by_a_solver(engine, [i1, i2]);
@@ -61,7 +61,7 @@ fn pairs_one_after_the_other_take_no_more_memory() {
 }
 
 /// # Safety
-/// An engine, and images that state their samples.
+/// The engine is valid, and the images describe their samples.
 unsafe fn by_a_solver(engine: *const parfocal_engine, [i1, i2]: [*const parfocal_image; 2]) {
     let mut solver = null_mut();
     // SAFETY: the contract is the same.
@@ -81,7 +81,7 @@ unsafe fn by_a_solver(engine: *const parfocal_engine, [i1, i2]: [*const parfocal
 }
 
 /// # Safety
-/// As [`by_a_solver`].
+/// The same as for [`by_a_solver`].
 unsafe fn through_a_stream(engine: *const parfocal_engine, [i1, i2]: [*const parfocal_image; 2]) {
     let mut stream = null_mut();
     // SAFETY: the contract is the same.

@@ -1,4 +1,4 @@
-//! What C may get wrong: a status and a sentence, and never a crash.
+//! Tests that invalid arguments from C give a status and a message, and never a crash.
 
 use std::ffi::{CStr, CString};
 use std::ptr::{null, null_mut};
@@ -7,7 +7,7 @@ use parfocal_c::parfocal_status::*;
 use parfocal_c::*;
 
 fn last_error() -> String {
-    // SAFETY: a string of this thread's, copied at once.
+    // SAFETY: the string is valid until the next call on this thread, and it is copied at once.
     unsafe { CStr::from_ptr(parfocal_last_error()) }.to_string_lossy().into_owned()
 }
 
@@ -26,8 +26,8 @@ fn image(samples: &[u8], width: u32, height: u32) -> parfocal_image {
 }
 
 #[test]
-fn null_is_an_error_or_nothing() {
-    // SAFETY: every function takes NULL.
+fn null_is_reported_or_ignored() {
+    // SAFETY: every function accepts NULL.
     unsafe {
         parfocal_engine_free(null_mut());
         parfocal_solver_free(null_mut());
@@ -77,7 +77,7 @@ fn null_is_an_error_or_nothing() {
 }
 
 #[test]
-fn what_does_not_fit_is_told_and_an_engine_outlives_it() {
+fn invalid_arguments_are_reported_and_the_engine_stays_usable() {
     let options = |device: Option<&CString>, validation| parfocal_engine_options {
         size: size_of::<parfocal_engine_options>(),
         device: device.map_or(null(), |device| device.as_ptr()),
@@ -89,7 +89,7 @@ fn what_does_not_fit_is_told_and_an_engine_outlives_it() {
     let samples: Vec<u8> = (0..64 * 48).map(|i: u32| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
     let (i1, small) = (image(&samples, 64, 48), image(&samples, 48, 64));
     let (mut engine, mut solver, mut solution) = (null_mut(), null_mut(), null_mut());
-    // SAFETY: structs state their sizes, images their samples, handles are used before they are freed.
+    // SAFETY: structs have their sizes, and images describe their samples. No handle is used after it is freed.
     unsafe {
         assert_eq!(parfocal_engine_new(&options(Some(&nowhere), 0), &raw mut engine), PARFOCAL_ERROR_NO_DEVICE);
         assert!(engine.is_null() && last_error().contains("no such device"), "{}", last_error());

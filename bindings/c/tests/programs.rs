@@ -1,4 +1,4 @@
-//! The library installed into a prefix, and the examples compiled against it, every warning an error, and run.
+//! Installs the library into a prefix, compiles the examples against it with warnings as errors, and runs them.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 
 use tempfile::TempDir;
 
-/// A prefix, installed once: the libraries that cargo built for this test lie beside it.
+/// The installed prefix, shared by all tests. The libraries are beside this test program, where cargo built them.
 static PREFIX: LazyLock<TempDir> = LazyLock::new(|| {
     let prefix = TempDir::new().expect("a folder");
     let test = std::env::current_exe().expect("the path of this test");
@@ -26,7 +26,7 @@ fn words(output: &Output) -> String {
     String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned()
 }
 
-/// What it said, once it has ended well.
+/// Asserts that a command succeeded and returns its output.
 fn done(output: &Output) -> String {
     assert!(output.status.success(), "{}: {}", output.status, words(output));
     words(output)
@@ -36,7 +36,7 @@ fn has(program: &str) -> bool {
     Command::new(program).arg("--version").output().is_ok_and(|output| output.status.success())
 }
 
-/// Compiles an example, by what the prefix says of itself.
+/// Compiles an example with the flags of the installed library.
 fn compile(compiler: &str, source: &str, flags: &[&str]) -> PathBuf {
     let prefix = PREFIX.path();
     let name: String =
@@ -49,34 +49,34 @@ fn compile(compiler: &str, source: &str, flags: &[&str]) -> PathBuf {
         true => {
             command.arg("-I").arg(include).arg(lib.join("libparfocal.a")).args(["-lm", "-ldl", "-lpthread", "-lgcc_s"])
         }
-        false => command.args(stated(&include, &lib)).arg(format!("-Wl,-rpath,{}", lib.display())).arg("-lm"),
+        false => command.args(library_flags(&include, &lib)).arg(format!("-Wl,-rpath,{}", lib.display())).arg("-lm"),
     };
     command.args(flags.iter().filter(|flag| **flag != "-static-parfocal"));
     done(&command.output().expect("a compiler"));
     program
 }
 
-/// What pkg-config says, or would say.
-fn stated(include: &Path, lib: &Path) -> Vec<String> {
+/// Returns the compiler flags of pkg-config, or the same flags if pkg-config is missing.
+fn library_flags(include: &Path, lib: &Path) -> Vec<String> {
     if !has("pkg-config") {
         return vec![format!("-I{}", include.display()), format!("-L{}", lib.display()), "-lparfocal".to_string()];
     }
     let mut command = Command::new("pkg-config");
-    let asked = command.env("PKG_CONFIG_PATH", lib.join("pkgconfig")).args(["--cflags", "--libs", "parfocal"]);
-    done(&asked.output().expect("pkg-config")).split_whitespace().map(str::to_string).collect()
+    let query = command.env("PKG_CONFIG_PATH", lib.join("pkgconfig")).args(["--cflags", "--libs", "parfocal"]);
+    done(&query.output().expect("pkg-config")).split_whitespace().map(str::to_string).collect()
 }
 
 #[test]
 fn c_solves_a_pair() {
     for flags in [&["-std=c11"][..], &["-std=c11", "-static-parfocal"]] {
-        let said = done(&Command::new(compile("cc", "solve.c", flags)).output().expect("the program"));
-        assert!(said.contains("V in the middle 1.00") && said.contains("T 0.800 -0.600 px, converged"), "{said}");
+        let output = done(&Command::new(compile("cc", "solve.c", flags)).output().expect("the program"));
+        assert!(output.contains("V in the middle 1.00") && output.contains("T 0.800 -0.600 px, converged"), "{output}");
     }
 }
 
 #[test]
 fn cpp_solves_registers_streams_and_stacks() {
-    let said = done(&Command::new(compile("c++", "solve.cpp", &["-std=c++17"])).output().expect("the program"));
+    let output = done(&Command::new(compile("c++", "solve.cpp", &["-std=c++17"])).output().expect("the program"));
     let parts = [
         "V in the middle 1.00",
         "the solve was cancelled\n",
@@ -89,33 +89,34 @@ fn cpp_solves_registers_streams_and_stacks() {
         "at 1.99",
         "px to the right",
     ];
-    assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+    assert!(parts.iter().all(|part| output.contains(part)), "{output}");
 }
 
 #[test]
-fn nothing_of_ours_leaks_and_what_does_would_be_seen() {
-    // What drivers and layers keep is named by no frame of ours.
-    let ours = |flags: &[&str]| {
+fn the_library_does_not_leak_and_a_leak_is_detected() {
+    // Leaks of drivers and layers have no stack frame of this library.
+    let leaks = |flags: &[&str]| {
         let program = compile("cc", "solve.c", &[&["-std=c11", "-g", "-fsanitize=address,undefined"], flags].concat());
-        let said = words(&Command::new(program).env("ASAN_OPTIONS", "detect_leaks=1").output().expect("the program"));
-        assert!(said.contains("converged") && !said.contains("runtime error"), "{said}");
+        let output = words(&Command::new(program).env("ASAN_OPTIONS", "detect_leaks=1").output().expect("the program"));
+        assert!(output.contains("converged") && !output.contains("runtime error"), "{output}");
         assert!(
-            said.matches("ERROR: ").count() == said.matches("ERROR: LeakSanitizer: detected memory leaks").count(),
-            "{said}"
+            output.matches("ERROR: ").count() == output.matches("ERROR: LeakSanitizer: detected memory leaks").count(),
+            "{output}"
         );
-        said.replace("libparfocal", "")
+        output
+            .replace("libparfocal", "")
             .lines()
             .filter(|line| line.contains(" in ") && line.contains("parfocal"))
             .count()
     };
-    assert_eq!(ours(&[]), 0);
-    assert!(ours(&["-DFORGET_THE_SOLUTION"]) > 0);
+    assert_eq!(leaks(&[]), 0);
+    assert!(leaks(&["-DFORGET_THE_SOLUTION"]) > 0);
 }
 
 #[test]
-fn cmake_finds_it() {
+fn cmake_finds_the_package() {
     if !has("cmake") {
-        println!("no cmake: not tested");
+        println!("cmake is missing: the test is skipped");
         return;
     }
     let (project, prefix) = (TempDir::new().expect("a folder"), PREFIX.path());
@@ -134,7 +135,7 @@ fn cmake_finds_it() {
     run(&["-B", "build", &format!("-DCMAKE_PREFIX_PATH={}", prefix.display())]);
     run(&["--build", "build"]);
     for program in ["found", "static"] {
-        let said = done(&Command::new(project.path().join("build").join(program)).output().expect("the program"));
-        assert!(said.contains("V in the middle 1.00"), "{said}");
+        let output = done(&Command::new(project.path().join("build").join(program)).output().expect("the program"));
+        assert!(output.contains("V in the middle 1.00"), "{output}");
     }
 }

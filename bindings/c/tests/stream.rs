@@ -1,4 +1,4 @@
-//! Pairs through a stream as C hands them over: the bits of a solver, in order, and a status in the place of what fails.
+//! Tests of streams in C: results in order, equal to those of a solver bit for bit, and a status for a failed pair.
 
 use std::ffi::CStr;
 use std::ptr::{null, null_mut};
@@ -20,12 +20,12 @@ fn image(samples: &[f32], height: u32) -> parfocal_image {
     parfocal_image { size, data, width: SIZE[0], height, channels: 1, depth, row_bytes: 0, format: std::ptr::null() }
 }
 
-/// V of a solution, which is freed.
+/// Returns V of a solution in bits, and frees the solution.
 ///
 /// # Safety
-/// A solution of a solve.
+/// The solution is from a solve and not yet freed.
 unsafe fn blur(solution: *mut parfocal_solution) -> Vec<u32> {
-    // SAFETY: fields live until the solution is freed, and are as many as is said.
+    // SAFETY: fields live until the solution is freed, and have `width * height` values.
     unsafe {
         let mut found = std::mem::zeroed::<parfocal_solution_view>();
         found.size = size_of::<parfocal_solution_view>();
@@ -38,7 +38,7 @@ unsafe fn blur(solution: *mut parfocal_solution) -> Vec<u32> {
 }
 
 #[test]
-fn pairs_come_out_in_order_as_a_solver_has_them() {
+fn results_are_in_order_and_equal_those_of_a_solver() {
     let validation = std::env::var_os("PARFOCAL_VALIDATE").is_some_and(|value| value == "1");
     let options = parfocal_engine_options {
         size: size_of::<parfocal_engine_options>(),
@@ -52,7 +52,7 @@ fn pairs_come_out_in_order_as_a_solver_has_them() {
     let others = [&far[0], &far[1], &far[2]].map(|far| image(far, SIZE[1]));
     let small = image(&near, SIZE[1] - 8);
     let (mut engine, mut solver, mut stream, mut solution) = (null_mut(), null_mut(), null_mut(), null_mut());
-    // SAFETY: structs state their sizes, images their samples, handles are used before they are freed.
+    // SAFETY: structs have their sizes, and images describe their samples. No handle is used after it is freed.
     unsafe {
         assert_eq!(parfocal_engine_new(&raw const options, &raw mut engine), PARFOCAL_OK);
         assert_eq!(parfocal_solver_new(engine, null(), &raw mut solver), PARFOCAL_OK);
@@ -61,7 +61,7 @@ fn pairs_come_out_in_order_as_a_solver_has_them() {
             assert_eq!(parfocal_solver_solve(solver, &raw const i1, i2, null(), &raw mut solution), PARFOCAL_OK);
             blur(solution)
         });
-        // Pixels are not read yet.
+        // `parfocal_stream_new` does not read pixels, so `data` may be NULL.
         let kind = parfocal_image { data: null(), ..i1 };
         let engines = [engine.cast_const(); 2];
         let mut new = |count, i2: &parfocal_image| {
@@ -77,7 +77,7 @@ fn pairs_come_out_in_order_as_a_solver_has_them() {
             let mut solution = null_mut();
             (parfocal_stream_next(stream, seconds, &raw mut solution), solution)
         };
-        assert_eq!(next(NONE), (PARFOCAL_OK, null_mut()), "nothing is pushed");
+        assert_eq!(next(NONE), (PARFOCAL_OK, null_mut()), "a result before the first push");
         for i2 in [&others[0], &others[1], &small, &others[2]] {
             assert_eq!(push(i2), PARFOCAL_OK);
         }
@@ -87,15 +87,15 @@ fn pairs_come_out_in_order_as_a_solver_has_them() {
             assert_eq!(next(wrong).0, PARFOCAL_ERROR_INVALID_ARGUMENT);
         }
         assert_eq!(parfocal_stream_finish(stream), PARFOCAL_OK);
-        // What was made of it lives on.
+        // The solver and the stream keep the engine alive.
         parfocal_engine_free(engine);
         for expected in [Some(&expected[0]), Some(&expected[1]), None, Some(&expected[2])] {
             let (status, solution) = next(f64::INFINITY);
             assert_eq!(status, if expected.is_some() { PARFOCAL_OK } else { PARFOCAL_ERROR_MISMATCH });
             expected.inspect(|expected| assert!(blur(solution) == **expected));
         }
-        assert_eq!(next(f64::INFINITY), (PARFOCAL_OK, null_mut()), "all are read");
-        // Dropped with pairs on their way; a solution outlives it.
+        assert_eq!(next(f64::INFINITY), (PARFOCAL_OK, null_mut()), "a result after the last one");
+        // The stream is freed with pairs in flight. A solution outlives it.
         assert_eq!((push(&others[0]), push(&others[1])), (PARFOCAL_OK, PARFOCAL_OK));
         assert_eq!(parfocal_stream_next(stream, f64::INFINITY, &raw mut solution), PARFOCAL_OK);
         parfocal_stream_free(stream);

@@ -1,4 +1,4 @@
-//! An engine on a device that a program of C's made for itself.
+//! Tests of an engine on a Vulkan device that a C program created.
 
 use std::ffi::{CStr, c_void};
 use std::ptr::{null, null_mut};
@@ -29,12 +29,15 @@ fn image(samples: &[f32]) -> parfocal_image {
     }
 }
 
-/// V, as an engine finds it, which is then freed.
+/// Returns V in bits as the engine solves it, and frees the engine.
+///
+/// # Safety
+/// The engine is valid and not used afterwards.
 unsafe fn solved(engine: *mut parfocal_engine) -> Vec<u32> {
     let samples = [photograph(0.4), photograph(0.3)];
     let [i1, i2] = samples.each_ref().map(|samples| image(samples));
     let (mut solver, mut solution) = (null_mut(), null_mut());
-    // SAFETY: images state their samples, handles are used before they are freed.
+    // SAFETY: the images describe their samples. No handle is used after it is freed.
     unsafe {
         assert_eq!(parfocal_solver_new(engine, null(), &raw mut solver), PARFOCAL_OK);
         assert_eq!(parfocal_solver_solve(solver, &raw const i1, &raw const i2, null(), &raw mut solution), PARFOCAL_OK);
@@ -51,19 +54,19 @@ unsafe fn solved(engine: *mut parfocal_engine) -> Vec<u32> {
 }
 
 unsafe extern "C" fn lock(context: *mut c_void) {
-    // SAFETY: the context is the counter.
+    // SAFETY: the context points to the counter.
     assert_eq!(unsafe { &*context.cast::<AtomicU32>() }.fetch_add(1, Ordering::SeqCst) % 2, 0);
 }
 
 unsafe extern "C" fn unlock(context: *mut c_void) {
-    // SAFETY: likewise.
+    // SAFETY: the context points to the counter.
     assert_eq!(unsafe { &*context.cast::<AtomicU32>() }.fetch_add(1, Ordering::SeqCst) % 2, 1);
 }
 
 #[test]
-fn it_solves_alike_by_turns_and_what_is_missing_is_named() {
-    let turns = AtomicU32::new(0);
-    // SAFETY: what is pointed to outlives the calls; the device outlives the engine.
+fn an_engine_on_a_shared_device_has_equal_results_and_reports_missing_fields() {
+    let lock_calls = AtomicU32::new(0);
+    // SAFETY: the structs that are pointed to outlive the calls. The device outlives the engine.
     unsafe {
         let mut own = null_mut();
         assert_eq!(parfocal_engine_new(null(), &raw mut own), PARFOCAL_OK);
@@ -73,11 +76,11 @@ fn it_solves_alike_by_turns_and_what_is_missing_is_named() {
         let create = vk::InstanceCreateInfo::default().application_info(&application);
         let instance = entry.create_instance(&create, None).unwrap();
         let physical = instance.enumerate_physical_devices().unwrap()[0];
-        let mut wanted = DeviceRequirements::for_device(&instance, physical).unwrap();
-        let extensions: Vec<_> = wanted.extensions().into_iter().map(CStr::as_ptr).collect();
+        let mut requirements = DeviceRequirements::for_device(&instance, physical).unwrap();
+        let extensions: Vec<_> = requirements.extensions().into_iter().map(CStr::as_ptr).collect();
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(0).queue_priorities(&[1.0])];
         let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
-        let device = instance.create_device(physical, &wanted.enable_features(create), None).unwrap();
+        let device = instance.create_device(physical, &requirements.enable_features(create), None).unwrap();
         let pointer = |raw: u64| raw as *const c_void;
         let vulkan = parfocal_vulkan {
             size: size_of::<parfocal_vulkan>(),
@@ -90,15 +93,15 @@ fn it_solves_alike_by_turns_and_what_is_missing_is_named() {
             conditional_rendering: 0,
             lock: Some(lock),
             unlock: Some(unlock),
-            context: (&raw const turns).cast_mut().cast(),
+            context: (&raw const lock_calls).cast_mut().cast(),
         };
         let mut engine = null_mut();
         let last_error = || CStr::from_ptr(parfocal_last_error()).to_string_lossy().into_owned();
-        for (lacking, words) in [
+        for (incomplete, words) in [
             (parfocal_vulkan { queue: null(), ..vulkan }, "parfocal_vulkan.queue is NULL"),
             (parfocal_vulkan { unlock: None, ..vulkan }, "set both or neither"),
         ] {
-            let status = parfocal_engine_from_vulkan(&raw const lacking, null(), &raw mut engine);
+            let status = parfocal_engine_from_vulkan(&raw const incomplete, null(), &raw mut engine);
             assert!(
                 status == PARFOCAL_ERROR_INVALID_ARGUMENT && engine.is_null() && last_error().contains(words),
                 "{}",
@@ -114,8 +117,8 @@ fn it_solves_alike_by_turns_and_what_is_missing_is_named() {
             last_error()
         );
         assert!(solved(engine) == expected);
-        let turns = turns.load(Ordering::SeqCst);
-        assert!(turns > 0 && turns.is_multiple_of(2));
+        let lock_calls = lock_calls.load(Ordering::SeqCst);
+        assert!(lock_calls > 0 && lock_calls.is_multiple_of(2));
         device.destroy_device(None);
         instance.destroy_instance(None);
     }

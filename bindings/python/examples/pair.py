@@ -1,4 +1,4 @@
-"""Solves the shipped pair, at a quarter of its size, and writes a page that shows it."""
+"""Solves the pair in data/heatsink at a quarter of its size and writes the result as an HTML page."""
 
 from pathlib import Path
 
@@ -17,4 +17,4 @@ for warning in result.warnings:
     print("warning:", warning)
 
 Path("pair.html").write_text(f"<!doctype html><meta charset=utf-8>{result._repr_html_()}")
-print("pair.html shows it")
+print("wrote pair.html")

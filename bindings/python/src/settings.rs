@@ -37,38 +37,18 @@ pub(crate) fn settings(named: &Bound<'_, PyDict>, frames: &[&Frame]) -> PyResult
 fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
     match name {
         "method" => s.method = one_of(value, &[Method::Unified, Method::Aligned, Method::Appearance], |m| m.name())?,
-        "levels" => s.levels = auto(value)?,
-        "outer_iterations" => s.outer_iterations = value.extract()?,
-        "relaxation_sweeps" => s.relaxation_sweeps = value.extract()?,
-        "over_relaxation" => s.over_relaxation = value.extract()?,
-        "regularization" => s.regularization = auto(value)?,
-        "continuation" => s.continuation = value.extract()?,
-        "data_eta" => s.data_eta = value.extract()?,
-        "smoothness_eta" => s.smoothness_eta = value.extract()?,
-        "heaviside_epsilon" => s.heaviside_epsilon = value.extract()?,
-        "max_relative_blur" => s.max_relative_blur = value.extract()?,
-        "largest_step" => s.largest_step = value.extract()?,
         "kernel" => s.kernel = kernel(value)?,
         "motion" => s.motion = one_of(value, &Motion::ALL, |m| m.name())?,
         "registration_step" => s.registration_step = one_of(value, &RegistrationStep::ALL, |step| step.name())?,
-        "photometric" => s.photometric = value.extract()?,
-        "fused" => s.fused = value.extract()?,
         "decode" => {
             s.decode = one_of(value, &Decode::ALL, |decode| decode.name())?;
         }
-        "black_level" => s.black_level = auto(value)?,
-        "white_level" => s.white_level = auto(value)?,
         "start" => s.start = homography(value.extract()?)?,
         "start_photometric" => {
             let [gain, offset] = value.extract()?;
             s.start_photometric = Photometric { gain, offset };
         }
-        _ => {
-            return Err(PyTypeError::new_err(format!(
-                "unknown setting; the settings are {}",
-                setting_names().join(", ")
-            )));
-        }
+        _ => set_plain(s, name, value)?,
     }
     Ok(())
 }
@@ -85,10 +65,24 @@ fn with_setting(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
     }
 }
 
-/// Reads a value; "auto" and None give `None`.
-fn auto<'py, T: for<'a> FromPyObject<'a, 'py, Error = PyErr>>(value: &Bound<'py, PyAny>) -> PyResult<Option<T>> {
-    let is_auto = value.is_none() || value.extract::<String>().is_ok_and(|word| word == "auto");
-    if is_auto { Ok(None) } else { value.extract().map(Some) }
+/// Sets a number or a bool through the table of settings. None stands for "auto".
+fn set_plain(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
+    let Some(setting) = Settings::TABLE.iter().find(|setting| setting.name == name) else {
+        return Err(PyTypeError::new_err(format!("unknown setting; the settings are {}", setting_names().join(", "))));
+    };
+    let text = match value.extract::<bool>() {
+        Ok(flag) => flag.to_string(),
+        Err(_) if value.is_none() => "auto".to_string(),
+        Err(_) => value.str()?.to_string(),
+    };
+    if s.set(name, &text) {
+        return Ok(());
+    }
+    Err(PyTypeError::new_err(match (setting.range, (setting.default)().as_str()) {
+        (None, _) => "give True or False",
+        (Some(_), "auto") => "give a number or auto",
+        (Some(_), _) => "give a number, whole for a count",
+    }))
 }
 
 fn one_of<T: Clone>(value: &Bound<'_, PyAny>, all: &[T], name: impl Fn(&T) -> &str) -> PyResult<T> {

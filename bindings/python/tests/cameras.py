@@ -1,4 +1,4 @@
-"""Cameras without a camera. Run by test_camera.py in the system's Python, to which aravis belongs: no pytest."""
+"""Tests of parfocal.camera on aravis fake cameras. test_camera.py runs them in the system's Python, without pytest."""
 
 import itertools
 import sys
@@ -20,8 +20,8 @@ def raises(kind, words, call, *arguments, **named):
         raise AssertionError(f"no {kind.__name__}: {words}")
 
 
-def stepped(name, **options):
-    """Two sweeps, of which each frame must be of its own exposure."""
+def check_sweeps(name, **options):
+    """Takes two sweeps and checks that each frame has its own exposure."""
     small = {"Width": 64, "Height": 48, "PixelFormat": "Mono16"}
     with Camera(name, focus="ExposureTimeAbs", positions=EXPOSURES, features=small, **options) as camera:
         first, second = itertools.islice(camera, 2)
@@ -29,23 +29,23 @@ def stepped(name, **options):
         camera.take()
     for frames in (first, second):
         assert [frame.shape for frame in frames] == [(48, 64)] * 3 and frames[0].dtype == np.uint16
-        # The picture is a ramp that moves; its slope is as the exposure.
+        # The picture is a moving ramp whose slope is proportional to the exposure.
         slopes = [np.median(np.diff(frame.astype(int))) for frame in frames]
         assert np.allclose(slopes, [0, 179, 256], atol=1), slopes
-    assert all(np.array_equal(*both) for both in zip(first, kept)), "the camera wrote into a frame that was handed over"
+    assert all(np.array_equal(*both) for both in zip(first, kept)), "the camera changed a frame that it had returned"
 
 
 def triggered():
-    """Of a camera by GigE Vision, on the loopback address."""
+    """Tests a triggered GigE Vision camera on the loopback address."""
     fake = Aravis.GvFakeCamera.new("127.0.0.1", "parfocal")
     if not fake.is_running():
-        sys.exit("the port of GigE Vision is taken on 127.0.0.1: does another camera run there?")
-    stepped("127.0.0.1")
+        sys.exit("the port of GigE Vision is in use on 127.0.0.1: stop the other fake camera")
+    check_sweeps("127.0.0.1")
 
 
 def started():
-    """Of a camera without a trigger."""
-    stepped("Fake_1", settle=0.02)
+    """Tests a camera without a trigger."""
+    check_sweeps("Fake_1", settle=0.02)
     assert "Fake_1" in cameras()
 
 

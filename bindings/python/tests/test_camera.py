@@ -1,4 +1,4 @@
-"""Cameras, in the system's Python, and their formats."""
+"""Tests of cameras, in the system's Python, and of their pixel formats."""
 
 import os
 import subprocess
@@ -11,8 +11,8 @@ import parfocal
 from test_parfocal import ROOT
 
 
-def test_cameras_without_a_camera():
-    # aravis and PyGObject are packages of the system, whose Python takes the same wheel.
+def test_fake_cameras_work():
+    # Only the system's Python has aravis and PyGObject. It can import the same wheel.
     python = os.environ.get("PARFOCAL_PYTHON", "/usr/bin/python3")
     here = Path(__file__).parent
     environment = os.environ | {"PYTHONPATH": str(Path(parfocal.__file__).parents[1])}

@@ -1,4 +1,4 @@
-"""Calls that say how far they are, and are called off."""
+"""Tests of progress, cancellation and Ctrl-C."""
 
 import _thread
 import threading
@@ -11,7 +11,7 @@ import parfocal
 from test_parfocal import FAR, NEAR, VALIDATE, photograph
 
 LARGE = [photograph(variance, shift, (640, 480)) for variance, shift in [(0.5, (0, 0)), (1.5, (0.8, -0.6))]]
-# Levels of these go on for long, so that there is time to call them off.
+# With these settings a level takes long enough to be cancelled.
 LONG = dict(outer_iterations=400, regularization=0.01)
 
 
@@ -23,20 +23,20 @@ def engine():
     assert engine.messages == []
 
 
-def test_progress_is_told_from_level_to_level(engine):
-    told = []
-    result = parfocal.solve(NEAR, FAR, engine=engine, progress=told.append)
-    assert told[-1] == 1 and told == sorted(told) and len(told) == len(result.levels)
-    told.clear()
-    parfocal.register(NEAR, FAR, engine=engine, progress=told.append)
-    assert told[-1] == 1
-    told.clear()
+def test_progress_is_reported_after_each_level(engine):
+    reported = []
+    result = parfocal.solve(NEAR, FAR, engine=engine, progress=reported.append)
+    assert reported[-1] == 1 and reported == sorted(reported) and len(reported) == len(result.levels)
+    reported.clear()
+    parfocal.register(NEAR, FAR, engine=engine, progress=reported.append)
+    assert reported[-1] == 1
+    reported.clear()
     frames = [photograph(0.3 + n * n, (0.1 * n, 0)) for n in range(-1, 2)]
-    parfocal.stack(frames, engine=engine, progress=told.append)
-    assert told[-1] == 1 and told == sorted(told)
+    parfocal.stack(frames, engine=engine, progress=reported.append)
+    assert reported[-1] == 1 and reported == sorted(reported)
 
 
-def test_what_progress_raises_ends_the_call(engine):
+def test_an_exception_in_progress_ends_the_call(engine):
     def progress(share):
         raise KeyError("enough")
 
@@ -46,7 +46,7 @@ def test_what_progress_raises_ends_the_call(engine):
     assert parfocal.solve(NEAR, FAR, engine=engine).converged
 
 
-def test_another_thread_calls_off_and_the_engine_goes_on(engine):
+def test_a_thread_cancels_a_solve_and_the_engine_stays_usable(engine):
     before = parfocal.solve(NEAR, FAR, engine=engine)
     cancel = parfocal.CancellationToken()
     threading.Timer(0.3, cancel.cancel).start()

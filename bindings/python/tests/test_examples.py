@@ -1,4 +1,4 @@
-"""The examples: the notebook, and napari's."""
+"""Tests of the examples: the notebook and the napari plugin."""
 
 import ast
 import importlib
@@ -18,19 +18,20 @@ EXAMPLES = ROOT / "bindings/python/examples"
 def test_the_notebook_runs(monkeypatch):
     monkeypatch.chdir(EXAMPLES)
     notebook = json.loads((EXAMPLES / "heatsink.ipynb").read_text())
-    names, shown = {}, []
+    names, outputs = {}, []
     for cell in notebook["cells"]:
         if cell["cell_type"] != "code":
             continue
         assert cell["outputs"] == [] and cell["execution_count"] is None, "strip the outputs"
-        # As a kernel does: a last line that is a value is shown. Jupyter itself would take longer to install than all tests run.
+        # Like a Jupyter kernel, shows the last line of a cell if it is an expression. Installing Jupyter takes longer
+        # than all tests.
         body = ast.parse("".join(cell["source"])).body
         last = body.pop() if isinstance(body[-1], ast.Expr) else None
         exec(compile(ast.Module(body, []), "cell", "exec"), names)
         if last:
-            shown.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
+            outputs.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
     assert names["result"].converged and names["step"].value > 5 * names["step"].standard_error
-    assert sum("data:image/png" in one._repr_html_() for one in shown if isinstance(one, type(names["result"]))) == 1
+    assert sum("data:image/png" in one._repr_html_() for one in outputs if isinstance(one, type(names["result"]))) == 1
 
 
 @pytest.fixture
@@ -50,10 +51,10 @@ def test_napari_reads_photographs(plugin, tmp_path):
     write(tmp_path / "0.pgm", as_kind(NEAR[:50], np.uint16, False))
     with pytest.raises(ValueError, match="0.pgm and the others differ"):
         plugin.reader(files)(files)
-    # What the manifest names is there.
+    # Every function in the manifest exists.
     manifest = (EXAMPLES / "napari-parfocal/napari_parfocal/napari.yaml").read_text()
-    named = re.findall(r"python_name: napari_parfocal:(\w+)", manifest)
-    assert len(named) == 3 and all(callable(getattr(plugin, name)) for name in named)
+    functions = re.findall(r"python_name: napari_parfocal:(\w+)", manifest)
+    assert len(functions) == 3 and all(callable(getattr(plugin, name)) for name in functions)
 
 
 def test_napari_solves(plugin):

@@ -1,4 +1,4 @@
-"""The package on lavapipe, and beside the program, whose results it must give bit for bit."""
+"""Tests of the package on lavapipe. Its results must equal those of the program bit for bit."""
 
 import os
 import pickle
@@ -19,7 +19,7 @@ VALIDATE = os.environ.get("PARFOCAL_VALIDATE") == "1"
 
 
 def photograph(variance, shift=(0, 0), size=SIZE):
-    """Waves in all directions, seen through a Gaussian of so many px² of variance."""
+    """Renders waves in all directions, blurred by a Gaussian of this variance (px²) and displaced by `shift`."""
     width, height = size
     x, y = np.meshgrid(np.arange(width) - shift[0], np.arange(height) - shift[1])
     n = 2.4 * np.arange(64)[:, None, None]
@@ -50,7 +50,7 @@ def as_kind(image, dtype, colour):
 
 
 def write(path, image):
-    """PGM, PPM or PFM."""
+    """Writes a PGM, PPM or PFM file."""
     height, width = image.shape[:2]
     if image.dtype == np.float32:
         kind, last, data = ("PF" if image.ndim == 3 else "Pf"), "-1.0", image[::-1].astype("<f4")
@@ -61,15 +61,15 @@ def write(path, image):
 
 
 def run(*arguments):
-    """Runs the program."""
+    """Runs the program and checks that it succeeds."""
     named = os.environ.get("PARFOCAL_PROGRAM", ROOT / "target/debug/parfocal")
     if not Path(named).exists():
-        pytest.fail(f"{named} is missing: cargo build")
+        pytest.fail(f"{named} is missing: run cargo build")
     done = subprocess.run([named, *arguments], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
-def test_a_pair_has_the_blur_and_the_place_that_it_was_given(result):
+def test_solve_recovers_blur_and_registration(result):
     assert result.converged and not result.warnings
     assert abs(np.nanmedian(result.relative_blur) - 1) < 0.05
     assert np.allclose(result.transform[:2, 2], (0.8, -0.6), atol=0.05)
@@ -83,7 +83,7 @@ def test_a_pair_has_the_blur_and_the_place_that_it_was_given(result):
     assert "T +0.800 -0.600 px, converged" in repr(result)
 
 
-def test_without_the_fused_image_the_rest_is_the_same(engine, result):
+def test_solving_without_the_fused_image_does_not_change_other_results(engine, result):
     alone = parfocal.solve(NEAR, FAR, engine=engine, fused=False)
     assert alone.fused is None and "data:image" in alone._repr_html_()
     assert np.array_equal(alone.relative_blur, result.relative_blur, equal_nan=True)
@@ -91,14 +91,14 @@ def test_without_the_fused_image_the_rest_is_the_same(engine, result):
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("colour", [False, True])
-def test_results_are_those_of_the_program_bit_for_bit(engine, tmp_path, dtype, colour):
+def test_results_equal_those_of_the_program_bit_for_bit(engine, tmp_path, dtype, colour):
     pair = [as_kind(image, dtype, colour) for image in (NEAR, FAR)]
     files = [tmp_path / f"{n}.{'pfm' if dtype == np.float32 else 'pnm'}" for n in (1, 2)]
     for file, image in zip(files, pair):
         write(file, image)
         read = parfocal.read(file)
         assert read.dtype == dtype and np.array_equal(read, image)
-    # Without a lens depth is V; no standard deviation is larger, so that nothing is left out of the array.
+    # Without a lens the exported depth is V. No standard deviation exceeds 1000, so no pixel is left out.
     options = ["--export", "npy", "--max-uncertainty", "1000", "--no-html", "--max-relative-blur", "36", "--motion", "affine"]
     run("solve", *files, "-o", tmp_path / "out", *options)
     found = parfocal.solve(*pair, engine=engine, max_relative_blur=36, motion="affine")
@@ -108,7 +108,7 @@ def test_results_are_those_of_the_program_bit_for_bit(engine, tmp_path, dtype, c
     assert np.isfinite(written).mean() > 0.5
 
 
-def test_a_sweep_is_that_of_the_program(engine, tmp_path):
+def test_a_sweep_equals_that_of_the_program(engine, tmp_path):
     frames = [as_kind(photograph(0.3 + (n - 2) ** 2, (0.1 * n, 0)), np.uint16, False) for n in range(5)]
     files = [tmp_path / f"{n}.pnm" for n in range(5)]
     for file, frame in zip(files, frames):
@@ -126,7 +126,7 @@ def test_a_sweep_is_that_of_the_program(engine, tmp_path):
     assert "<img" in stage._repr_html_()
 
 
-def test_any_layout_of_memory_gives_the_same(engine, result):
+def test_memory_layout_does_not_change_results(engine, result):
     def same(i1, i2):
         return parfocal.solve(i1, i2, engine=engine).relative_blur.tobytes() == result.relative_blur.tobytes()
 
@@ -139,7 +139,7 @@ def test_any_layout_of_memory_gives_the_same(engine, result):
     assert same(NEAR, read_only)
 
 
-def test_every_setting_has_its_name(engine, result):
+def test_every_setting_is_a_keyword_argument(engine, result):
     defaults = dict(
         method="unified",
         levels="auto",
@@ -214,7 +214,7 @@ def test_depth_and_measures(result):
         result.depth(parfocal.Lens(-1, 4, 0.0075, (300, 310)))
 
 
-def test_a_notebook_shows_it_and_it_travels(result):
+def test_a_result_has_html_and_can_be_pickled(result):
     page = result._repr_html_()
     assert page.count("data:image/png;base64,") == 2 and "converged" in page
     back = pickle.loads(pickle.dumps(result))
@@ -238,15 +238,15 @@ def test_a_notebook_shows_it_and_it_travels(result):
         (ValueError, "mask is", {"mask": np.ones((4, 4))}),
     ],
 )
-def test_what_is_wrong_is_told(engine, error, words, arguments):
+def test_invalid_arguments_are_reported(engine, error, words, arguments):
     with pytest.raises(error, match=words):
         parfocal.solve(**{"i1": NEAR, "i2": FAR, "engine": engine} | arguments)
 
 
 @pytest.mark.parametrize("page", ["docs/guide/src/python.md", "bindings/python/README.md"])
-def test_what_the_guide_shows_works(engine, page, tmp_path, monkeypatch):
+def test_examples_of_the_guide_run(engine, page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    # Calls without an engine take the one under validation.
+    # Calls without an engine use the engine with validation.
     monkeypatch.setattr(parfocal._solves, "_default", engine)
     size = (320, 160)
     pair = {"near": photograph(0.5, size=size), "far": photograph(1.5, (0.8, -0.6), size)}
@@ -255,24 +255,24 @@ def test_what_the_guide_shows_works(engine, page, tmp_path, monkeypatch):
     sweep = [photograph(0.3 + (n - 2) ** 2, (0.1 * n, 0)) for n in range(4)]
     names = pair | {"other": pair["far"], "frames": sweep}
     blocks = (ROOT / page).read_text().split("```python\n")[1:]
-    # Those of a cluster are of test_ray.py.
+    # test_ray.py runs the blocks that use a cluster.
     shown = [block.split("```")[0] for block in blocks if "parfocal.ray" not in block]
     exec("".join(shown), names)
     assert names["result"].converged
 
 
-def test_files_that_cannot_be_read_are_told(tmp_path):
+def test_unreadable_files_are_reported(tmp_path):
     with pytest.raises(ValueError, match="none.png"):
         parfocal.read(tmp_path / "none.png")
 
 
-def test_devices_and_those_there_are_not():
+def test_devices_are_listed_and_unknown_ones_are_refused():
     assert any(reason is None for _, reason in parfocal.devices())
     with pytest.raises(parfocal.DeviceError, match="no such thing"):
         parfocal.Engine("no such thing")
 
 
-def test_other_threads_go_on_meanwhile(engine):
+def test_other_threads_run_during_a_solve(engine):
     ticks, done = [], threading.Event()
 
     def tick():
@@ -282,7 +282,7 @@ def test_other_threads_go_on_meanwhile(engine):
     thread = threading.Thread(target=tick)
     thread.start()
     began = time.monotonic()
-    # Long enough that a thread that may run does.
+    # The solve takes long enough for the other thread to run if it can.
     parfocal.solve(photograph(0.5, size=(480, 320)), photograph(1.5, size=(480, 320)), engine=engine)
     ended = time.monotonic()
     done.set()
@@ -291,7 +291,7 @@ def test_other_threads_go_on_meanwhile(engine):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
-def test_a_forked_child_is_told(engine):
+def test_a_forked_child_gets_an_error(engine):
     child = os.fork()
     if child == 0:
         try:
@@ -302,7 +302,7 @@ def test_a_forked_child_is_told(engine):
     assert os.waitpid(child, 0)[1] == 0
 
 
-def test_pairs_one_after_the_other_take_no_more_memory(engine):
+def test_memory_does_not_grow_with_the_number_of_pairs(engine):
     def resident():
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
@@ -314,3 +314,7 @@ def test_pairs_one_after_the_other_take_no_more_memory(engine):
     before = resident()
     some(int(os.environ.get("PARFOCAL_PAIRS_OF_MEMORY", "20")))
     assert resident() - before < 8 << 20
+
+
+def test_the_type_of_the_settings_has_every_setting():
+    assert set(parfocal._solves.Settings.__annotations__) == set(parfocal._native.setting_names())

@@ -1,4 +1,4 @@
-"""Pairs over a local Ray cluster of two workers, which are killed."""
+"""Tests of parfocal.ray on a local cluster of two workers, some of which are killed."""
 
 import os
 import signal
@@ -9,8 +9,7 @@ import pytest
 import xarray
 from pyarrow import parquet
 
-# Nothing leaves this machine: no statistics, and as on a Mac, where Ray makes no clusters, the loopback address alone. Ray reads
-# this as it is imported.
+# Ray sends no usage statistics and uses only the loopback address, as on macOS. It reads these variables at import.
 os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
 import ray
 
@@ -30,7 +29,7 @@ def cluster():
 
 @pytest.fixture
 def shots(tmp_path):
-    """Two pairs in files."""
+    """Writes two pairs to files."""
     for name in ("1", "2"):
         (tmp_path / name).mkdir()
         write(tmp_path / name / "near.png", as_kind(NEAR, np.uint16, False))
@@ -38,13 +37,13 @@ def shots(tmp_path):
     return [(tmp_path / name / "near.png", tmp_path / name / "far.png") for name in ("1", "2")]
 
 
-def test_a_worker_that_is_killed_half_way_loses_nothing():
+def test_no_row_is_lost_if_a_worker_is_killed():
     kill = True
     rows = []
     for row in parfocal.ray.map([(NEAR, FAR)] * 6, actors=2, **SETTINGS):
         rows.append(row)
         if kill:
-            # It has its next input already.
+            # The worker already has its next input.
             os.kill(row["process"], signal.SIGKILL)
             kill = False
     assert sorted(row["input"] for row in rows) == list(range(6))
@@ -55,9 +54,9 @@ def test_a_worker_that_is_killed_half_way_loses_nothing():
         assert row["median"] == np.nanmedian(alone.relative_blur) and row["unit"] == "px2"
 
 
-def test_what_cannot_be_solved_is_a_row_too(tmp_path):
+def test_an_input_that_fails_is_a_row_with_an_error(tmp_path):
     class Deadly:
-        """An array that ends whoever looks at it."""
+        """An array that ends the process that converts it."""
 
         def __array__(self, *_, **__):
             os._exit(1)
@@ -75,7 +74,7 @@ def test_what_cannot_be_solved_is_a_row_too(tmp_path):
         parfocal.ray.map([], fields=["depth"])
 
 
-def test_rows_and_fields_are_kept_once(shots, tmp_path):
+def test_rows_and_fields_are_written_once(shots, tmp_path):
     lens = parfocal.Lens(50, 4, 0.0075, (300, 310), telecentric=True)
     options = {"fields": ["relative_blur", "depth"], "lens": lens} | SETTINGS
     into = tmp_path / "results"
@@ -112,7 +111,7 @@ def test_a_gpu_is_found_by_its_uuid(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("page", ["docs/guide/src/ray.md", "bindings/python/README.md"])
-def test_what_the_guide_shows_works(page, shots, tmp_path, monkeypatch):
+def test_examples_of_the_guide_run(page, shots, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     blocks = (ROOT / page).read_text().split("```python\n")[1:]
     shown = [block.split("```")[0] for block in blocks if "parfocal.ray" in block]

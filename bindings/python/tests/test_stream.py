@@ -1,4 +1,4 @@
-"""Many pairs through a stream: as `solve` has them, in their order, whatever happens in between."""
+"""Tests of streams: results come in order and equal those of `solve`."""
 
 import _thread
 import os
@@ -28,7 +28,7 @@ def solved():
 
 @pytest.fixture
 def opened():
-    """Opens streams, and closes them, of which validation has nothing to say."""
+    """Opens streams, closes them after the test, and checks that validation reports nothing."""
     streams = []
 
     def stream(*arguments, **settings):
@@ -54,7 +54,7 @@ def assert_is(result, expected):
 
 
 @pytest.mark.parametrize(("device", "slots"), [(None, 1), ("0", 3), (["0", "0"], 2)])
-def test_results_are_in_order_and_those_of_solve(opened, solved, device, slots):
+def test_results_are_in_order_and_equal_those_of_solve(opened, solved, device, slots):
     stream = opened(device, slots)
     results = list(stream.map(some(9)))
     for n, result in enumerate(results):
@@ -63,10 +63,10 @@ def test_results_are_in_order_and_those_of_solve(opened, solved, device, slots):
     assert list(stream.map([])) == [] and "0 of" in repr(stream)
 
 
-def test_all_devices_take_part(opened, solved):
+def test_a_stream_can_use_all_devices(opened, solved):
     stream = opened("all")
     assert_is(next(stream.map(PAIRS)), solved[0])
-    # Of what was dropped before its end, the pairs that it has taken are there still.
+    # Dropping the iterator of `map` keeps the pairs that it has already taken.
     taken = len(stream)
     assert len(list(stream.map([]))) == taken
 
@@ -115,13 +115,13 @@ def test_a_pair_that_fails_raises_in_its_place(opened, solved):
     assert "prepared for 64x48" in found.pop(2)
     for result, expected in zip(found, solved):
         assert_is(result, expected)
-    # What is no photograph is no pair.
+    # An image of an unsupported type is refused and not pushed.
     with pytest.raises(TypeError, match="convert it"):
         stream.push(PAIRS[0][0].astype(float), PAIRS[0][1])
     assert len(stream) == 0
 
 
-def test_a_stream_that_is_left_ends(opened):
+def test_leaving_the_context_closes_the_stream(opened):
     with opened() as stream:
         for pair in some(5):
             stream.push(*pair)
@@ -148,7 +148,7 @@ def test_ctrl_c_ends_a_wait(opened, wait):
     assert time.monotonic() - began < 5
 
 
-def test_what_is_wrong_is_told():
+def test_invalid_arguments_are_reported():
     for error, words, arguments in [
         (TypeError, "did you mean max_relative_blur", dict(max_relativ_blur=3)),
         (ValueError, "one slot", dict(slots=0)),
@@ -166,7 +166,7 @@ def test_what_is_wrong_is_told():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
-def test_a_forked_child_is_told(opened):
+def test_a_forked_child_gets_an_error(opened):
     stream = opened()
     stream.push(*PAIRS[0])
     child = os.fork()
@@ -179,7 +179,7 @@ def test_a_forked_child_is_told(opened):
     assert os.waitpid(child, 0)[1] == 0
 
 
-def test_more_pairs_take_no_more_memory():
+def test_memory_does_not_grow_with_the_number_of_pairs():
     def resident():
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
@@ -194,7 +194,7 @@ def test_more_pairs_take_no_more_memory():
     assert grown < 8 << 20
 
 
-def test_who_waits_to_push_is_told_that_it_is_closed(opened):
+def test_closing_a_stream_ends_a_waiting_push(opened):
     stream = opened(slots=1)
     for pair in some(stream.capacity):
         stream.push(*pair)
@@ -203,7 +203,7 @@ def test_who_waits_to_push_is_told_that_it_is_closed(opened):
         stream.push(*PAIRS[0], timeout=None)
 
 
-def test_a_push_that_found_no_room_takes_no_finish_back(opened):
+def test_a_push_to_a_full_stream_does_not_undo_finish(opened):
     stream = opened(slots=1)
     for pair in some(stream.capacity):
         stream.push(*pair)

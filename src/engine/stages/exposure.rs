@@ -30,7 +30,7 @@ push_constants! {
     centre: [f32; 2],
     /// Pixels of the pair from sample to sample.
     every: u32,
-    /// An [`Adopt`].
+    /// A number of `Adopt`.
     adopt: u32,
     /// The number of samples that are worth one independent sample.
     dependent: f32,

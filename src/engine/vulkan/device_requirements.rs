@@ -22,7 +22,7 @@ pub fn enable_required_features(
     v13.maintenance4 = vk::TRUE;
 }
 
-/// The required features and the available [`OPTIONAL_EXTENSIONS`] of a physical device, for the creation of a device.
+/// The required features and the available [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS) of a physical device, for the creation of a device.
 ///
 /// A `pNext` chain may hold the structure of a feature once, and not beside that of the Vulkan version that promoted
 /// it. This type extends a chain that other code has begun. A program that writes the whole chain itself can use

@@ -36,7 +36,7 @@ pub const PLOTTER: Plotter = Plotter { key: color_bar::key, profile: plot::profi
 /// [`Destination`] must force the replacement of another file.
 ///
 /// # Errors
-/// [`Error::File`](crate::Error::File).
+/// [`Error::File`].
 pub fn write_png<'d>(file: impl Into<Destination<'d>>, image: &RgbImage) -> Result<(), Error> {
     write_file(file.into(), FileKind::Png, |writer| write_drawing(writer, image))
 }

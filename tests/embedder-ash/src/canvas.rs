@@ -1,4 +1,4 @@
-//! An image into which V is drawn.
+//! Draws V into an image.
 
 use parfocal::interop::DeviceSolution;
 use parfocal::interop::ash::vk;
@@ -8,7 +8,7 @@ use crate::pipeline::Pipeline;
 
 const FORMAT: vk::Format = vk::Format::R8G8B8A8_UNORM;
 
-/// A picture of V, and a host-visible copy.
+/// An image with a picture of V, and a buffer with a host-visible copy.
 pub struct Canvas<'a> {
     gpu: &'a Gpu,
     extent: vk::Extent2D,
@@ -36,7 +36,7 @@ impl<'a> Canvas<'a> {
             .samples(vk::SampleCountFlags::TYPE_1)
             .usage(usage);
         let host = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
-        // SAFETY: all is of this device; memory fits what is bound to it, by what that requires.
+        // SAFETY: all handles belong to this device. Each memory meets the requirements of the resource bound to it.
         unsafe {
             let image = device.create_image(&create, None)?;
             let needs = device.get_image_memory_requirements(image);
@@ -68,29 +68,28 @@ impl<'a> Canvas<'a> {
     /// Submits a draw of V. The device waits for the results; the host does not.
     ///
     /// # Safety
-    /// The picture before was [read](Self::read), and this one is read before the pair is dropped.
+    /// The previous picture was [read](Self::read). This one is read before the pair is dropped.
     pub unsafe fn draw(&mut self, results: &DeviceSolution, range: f32) -> Result<(), vk::Result> {
-        let Gpu { device, queue, turns, .. } = self.gpu;
-        // SAFETY: the results are of this device, and nothing of this is under way, by the caller.
+        let Gpu { device, queue, shared_queue, .. } = self.gpu;
+        // SAFETY: the results belong to this device. The caller ensures that no draw is pending.
         unsafe {
             self.pipeline.read_from(device, results.buffer);
             self.record(range)?;
         }
-        // The semaphore makes the engine's writes visible to the stage that waits: V needs no barrier.
+        // The semaphore wait makes the writes of the engine visible to the fragment shader, so V needs no barrier.
         let waits = [vk::SemaphoreSubmitInfo::default()
             .semaphore(results.semaphore)
             .value(results.value)
             .stage_mask(vk::PipelineStageFlags2::FRAGMENT_SHADER)];
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
         let submit = vk::SubmitInfo2::default().wait_semaphore_infos(&waits).command_buffer_infos(&commands);
-        let _turn = turns.acquire();
-        // SAFETY: it is this one's turn at the queue; what the commands use stays until the fence says that they are
-        // done.
+        let _guard = shared_queue.acquire();
+        // SAFETY: the queue is locked. All resources of the commands live until the fence is signalled.
         unsafe { device.queue_submit2(*queue, &[submit], self.fence) }
     }
 
     /// # Safety
-    /// The commands are not pending.
+    /// The command buffer is not pending.
     unsafe fn record(&self, range: f32) -> Result<(), vk::Result> {
         let (device, commands) = (&self.gpu.device, self.commands);
         let once = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
@@ -104,7 +103,7 @@ impl<'a> Canvas<'a> {
         let copy = vk::BufferImageCopy::default().image_extent(self.extent.into()).image_subresource(
             vk::ImageSubresourceLayers::default().aspect_mask(vk::ImageAspectFlags::COLOR).layer_count(1),
         );
-        // SAFETY: all is of this device and stays; the commands are not under way, by the caller.
+        // SAFETY: all handles belong to this device and outlive the commands. The caller ensures that none are pending.
         unsafe {
             device.begin_command_buffer(commands, &once)?;
             self.image_to(vk::ImageLayout::UNDEFINED, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL);
@@ -120,7 +119,7 @@ impl<'a> Canvas<'a> {
     }
 
     /// # Safety
-    /// The commands are being recorded, within rendering.
+    /// The command buffer is in the recording state, inside a render pass instance.
     unsafe fn cover(&self, range: f32) {
         let (device, commands, Pipeline { handle, layout, set, .. }) =
             (&self.gpu.device, self.commands, &self.pipeline);
@@ -130,7 +129,7 @@ impl<'a> Canvas<'a> {
         let area = vk::Rect2D { extent: self.extent, ..vk::Rect2D::default() };
         let constants = [width.to_ne_bytes(), range.to_ne_bytes()].concat();
         let graphics = vk::PipelineBindPoint::GRAPHICS;
-        // SAFETY: by the caller; the constants are as large as the layout says.
+        // SAFETY: guaranteed by the caller. The constants have the size of the push constant range.
         unsafe {
             device.cmd_bind_pipeline(commands, graphics, *handle);
             device.cmd_bind_descriptor_sets(commands, graphics, *layout, 0, &[*set], &[]);
@@ -141,11 +140,11 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// Waits for the picture and returns it as RGBA, row by row.
+    /// Waits for the picture and returns its RGBA pixels, row by row.
     pub fn read(&mut self) -> Result<Vec<u8>, vk::Result> {
         let device = &self.gpu.device;
         let size = (4 * self.extent.width * self.extent.height) as usize;
-        // SAFETY: once the fence says so nothing is under way; the mapping is as long as the buffer.
+        // SAFETY: no command is pending after the fence is signalled. The mapping covers the whole buffer.
         unsafe {
             device.wait_for_fences(&[self.fence], true, u64::MAX)?;
             device.reset_fences(&[self.fence])?;
@@ -158,10 +157,10 @@ impl<'a> Canvas<'a> {
 }
 
 impl Canvas<'_> {
-    /// Changes the layout of the image.
+    /// Records a transition of the image layout.
     ///
     /// # Safety
-    /// The commands are being recorded, and the image is in the layout `from`.
+    /// The command buffer is in the recording state, and the image has the layout `from`.
     unsafe fn image_to(&self, from: vk::ImageLayout, to: vk::ImageLayout) {
         let drawn = (vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT, vk::AccessFlags2::COLOR_ATTACHMENT_WRITE);
         let copied = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_READ);
@@ -177,14 +176,14 @@ impl Canvas<'_> {
             .image(self.image)
             .subresource_range(whole())];
         let barrier = vk::DependencyInfo::default().image_memory_barriers(&barrier);
-        // SAFETY: by the caller.
+        // SAFETY: guaranteed by the caller.
         unsafe { self.gpu.device.cmd_pipeline_barrier2(self.commands, &barrier) };
     }
 
-    /// Makes the copy visible to the host.
+    /// Records a barrier that makes the copy visible to the host.
     ///
     /// # Safety
-    /// The commands are being recorded.
+    /// The command buffer is in the recording state.
     unsafe fn buffer_to_host(&self) {
         let barrier = [vk::MemoryBarrier2::default()
             .src_stage_mask(vk::PipelineStageFlags2::COPY)
@@ -192,19 +191,19 @@ impl Canvas<'_> {
             .dst_stage_mask(vk::PipelineStageFlags2::HOST)
             .dst_access_mask(vk::AccessFlags2::HOST_READ)];
         let barrier = vk::DependencyInfo::default().memory_barriers(&barrier);
-        // SAFETY: by the caller.
+        // SAFETY: guaranteed by the caller.
         unsafe { self.gpu.device.cmd_pipeline_barrier2(self.commands, &barrier) };
     }
 }
 
 impl Drop for Canvas<'_> {
     fn drop(&mut self) {
-        let Gpu { device, queue, turns, .. } = self.gpu;
-        // SAFETY: it is this one's turn at the queue; then nothing of this is under way.
+        let Gpu { device, queue, shared_queue, .. } = self.gpu;
+        // SAFETY: the queue is locked. No command is pending after the wait.
         unsafe {
-            let turn = turns.acquire();
+            let guard = shared_queue.acquire();
             let _ = device.queue_wait_idle(*queue);
-            drop(turn);
+            drop(guard);
             self.pipeline.destroy(device);
             device.destroy_fence(self.fence, None);
             device.destroy_command_pool(self.pool, None);
@@ -223,21 +222,21 @@ fn whole() -> vk::ImageSubresourceRange {
 /// Allocates memory for an image or a buffer.
 ///
 /// # Safety
-/// The requirements are those of this device.
+/// The requirements were queried from this device.
 unsafe fn allocate(
     gpu: &Gpu,
     needs: vk::MemoryRequirements,
-    wanted: vk::MemoryPropertyFlags,
+    properties: vk::MemoryPropertyFlags,
 ) -> Result<vk::DeviceMemory, vk::Result> {
-    // SAFETY: the device is of the instance.
+    // SAFETY: the physical device belongs to the instance.
     let memory = unsafe { gpu.instance.get_physical_device_memory_properties(gpu.physical) };
     let fits = |(n, kind): &(usize, &vk::MemoryType)| {
-        needs.memory_type_bits >> n & 1 == 1 && kind.property_flags.contains(wanted)
+        needs.memory_type_bits >> n & 1 == 1 && kind.property_flags.contains(properties)
     };
     let kind = memory.memory_types_as_slice().iter().enumerate().find(fits);
     let (kind, _) = kind.ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
     let allocate = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(kind as u32);
-    // SAFETY: by the caller.
+    // SAFETY: guaranteed by the caller.
     unsafe { gpu.device.allocate_memory(&allocate, None) }
 }
 
@@ -250,12 +249,12 @@ mod tests {
 
     use super::*;
 
-    /// A device with one queue would draw V in order without the semaphore. Here the host signals it.
+    /// One queue could execute the draw in order even without the semaphore. Therefore the host signals the semaphore.
     #[test]
     fn nothing_is_drawn_before_the_semaphore_is_signalled() {
         let gpu = Gpu::new(validate()).unwrap();
-        // SAFETY: the engine and the solver go before the device.
-        let engine = Engine::from_vulkan(unsafe { gpu.lent() }, &EngineOptions::default()).unwrap();
+        // SAFETY: the engine and the solver are dropped before the device.
+        let engine = Engine::from_vulkan(unsafe { gpu.external_device() }, &EngineOptions::default()).unwrap();
         let [i1, i2] = pair(|x| x);
         let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
         let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default()).unwrap();
@@ -263,7 +262,7 @@ mod tests {
         let mut canvas = Canvas::new(&gpu, [SIZE; 2]).unwrap();
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-        // SAFETY: all is of this device; the semaphore goes when what waits for it is done.
+        // SAFETY: all handles belong to this device. The semaphore is destroyed after the wait for it has ended.
         unsafe {
             let semaphore = gpu.device.create_semaphore(&create, None).unwrap();
             let held = DeviceSolution { semaphore, value: 1, ..pending.on_device() };
@@ -273,7 +272,7 @@ mod tests {
             gpu.device.signal_semaphore(&vk::SemaphoreSignalInfo::default().semaphore(semaphore).value(1)).unwrap();
             canvas.read().unwrap();
             gpu.device.destroy_semaphore(semaphore, None);
-            assert!(!early, "drawn before its time");
+            assert!(!early, "drawn before the semaphore was signalled");
         }
     }
 }

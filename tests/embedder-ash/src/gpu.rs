@@ -11,58 +11,59 @@ use crate::messages::Messages;
 
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// A device that draws and computes, with one queue.
+/// A Vulkan device with one queue for graphics and compute.
 pub struct Gpu {
     pub instance: ash::Instance,
     pub physical: vk::PhysicalDevice,
     pub device: ash::Device,
     pub family: u32,
     pub queue: vk::Queue,
-    /// The lock of the queue, which renderer and engine share.
-    pub turns: Arc<SharedQueue>,
-    wanted: DeviceRequirements,
+    /// The lock of the queue that the renderer and the engine share.
+    pub shared_queue: Arc<SharedQueue>,
+    requirements: DeviceRequirements,
     messages: Option<Messages>,
     // Keeps the loader's library open.
     _entry: ash::Entry,
 }
 
 impl Gpu {
-    /// Opens the first suitable device, with validation if asked for.
+    /// Opens the first suitable device, optionally with validation.
     pub fn new(validate: bool) -> Result<Self, Box<dyn Error>> {
-        // SAFETY: the system's Vulkan loader.
+        // SAFETY: the library is the Vulkan loader of the system.
         let entry = unsafe { ash::Entry::load() }?;
         let instance = instance(&entry, validate)?;
         let messages = validate.then(|| Messages::of(&entry, &instance)).transpose()?;
-        let (physical, family) = choose(&instance)?.ok_or("no device of Vulkan 1.3 that draws and computes")?;
-        // SAFETY: the device is of this instance, which is for Vulkan 1.3.
-        let mut wanted = unsafe { DeviceRequirements::for_device(&instance, physical) }?;
-        let device = device(&instance, physical, family, &mut wanted)?;
-        // SAFETY: the device was made with one queue of the family.
+        let (physical, family) =
+            choose(&instance)?.ok_or("no Vulkan 1.3 device with a queue for graphics and compute")?;
+        // SAFETY: the physical device belongs to this instance, which is for Vulkan 1.3.
+        let mut requirements = unsafe { DeviceRequirements::for_device(&instance, physical) }?;
+        let device = device(&instance, physical, family, &mut requirements)?;
+        // SAFETY: the device was created with one queue of this family.
         let queue = unsafe { device.get_device_queue(family, 0) };
-        let turns = Arc::default();
-        Ok(Self { instance, physical, device, family, queue, turns, wanted, messages, _entry: entry })
+        let shared_queue = Arc::default();
+        Ok(Self { instance, physical, device, family, queue, shared_queue, requirements, messages, _entry: entry })
     }
 
-    /// The device for an engine.
+    /// Returns the device in the form that an engine takes.
     ///
     /// # Safety
-    /// The engine and its solvers are dropped before this.
-    pub unsafe fn lent(&self) -> ExternalDevice {
-        // SAFETY: all are of this, which outlives the engine, by the caller; whoever uses the queue takes a turn.
+    /// The engine and its solvers are dropped before `self`.
+    pub unsafe fn external_device(&self) -> ExternalDevice {
+        // SAFETY: the caller ensures that the handles outlive the engine. All uses of the queue lock it.
         unsafe {
             ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), self.family, self.queue)
-                .with_queue_lock(self.turns.clone())
-                .with_requirements(&self.wanted)
+                .with_queue_lock(self.shared_queue.clone())
+                .with_requirements(&self.requirements)
         }
     }
 }
 
 impl Drop for Gpu {
     fn drop(&mut self) {
-        // SAFETY: whatever was made of the device is gone.
+        // SAFETY: all objects of the device were destroyed before.
         unsafe { self.device.destroy_device(None) };
         let messages = self.messages.take().map(Messages::end).unwrap_or_default();
-        // SAFETY: the device and the messenger were the last of it.
+        // SAFETY: all objects of the instance were destroyed before.
         unsafe { self.instance.destroy_instance(None) };
         assert!(std::thread::panicking() || messages.is_empty(), "validation: {messages:#?}");
     }
@@ -78,17 +79,17 @@ fn instance(entry: &ash::Entry, validate: bool) -> Result<ash::Instance, vk::Res
     if validate {
         create = create.enabled_layer_names(&layers).enabled_extension_names(&extensions).push_next(&mut features);
     }
-    // SAFETY: what `create` points to is here.
+    // SAFETY: the structs that `create` points to outlive the call.
     unsafe { entry.create_instance(&create, None) }
 }
 
-/// A Vulkan 1.3 device and a queue family that draws and computes.
+/// Returns the first Vulkan 1.3 device that has a queue family for graphics and compute.
 fn choose(instance: &ash::Instance) -> Result<Option<(vk::PhysicalDevice, u32)>, vk::Result> {
-    // SAFETY: the instance is there.
+    // SAFETY: the instance is valid.
     let devices = unsafe { instance.enumerate_physical_devices() }?;
     let both = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
     let fits = |physical: vk::PhysicalDevice| {
-        // SAFETY: the device is of the instance.
+        // SAFETY: the physical device belongs to the instance.
         let (properties, families) = unsafe {
             let properties = instance.get_physical_device_properties(physical);
             (properties, instance.get_physical_device_queue_family_properties(physical))
@@ -99,20 +100,20 @@ fn choose(instance: &ash::Instance) -> Result<Option<(vk::PhysicalDevice, u32)>,
     Ok(devices.into_iter().find_map(fits))
 }
 
-/// A device with the features of the renderer and of the engine.
+/// Creates a device with the features that the renderer and the engine require.
 fn device(
     instance: &ash::Instance,
     physical: vk::PhysicalDevice,
     family: u32,
-    wanted: &mut DeviceRequirements,
+    requirements: &mut DeviceRequirements,
 ) -> Result<ash::Device, vk::Result> {
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
-    let extensions: Vec<_> = wanted.extensions().iter().map(|name| name.as_ptr()).collect();
+    let extensions: Vec<_> = requirements.extensions().iter().map(|name| name.as_ptr()).collect();
     let mut own = vk::PhysicalDeviceVulkan13Features::default().dynamic_rendering(true);
     let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
-    // SAFETY: what is chained is here; every device of Vulkan 1.3 has these features.
+    // SAFETY: the chained structs outlive the call. Every Vulkan 1.3 device supports these features.
     unsafe {
-        let create = wanted.enable_features(create.push_next(&mut own));
+        let create = requirements.enable_features(create.push_next(&mut own));
         instance.create_device(physical, &create, None)
     }
 }

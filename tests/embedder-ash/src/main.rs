@@ -2,7 +2,7 @@
 //!
 //!     cargo run --package embedder-ash [PICTURE.ppm]
 //!
-//! `gpu.rs` makes instance and device, `canvas.rs` draws. `pipeline.rs` and `messages.rs` do not use the engine.
+//! `gpu.rs` creates the instance and the device, `canvas.rs` draws. The other files do not use the engine.
 
 mod canvas;
 mod gpu;
@@ -18,17 +18,17 @@ use crate::canvas::Canvas;
 use crate::gpu::Gpu;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // Drop order is the reverse: the canvas before the solver, the engine before the device.
+    // Locals drop in reverse order: the canvas before the solver, the engine before the device.
     let gpu = Gpu::new(validate())?;
-    // SAFETY: engine, solver and pairs are declared after the device, and dropped before it.
-    let engine = Engine::from_vulkan(unsafe { gpu.lent() }, &EngineOptions::default())?;
+    // SAFETY: the engine, the solver and the pairs are declared after the device, so they are dropped before it.
+    let engine = Engine::from_vulkan(unsafe { gpu.external_device() }, &EngineOptions::default())?;
     let [i1, i2] = pair(|x| x + 0.25);
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())?;
     let mut canvas = Canvas::new(&gpu, [SIZE; 2])?;
     let mut picture = Vec::new();
     for _frame in 0..2 {
         let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default())?;
-        // SAFETY: the frame before was read below, and this one is read before the pair is dropped.
+        // SAFETY: each picture is read before the next draw and before the pair is dropped.
         unsafe { canvas.draw(&pending.on_device(), RANGE) }?;
         picture = canvas.read()?;
         let solution = pending.wait()?;
@@ -37,6 +37,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     if let Some(path) = std::env::args().nth(1) {
         write_ppm(&path, &picture)?;
     }
-    println!("{}: V drawn where the engine left it", engine.info().name);
+    println!("{}: drew V from the results buffer of the engine", engine.info().name);
     Ok(())
 }

@@ -1,20 +1,20 @@
-//! Validation messages.
+//! Collects validation messages.
 
 use std::ffi::c_void;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use parfocal::interop::ash::{self, ext, vk};
 
-/// The validation messages so far.
+/// A debug messenger and the messages that it has collected.
 pub struct Messages {
     utils: ext::debug_utils::Instance,
     messenger: vk::DebugUtilsMessengerEXT,
-    // In an `Arc`, so that its address stays.
+    // In an `Arc`, so that its address does not change.
     kept: Arc<Mutex<Vec<String>>>,
 }
 
 impl Messages {
-    /// Collects messages of an instance with the layer and `VK_EXT_debug_utils`.
+    /// Collects the messages of an instance that has the validation layer and `VK_EXT_debug_utils`.
     pub fn of(entry: &ash::Entry, instance: &ash::Instance) -> Result<Self, vk::Result> {
         let utils = ext::debug_utils::Instance::new(entry, instance);
         let kept = Arc::<Mutex<Vec<String>>>::default();
@@ -25,14 +25,14 @@ impl Messages {
             .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
             .pfn_user_callback(Some(keep))
             .user_data(Arc::as_ptr(&kept).cast_mut().cast());
-        // SAFETY: the instance has the extension; what `user_data` points to goes after the messenger.
+        // SAFETY: the instance has the extension. The target of `user_data` outlives the messenger.
         let messenger = unsafe { utils.create_debug_utils_messenger(&create, None) }?;
         Ok(Self { utils, messenger, kept })
     }
 
     /// Ends the collection and returns the messages.
     pub fn end(self) -> Vec<String> {
-        // SAFETY: the instance is still there, by `Gpu`, and nothing else has the messenger.
+        // SAFETY: `Gpu` destroys the instance later, and no other code uses the messenger.
         unsafe { self.utils.destroy_debug_utils_messenger(self.messenger, None) };
         std::mem::take(&mut *self.kept.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -44,7 +44,7 @@ extern "system" fn keep(
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
     kept: *mut c_void,
 ) -> vk::Bool32 {
-    // SAFETY: the layer hands on valid data, and the list that the messenger was made with.
+    // SAFETY: the layer passes valid data, and `kept` is the list that `of` passed as `user_data`.
     let (message, kept) = unsafe { ((*data).message_as_c_str(), &*kept.cast::<Mutex<Vec<String>>>()) };
     let message = message.map(|m| m.to_string_lossy().into_owned()).unwrap_or_default();
     kept.lock().unwrap_or_else(PoisonError::into_inner).push(message);

@@ -1,4 +1,4 @@
-//! The pipeline that draws V: two shaders and their constants.
+//! The graphics pipeline that draws V.
 
 use std::io::Cursor;
 
@@ -7,10 +7,10 @@ use parfocal::interop::ash::{self, util, vk};
 const SCREEN: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/screen.vert.spv"));
 const BLUR: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blur.frag.spv"));
 
-/// Push constants: the width, and V of the full colour.
+/// Size of the push constants, bytes: the width, and |V| at which the colour saturates.
 pub const CONSTANTS: u32 = 8;
 
-/// A pipeline that fills the image from V in a storage buffer, with its descriptor set.
+/// A pipeline that draws V from a storage buffer, with its descriptor set.
 pub struct Pipeline {
     pub handle: vk::Pipeline,
     pub layout: vk::PipelineLayout,
@@ -28,7 +28,7 @@ impl Pipeline {
             .stage_flags(vk::ShaderStageFlags::FRAGMENT)];
         let constants = [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::FRAGMENT).size(CONSTANTS)];
         let sizes = [vk::DescriptorPoolSize::default().ty(kind).descriptor_count(1)];
-        // SAFETY: all is of this device, and what is pointed to is here.
+        // SAFETY: all handles belong to this device. The structs that are pointed to outlive the calls.
         unsafe {
             let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
             let set_layout = device.create_descriptor_set_layout(&create, None)?;
@@ -45,7 +45,7 @@ impl Pipeline {
         }
     }
 
-    /// Sets the buffer of V.
+    /// Sets the buffer from which V is read.
     ///
     /// # Safety
     /// The buffer belongs to this device, and no draw is pending.
@@ -55,14 +55,14 @@ impl Pipeline {
             .dst_set(self.set)
             .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
             .buffer_info(&buffers);
-        // SAFETY: by the caller.
+        // SAFETY: guaranteed by the caller.
         unsafe { device.update_descriptor_sets(&[write], &[]) };
     }
 
     /// # Safety
     /// No draw is pending, and none follows.
     pub unsafe fn destroy(&self, device: &ash::Device) {
-        // SAFETY: by the caller.
+        // SAFETY: guaranteed by the caller.
         unsafe {
             device.destroy_pipeline(self.handle, None);
             device.destroy_descriptor_pool(self.pool, None);
@@ -74,11 +74,11 @@ impl Pipeline {
 
 fn shader(device: &ash::Device, spirv: &[u8]) -> Result<vk::ShaderModule, vk::Result> {
     let words = util::read_spv(&mut Cursor::new(spirv)).expect("SPIR-V");
-    // SAFETY: what shaderc has made is valid.
+    // SAFETY: shaderc generated the SPIR-V, so it is valid.
     unsafe { device.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(&words), None) }
 }
 
-/// For dynamic rendering: no render pass, no framebuffer.
+/// Creates a pipeline for dynamic rendering, without a render pass object.
 fn pipeline(device: &ash::Device, layout: vk::PipelineLayout, format: vk::Format) -> Result<vk::Pipeline, vk::Result> {
     let modules = [shader(device, SCREEN)?, shader(device, BLUR)?];
     let stages = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT];
@@ -108,7 +108,8 @@ fn pipeline(device: &ash::Device, layout: vk::PipelineLayout, format: vk::Format
         .color_blend_state(&blend)
         .layout(layout)
         .push_next(&mut rendering);
-    // SAFETY: all is of this device, and what is pointed to is here; the shaders fit the layout and the format.
+    // SAFETY: all handles belong to this device, and the structs outlive the call. The shaders match the layout and the
+    // format.
     unsafe {
         let made = device.create_graphics_pipelines(vk::PipelineCache::null(), &[create], None);
         modules.iter().for_each(|&module| device.destroy_shader_module(module, None));

@@ -1,10 +1,10 @@
-// V in colours: blue where I1 is the softer, orange where it is the sharper, white between, black where nothing is known.
+// Draws V: blue where I1 is blurrier, orange where it is sharper, white at 0, black where V is NaN.
 
-// Bits, since WGSL knows no NaN. V is first: what follows is not bound.
+// V as bits, because WGSL has no NaN. V is the first field of the results; the others are not bound.
 @group(0) @binding(0) var<storage, read> v: array<u32>;
 
 override width: u32;
-override range: f32; // V that has the full colour, px²
+override range: f32; // |V| at which the colour saturates, px²
 
 // A triangle that covers the screen.
 @vertex

@@ -1,4 +1,4 @@
-//! A wgpu texture into which V is drawn.
+//! Draws V into a wgpu texture.
 
 use std::error::Error;
 
@@ -8,11 +8,11 @@ use wgpu::hal::{api::Vulkan, vulkan};
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
-/// A picture of V.
+/// A texture with a picture of V, and the pipeline that draws it.
 pub struct Canvas<'a> {
     device: &'a wgpu::Device,
     queue: &'a wgpu::Queue,
-    turns: &'a SharedQueue,
+    shared_queue: &'a SharedQueue,
     size: [u32; 2],
     pipeline: wgpu::RenderPipeline,
     texture: wgpu::Texture,
@@ -24,7 +24,7 @@ impl<'a> Canvas<'a> {
     pub fn new(
         device: &'a wgpu::Device,
         queue: &'a wgpu::Queue,
-        turns: &'a SharedQueue,
+        shared_queue: &'a SharedQueue,
         size: [u32; 2],
         range: f32,
     ) -> Self {
@@ -45,7 +45,7 @@ impl<'a> Canvas<'a> {
             usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
             mapped_at_creation: false,
         });
-        Self { device, queue, turns, size, pipeline: pipeline(device, width, range), texture, buffer }
+        Self { device, queue, shared_queue, size, pipeline: pipeline(device, width, range), texture, buffer }
     }
 
     /// Submits a draw of V. The device waits for the results; the host does not.
@@ -53,7 +53,7 @@ impl<'a> Canvas<'a> {
     /// # Safety
     /// The picture is [read](Self::read) before the pair is dropped.
     pub unsafe fn draw(&self, results: &DeviceSolution) -> Result<(), Box<dyn Error>> {
-        // SAFETY: the buffer is of this device, stays until the solver goes, and is nobody's to destroy here.
+        // SAFETY: the buffer belongs to this device and lives as long as the solver. wgpu does not destroy it.
         let v = unsafe {
             let raw = vulkan::Buffer::from_raw_externally_owned(results.buffer, Box::new(|| ()));
             let usage = wgpu::BufferUsages::STORAGE;
@@ -62,9 +62,8 @@ impl<'a> Canvas<'a> {
             self.device.create_buffer_from_hal::<Vulkan>(raw, &described)
         };
         let commands = self.commands(&v);
-        let _turn = self.turns.acquire();
-        // SAFETY: the semaphore is of this device. Nobody else submits in between: the next submission is the one
-        // below.
+        let _guard = self.shared_queue.acquire();
+        // SAFETY: the semaphore belongs to this device. The queue is locked, so the next submission is the one below.
         unsafe {
             let queue = self.queue.as_hal::<Vulkan>().ok_or("wgpu is not on Vulkan")?;
             let stage = vk::PipelineStageFlags::FRAGMENT_SHADER;
@@ -104,9 +103,9 @@ impl<'a> Canvas<'a> {
         encoder.finish()
     }
 
-    /// Waits for the picture and returns it as RGBA, row by row.
+    /// Waits for the picture and returns its RGBA pixels, row by row.
     pub fn read(&self) -> Result<Vec<u8>, Box<dyn Error>> {
-        self.buffer.map_async(wgpu::MapMode::Read, .., |mapped| mapped.expect("the device is there"));
+        self.buffer.map_async(wgpu::MapMode::Read, .., |mapped| mapped.expect("the buffer is mapped"));
         self.device.poll(wgpu::PollType::wait_indefinitely())?;
         let [width, _] = self.size.map(|n| n as usize);
         let rows = self.buffer.get_mapped_range(..)?;
@@ -118,7 +117,7 @@ impl<'a> Canvas<'a> {
     }
 }
 
-/// Bytes of a row in wgpu's copies.
+/// Returns the bytes per row that wgpu requires in copies.
 fn row(width: u32) -> u32 {
     (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
 }

@@ -19,9 +19,9 @@ use parfocal::{Engine, EngineOptions, PairSolver, Settings, SolveOptions};
 use crate::canvas::Canvas;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    messages::listen();
+    messages::start_collecting();
     let picture = draw()?;
-    assert!(messages::heard().is_empty(), "validation: {:#?}", messages::heard());
+    assert!(messages::collected().is_empty(), "validation: {:#?}", messages::collected());
     if let Some(path) = std::env::args().nth(1) {
         write_ppm(&path, &picture)?;
     }
@@ -40,18 +40,18 @@ fn adapter() -> Result<wgpu::Adapter, Box<dyn Error>> {
 
 fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
     let adapter = adapter()?;
-    let turns = Arc::<SharedQueue>::default();
-    // SAFETY: all below takes turns at the queue; what is declared later goes earlier, the engine before the device.
-    let (device, queue, foreign) = unsafe { shared::open(&adapter, &turns) }?;
-    let engine = Engine::from_vulkan(foreign, &EngineOptions::default())?;
+    let shared_queue = Arc::<SharedQueue>::default();
+    // SAFETY: all code below locks the queue to use it. Locals drop in reverse order: the engine before the device.
+    let (device, queue, external) = unsafe { shared::open(&adapter, &shared_queue) }?;
+    let engine = Engine::from_vulkan(external, &EngineOptions::default())?;
     let [i1, i2] = pair(|x| x + 0.25);
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())?;
-    let canvas = Canvas::new(&device, &queue, &turns, [SIZE; 2], RANGE);
+    let canvas = Canvas::new(&device, &queue, &shared_queue, [SIZE; 2], RANGE);
     let mut picture = Vec::new();
-    beside(&device, &queue, &turns, || {
+    with_concurrent_submissions(&device, &queue, &shared_queue, || {
         for _frame in 0..2 {
             let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default())?;
-            // SAFETY: it is read before the pair is dropped.
+            // SAFETY: the picture is read before the pair is dropped.
             unsafe { canvas.draw(&pending.on_device()) }?;
             picture = canvas.read()?;
             let solution = pending.wait()?;
@@ -59,22 +59,27 @@ fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
         }
         Ok::<_, Box<dyn Error>>(())
     })?;
-    println!("{}: V drawn by wgpu where the engine left it", engine.info().name);
+    println!("{}: wgpu drew V from the results buffer of the engine", engine.info().name);
     Ok(picture)
 }
 
-/// Runs a function while another thread submits to wgpu's queue, as drawing programs do.
-fn beside<T>(device: &wgpu::Device, queue: &wgpu::Queue, turns: &SharedQueue, of: impl FnOnce() -> T) -> T {
+/// Runs a function while another thread submits commands to the queue of wgpu.
+fn with_concurrent_submissions<T>(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    shared_queue: &SharedQueue,
+    of: impl FnOnce() -> T,
+) -> T {
     let (usage, size) = (wgpu::BufferUsages::COPY_DST, 256);
     let buffer = device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
     let (end, ended) = mpsc::channel::<()>();
     std::thread::scope(|scope| {
-        let _end = end; // dropped with this function, also if `of` panics
+        let _end = end; // the thread ends when this is dropped, also if `of` panics
         scope.spawn(move || {
             while ended.recv_timeout(Duration::from_millis(1)) == Err(mpsc::RecvTimeoutError::Timeout) {
                 let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
                 encoder.clear_buffer(&buffer, 0, None);
-                let _turn = turns.acquire();
+                let _guard = shared_queue.acquire();
                 queue.submit([encoder.finish()]);
             }
         });
@@ -90,21 +95,21 @@ mod tests {
 
     use super::*;
 
-    /// A device with one queue would draw V in order without the semaphore. Here the host signals it.
+    /// One queue could execute the draw in order even without the semaphore. Therefore the host signals the semaphore.
     #[test]
     fn nothing_is_drawn_before_the_semaphore_is_signalled() {
-        let turns = Arc::<SharedQueue>::default();
-        // SAFETY: nothing else uses the queue but by turns; the engine and the solver go before the device.
-        let (device, queue, foreign) = unsafe { shared::open(&adapter().unwrap(), &turns) }.unwrap();
-        let engine = Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap();
+        let shared_queue = Arc::<SharedQueue>::default();
+        // SAFETY: all uses of the queue lock it. The engine and the solver are dropped before the device.
+        let (device, queue, external) = unsafe { shared::open(&adapter().unwrap(), &shared_queue) }.unwrap();
+        let engine = Engine::from_vulkan(external, &EngineOptions::default()).unwrap();
         let [i1, i2] = pair(|x| x);
         let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
         let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default()).unwrap();
         pending.wait().unwrap();
-        let canvas = Canvas::new(&device, &queue, &turns, [SIZE; 2], RANGE);
+        let canvas = Canvas::new(&device, &queue, &shared_queue, [SIZE; 2], RANGE);
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-        // SAFETY: all is of this device; the semaphore goes when what waits for it is done.
+        // SAFETY: all handles belong to this device. The semaphore is destroyed after the wait for it has ended.
         unsafe {
             let raw = device.as_hal::<Vulkan>().unwrap().raw_device().clone();
             let semaphore = raw.create_semaphore(&create, None).unwrap();
@@ -114,7 +119,10 @@ mod tests {
             raw.signal_semaphore(&vk::SemaphoreSignalInfo::default().semaphore(semaphore).value(1)).unwrap();
             canvas.read().unwrap();
             raw.destroy_semaphore(semaphore, None);
-            assert!(matches!(early, Err(wgpu::PollError::Timeout)), "drawn before its time: {early:?}");
+            assert!(
+                matches!(early, Err(wgpu::PollError::Timeout)),
+                "drawn before the semaphore was signalled: {early:?}"
+            );
         }
     }
 }

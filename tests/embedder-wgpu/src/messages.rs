@@ -1,4 +1,4 @@
-//! Validation messages, which wgpu passes to the crate `log`.
+//! Collects the validation messages that wgpu passes to the crate `log`.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -6,14 +6,14 @@ struct Messages(Mutex<Vec<String>>);
 
 static MESSAGES: Messages = Messages(Mutex::new(Vec::new()));
 
-/// Begins to collect messages.
-pub fn listen() {
-    log::set_logger(&MESSAGES).expect("nobody else listens");
+/// Starts to collect messages.
+pub fn start_collecting() {
+    log::set_logger(&MESSAGES).expect("no other logger is set");
     log::set_max_level(log::LevelFilter::Warn);
 }
 
-/// The messages so far.
-pub fn heard() -> Vec<String> {
+/// Returns the messages collected so far.
+pub fn collected() -> Vec<String> {
     MESSAGES.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
@@ -24,7 +24,7 @@ impl log::Log for Messages {
 
     fn log(&self, record: &log::Record<'_>) {
         let message = record.args().to_string();
-        // Layers of 2022 reject wgpu's SPIR-V. Performance warnings are wgpu's own.
+        // Validation layers of 2022 reject the SPIR-V of wgpu. Messages that are not validation errors are ignored.
         let is_known = message.contains("Invalid source language operand: 10");
         if self.enabled(record.metadata()) && message.starts_with("VALIDATION") && !is_known {
             self.0.lock().unwrap_or_else(PoisonError::into_inner).push(message);

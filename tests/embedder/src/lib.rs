@@ -1,4 +1,4 @@
-//! For programs that embed the engine: a pair with known relative blur and registration, and the colours of V.
+//! Helpers of the embedding programs: a pair with known relative blur and registration, and the colour map of V.
 
 use parfocal::Frame;
 
@@ -7,15 +7,15 @@ pub const SIZE: u32 = 96;
 pub const VARIANCE: f64 = 0.5;
 /// Displacement from I1 to I2, px.
 pub const SHIFT: [f64; 2] = [0.8, -0.6];
-/// V of the full colour, px².
+/// |V| at which the colour saturates, px².
 pub const RANGE: f32 = 1.5;
 
-/// Two photographs, where V at `x`, -1 on the left to 1 on the right, is `blur(x)`.
+/// Renders two photographs whose V is `blur(x)`. x is -1 at the left border and 1 at the right border.
 pub fn pair(blur: fn(f64) -> f64) -> [Frame; 2] {
     [photograph(|_| VARIANCE, [0.0; 2]), photograph(|x| VARIANCE + blur(x), SHIFT)]
 }
 
-/// Waves in all directions, blurred by a Gaussian of some variance.
+/// Renders waves in all directions, blurred by a Gaussian of this variance and displaced by `[dx, dy]`.
 fn photograph(variance: impl Fn(f64) -> f64, [dx, dy]: [f64; 2]) -> Frame {
     let waves: Vec<[f64; 3]> = (0..64)
         .map(|n| f64::from(n) * 2.4)
@@ -30,12 +30,12 @@ fn photograph(variance: impl Fn(f64) -> f64, [dx, dy]: [f64; 2]) -> Frame {
     Frame::gray(SIZE, SIZE, places.map(|(x, y)| value(x, y)).collect()).expect("a frame")
 }
 
-/// Whether to turn on validation.
+/// Returns whether the environment enables validation (`PARFOCAL_VALIDATE=1`).
 pub fn validate() -> bool {
     std::env::var_os("PARFOCAL_VALIDATE").is_some_and(|value| value == "1")
 }
 
-/// The colour of V: blue where I1 is softer, orange where it is sharper, white between, black where V is not valid.
+/// Returns the colour of V: blue where I1 is blurrier, orange where it is sharper, white at 0, black where V is NaN.
 pub fn colour(blur: f32) -> [f32; 3] {
     if blur.is_nan() {
         return [0.0; 3];
@@ -45,19 +45,19 @@ pub fn colour(blur: f32) -> [f32; 3] {
     end.map(|channel: f32| 1.0 + part.abs() * (channel - 1.0))
 }
 
-/// Checks that an RGBA picture is the one that the host would have drawn of V.
+/// Checks that an RGBA picture has the colours that `colour` returns for V.
 ///
 /// # Panics
 /// The picture differs.
 pub fn compare(picture: &[u8], relative_blur: &[f32]) {
     assert_eq!(picture.len(), 4 * relative_blur.len());
     for (i, (drawn, &blur)) in picture.chunks_exact(4).zip(relative_blur).enumerate() {
-        let near = |(&drawn, wanted): (&u8, f32)| (f32::from(drawn) - 255.0 * wanted).abs() < 1.0;
+        let near = |(&drawn, expected): (&u8, f32)| (f32::from(drawn) - 255.0 * expected).abs() < 1.0;
         assert!(drawn.iter().zip(colour(blur)).all(near), "pixel {i}: V is {blur} px², drawn as {drawn:?}");
     }
-    let known: Vec<f32> = relative_blur.iter().copied().filter(|blur| !blur.is_nan()).collect();
-    let [least, most] = [f32::min, f32::max].map(|of| known.iter().copied().reduce(of).expect("V somewhere"));
-    assert!(least < 0.5 && most > 1.0, "no slope to be seen: {least} to {most} px²");
+    let valid: Vec<f32> = relative_blur.iter().copied().filter(|blur| !blur.is_nan()).collect();
+    let [least, most] = [f32::min, f32::max].map(|of| valid.iter().copied().reduce(of).expect("V is valid at a pixel"));
+    assert!(least < 0.5 && most > 1.0, "V has too small a range: {least} to {most} px²");
 }
 
 /// Writes an RGBA picture as PPM.

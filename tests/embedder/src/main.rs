@@ -1,4 +1,4 @@
-//! Solves a pair from memory whose relative blur and registration are known.
+//! Solves a pair in memory and checks its known relative blur and registration.
 
 use embedder::{SHIFT, pair, validate};
 use parfocal::{Engine, EngineOptions, Error, PairSolver, Settings, SolveOptions};
