@@ -104,8 +104,8 @@ impl<P> fmt::Debug for QueueFull<P> {
 impl<P> std::error::Error for QueueFull<P> {}
 
 impl Stream {
-    /// Prepares each device for pairs of this size in px and these formats of I1 and I2. `frames_in_flight` (at least
-    /// 1) is the number of pairs that a device has in flight; 3 keep it busy.
+    /// Prepares each device for pairs of this size in px and these formats of I1 and I2. Each device has at most
+    /// `frames_in_flight` pairs in flight, at least 1; 3 keep it busy.
     ///
     /// # Errors
     /// Those of [`PairSolver::for_size`](crate::PairSolver::for_size), [`Error::NoDevice`] without engines,

@@ -43,7 +43,7 @@ pub fn sweep_labels<'a>(palette: Palette) -> Extra<'a> {
         let (positions, nearer) = (results.positions(), results.report.nearer());
         let count = positions.len();
         if count > MOST_LABELS {
-            return Err(format!("{count} frames, of which 8 bits can label {MOST_LABELS}"));
+            return Err(format!("there are {count} frames, and 8 bits can label {MOST_LABELS}"));
         }
         let color = |n: usize| {
             let t = n as f64 / (count - 1).max(1) as f64;

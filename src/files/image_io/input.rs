@@ -53,7 +53,7 @@ pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
     }
     for input in inputs.iter().filter(|input| input.pages > 1 && input.page.is_none()) {
         warnings.push(format!(
-            "{0} has {1} pages, of which the first is read: name the page, as in '{0}#2', or '{0}#1' for this one",
+            "{0} has {1} pages, and the first is read: name the page, as in '{0}#2', or '{0}#1' for this one",
             input.file, input.pages
         ));
     }
