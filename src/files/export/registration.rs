@@ -276,7 +276,7 @@ mod tests {
             assert!(problem.contains(expected), "{text}: {problem}");
         }
         let dark = format!(r#"{{"transform": {T}, "gain": 0, "offset": 0}}"#);
-        assert!(parse(&dark).unwrap_err().contains("gain is 0"));
+        assert!(parse(&dark).unwrap_err().contains("the gain of start_photometric is 0"));
         let bad_shading = format!(r#"{{"transform": {T}, "shading": {{"range": [1, 1], "coefficients": [0.1]}}}}"#);
         assert!(parse(&bad_shading).unwrap_err().contains("no transform that can be used"));
     }
