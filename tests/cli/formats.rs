@@ -120,7 +120,7 @@ fn raw_frames_are_read_in_the_stated_pixel_format() {
     for (format, parts) in [
         (format!("Mono10p:{size}"), &["takes 13613", "it may be Mono12p"][..]),
         ("Mono12p:9x9".to_string(), &["state another size"]),
-        ("Mono13:9x9".to_string(), &["no format that is read", "Mono12Packed"]),
+        ("Mono13:9x9".to_string(), &["no supported pixel format", "Mono12Packed"]),
         ("Mono12p".to_string(), &["as in Mono12p:2448x2048"]),
     ] {
         let output = desk.run(&["solve", "raw/i1.raw", "raw/i2.raw", "-o", "none", "--raw", &format]);

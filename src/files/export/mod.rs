@@ -48,7 +48,7 @@ pub use report::{
     NearerBy, NeverReport, ProfileReport, REPORT_FILE, RangeReport, Report, ShadingReport, SizeReport, StepReport,
     SurfaceReport, TextureReport, TimingsReport,
 };
-pub(crate) use report::{to_json, write_json_to};
+pub(crate) use report::{to_json, with_header, write_json_to};
 pub use results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Results};
 pub(crate) use scale::Quantiles;
 pub use scale::{Nearer, Quantity, Scale};

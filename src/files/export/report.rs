@@ -825,7 +825,7 @@ impl Formatter for PositiveZeros {
 }
 
 /// The text of a JSON value with the program, the kind and this value.
-pub(super) fn with_header(kind: Kind, value: &impl Serialize) -> impl Serialize {
+pub(crate) fn with_header(kind: Kind, value: &impl Serialize) -> impl Serialize {
     #[derive(Serialize)]
     struct Whole<'a, T: Serialize> {
         #[serde(flatten)]

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Input, Options};
 use crate::base::{DeviceInfo, Error, Settings};
-use crate::files::export::{self, Destination, FileKind};
+use crate::files::export::{self, Destination, FileKind, Kind};
 
 /// Greatest size of a report that is read, 64 MiB. A thousand runs with a thousand repeats take less.
 const MAX_BYTES: u64 = 64 << 20;
@@ -205,7 +205,7 @@ impl Report {
     /// # Errors
     /// None known; serde_json's signature allows one.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        serde_json::to_string_pretty(self)
+        export::to_json(&export::with_header(Kind::Bench, self))
     }
 
     /// Writes the report as JSON. Creates the folder of the file if it is missing. Replaces an earlier report; the
