@@ -233,7 +233,7 @@ def test_a_result_has_html_and_can_be_pickled(result):
         (ValueError, "max_relative_blur is 1000", {"max_relative_blur": 1000}),
         (ValueError, "give unified, aligned, appearance", {"method": "sift"}),
         (TypeError, "levels='many'", {"levels": "many"}),
-        (ValueError, "no inverse", {"start": np.zeros((3, 3))}),
+        (ValueError, "not invertible", {"start": np.zeros((3, 3))}),
         (ValueError, "region", {"region": (90, 0, 20, 20)}),
         (ValueError, "mask is", {"mask": np.ones((4, 4))}),
     ],
