@@ -7,6 +7,7 @@ use common::scene::{displaced, exposed, pair, slanted};
 use common::{TestEngine, assert_transform, blur_error, real_pair};
 use parfocal::{
     Frame, Settings, Solution,
+    settings::Decode,
     transform::{Homography, Similarity},
 };
 
@@ -67,9 +68,9 @@ fn slanted_plane_under_another_exposure() {
 fn cup_displaced() {
     let Some([near, far]) = real_pair("cup", ["breakfast_near.png", "breakfast_far.png"]) else { return };
     let engine = TestEngine::new();
-    let undisplaced = engine.solve([&near, &far], &Settings::default());
+    let undisplaced = engine.solve([&near, &far], &stored());
     let by = Similarity::new(1.8, 2.3, 0.2, 1.01);
-    let solution = engine.solve([&near, &displaced(&far, &by)], &Settings::default());
+    let solution = engine.solve([&near, &displaced(&far, &by)], &stored());
     assert_transform(&solution.transform, Homography::from(by).after(&undisplaced.transform), [0.005, 0.0005, 0.003]);
     let width = solution.width as usize;
     let (rms, bias) = blur_error(&solution, |x, y| f64::from(undisplaced.relative_blur[y * width + x]));
@@ -77,11 +78,16 @@ fn cup_displaced() {
     assert!(rms <= 0.08);
 }
 
+/// The default settings on stored values, as the figures of docs/evaluation.md and the other program have them.
+fn stored() -> Settings {
+    Settings { decode: Decode::None, ..Settings::default() }
+}
+
 /// Checks that the corners agree with the estimate of another program to 0.5 px. The estimate is from images of half
 /// size.
 fn check_real(folder: &str, names: [&str; 2], half_size: [f64; 4]) -> Option<Solution> {
     let [i1, i2] = real_pair(folder, names)?;
-    let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
+    let solution = TestEngine::new().solve([&i1, &i2], &stored());
     let [tx, ty, degrees, percent] = half_size;
     let expected = Similarity::new(2.0 * tx, 2.0 * ty, degrees, 1.0 + percent / 100.0);
     let distance = solution.transform.corner_distance(expected, solution.width, solution.height);
@@ -118,7 +124,7 @@ fn dimple() {
     let pairs = [[0, 2], [0, 1], [1, 2]].map(|[a, b]| real_pair("dimple", [names[a], names[b]]));
     let [Some(whole), Some(first), Some(second)] = pairs else { return };
     let engine = TestEngine::new();
-    let found = [whole, first, second].map(|[i1, i2]| engine.solve([&i1, &i2], &Settings::default()));
+    let found = [whole, first, second].map(|[i1, i2]| engine.solve([&i1, &i2], &stored()));
     let through_middle = found[2].transform.after(&found[1].transform);
     let distance = found[0].transform.corner_distance(through_middle, found[0].width, found[0].height);
     println!(
@@ -131,7 +137,7 @@ fn dimple() {
 #[test]
 fn leaves_have_the_right_sign() {
     let Some([i1, i2]) = real_pair("leaves", ["02sm.png", "04sm.png"]) else { return };
-    let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
+    let solution = TestEngine::new().solve([&i1, &i2], &stored());
     let valid: Vec<f32> = solution.relative_blur.iter().copied().filter(|v| !v.is_nan()).collect();
     let negative = valid.iter().filter(|v| **v < 0.0).count() as f64 / valid.len() as f64;
     println!("V negative over {:.1} % of the valid pixels, gain {:.4}", 100.0 * negative, solution.photometric.gain);
@@ -142,7 +148,7 @@ fn leaves_have_the_right_sign() {
 fn far_apart_at_two_megapixels() {
     let [i1, i2] = real_pair("heatsink", ["frame_15.png", "frame_30.png"]).unwrap();
     let engine = TestEngine::new();
-    let quick = Settings { outer_iterations: 8, ..Settings::default() };
+    let quick = Settings { outer_iterations: 8, ..stored() };
     let near = engine.solve([&i1, &i2], &quick);
     let by = Similarity::new(24.0, -18.0, 0.5, 1.08);
     let far = engine.solve([&i1, &displaced(&i2, &by)], &quick);
