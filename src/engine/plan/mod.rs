@@ -366,7 +366,7 @@ pub(crate) struct FilterRange {
     pub(crate) radius: u32,
 }
 
-/// How a layer of a blur stack is made: from which layer, and by the sum of which separable filters.
+/// The recipe of a layer of a blur stack: its source layer, and the separable filters whose results are added.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct StackLayer {
     pub(crate) from: u32,

@@ -196,7 +196,7 @@ impl Composer<'_> {
             eta: s.data_eta as f32,
             smoothness_eta: s.smoothness_eta as f32,
             epsilon: s.heaviside_epsilon as f32,
-            // With so much smoothness no pixel's V responds: gradient descent does not eliminate dV.
+            // Gradient descent does not eliminate dV: this smoothness keeps V of every pixel in place.
             elimination: if descends(plan) { 1e20 } else { linearise::ELIMINATION },
             mean: single(s.kernel.mean()),
             noise: Noise::new(level.index),

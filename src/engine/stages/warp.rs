@@ -37,7 +37,7 @@ bindings! {
     WARP:
     /// Spline coefficients of I2.
     spline2: Reads<Spline2>,
-    /// Stacks, of which one layer is written.
+    /// The stacks. The pass writes one layer.
     stacks: Writes<Stacks>,
     /// State, which stores the T and the shading that were used.
     state: Updates<State>,

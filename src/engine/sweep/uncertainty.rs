@@ -12,7 +12,7 @@ const DEVIATION_WINDOW: f64 = 4.0;
 /// σ over which neighbours share errors of b, px.
 const SHARED_ERROR: f64 = 1.0;
 /// D counts beyond this multiple of the D that noise makes. The D of a flat region varies by a fifth from window to
-/// window, and so do both estimates of noise, of which the smaller counts.
+/// window, and so do both estimates of noise. The smaller one counts.
 const NOISE_FACTOR: f64 = 2.0;
 
 /// The linear system of the last iteration.
