@@ -8,13 +8,10 @@ use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::{Gray16, Gray32Float};
 use tiff::tags::Tag;
 
-use super::description::{Description, SOFTWARE};
-use super::extra::Extra;
-use super::png_file::{self, Pixels};
+use super::image_files::{Description, Pixels, SOFTWARE, add_text, finish_png, png_encoder};
 use super::report::Depth16Report;
-use super::results::Results;
+use super::results::{Extra, Results};
 use super::scale::Quantity;
-use super::zip::Zip;
 
 /// A format of arrays in floats. Pixels that are not measured are NaN.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,6 +154,72 @@ fn chunk(values: &[f32], [width, height]: [usize; 2], [left, top]: [usize; 2]) -
     bytes
 }
 
+/// A ZIP archive (PKWARE's APPNOTE 6.3.3) of stored files, with less than 4 GiB in total. It is written sequentially.
+struct Zip<'a> {
+    writer: &'a mut dyn Write,
+    /// Bytes written.
+    at: u64,
+    /// Central directory so far.
+    directory: Vec<u8>,
+    files: u64,
+}
+
+/// 1980-01-01, the first date of the format. A fixed date makes archives reproducible.
+const DATE: u16 = 1 << 5 | 1;
+
+impl<'a> Zip<'a> {
+    fn new(writer: &'a mut dyn Write) -> Self {
+        Self { writer, at: 0, directory: Vec::new(), files: 0 }
+    }
+
+    /// Adds a file.
+    fn add(&mut self, name: &str, bytes: &[u8]) -> Result<(), String> {
+        let (length, start) = (narrow::<u32>(bytes.len() as u64)?, narrow::<u32>(self.at)?);
+        let mut entry = Vec::new();
+        // Version 2.0, no flags, stored, time, date, checksum, both sizes, name, no extra field.
+        for word in [20, 0, 0, 0, DATE] {
+            entry.extend(word.to_le_bytes());
+        }
+        entry.extend([crc32fast::hash(bytes), length, length].iter().flat_map(|n| n.to_le_bytes()));
+        entry.extend([narrow::<u16>(name.len() as u64)?, 0].iter().flat_map(|n| n.to_le_bytes()));
+        for part in [&b"PK\x03\x04"[..], &entry, name.as_bytes(), bytes] {
+            self.out(part)?;
+        }
+        self.directory.extend(b"PK\x01\x02");
+        self.directory.extend(20u16.to_le_bytes());
+        self.directory.extend(&entry);
+        // Comment, disk, internal and external attributes.
+        self.directory.extend([0; 10]);
+        self.directory.extend(start.to_le_bytes());
+        self.directory.extend(name.as_bytes());
+        self.files += 1;
+        Ok(())
+    }
+
+    /// Writes the end of the archive.
+    fn finish(mut self) -> Result<(), String> {
+        let (start, length) = (narrow::<u32>(self.at)?, narrow::<u32>(self.directory.len() as u64)?);
+        let files = narrow::<u16>(self.files)?;
+        let directory = std::mem::take(&mut self.directory);
+        self.out(&directory)?;
+        let mut end = b"PK\x05\x06\0\0\0\0".to_vec();
+        end.extend([files, files].iter().flat_map(|n| n.to_le_bytes()));
+        end.extend([length, start].iter().flat_map(|n| n.to_le_bytes()));
+        end.extend([0, 0]);
+        self.out(&end)
+    }
+
+    fn out(&mut self, bytes: &[u8]) -> Result<(), String> {
+        self.at += bytes.len() as u64;
+        self.writer.write_all(bytes).map_err(|e| e.to_string())
+    }
+}
+
+fn narrow<T: TryFrom<u64>>(number: u64) -> Result<T, String> {
+    T::try_from(number)
+        .map_err(|_| "there is more than an archive of this kind holds; export a part (--roi)".to_string())
+}
+
 /// Size of the header of NPY, bytes.
 const NPY_HEADER: usize = 128;
 
@@ -230,10 +293,10 @@ impl Depth16 {
 
     fn write_png(&self, writer: &mut dyn Write) -> Result<(), String> {
         let description = Description { units: self.report.unit.clone(), comments: self.comments().into() };
-        let mut encoder = png_file::encoder(writer, self.size, &description)?;
-        png_file::add_text(&mut encoder, "Scale", &self.report.scale.to_string())?;
-        png_file::add_text(&mut encoder, "Offset", &self.report.offset.to_string())?;
-        png_file::finish(encoder, ColorType::Grayscale, &Pixels::Words(&self.samples))
+        let mut encoder = png_encoder(writer, self.size, &description)?;
+        add_text(&mut encoder, "Scale", &self.report.scale.to_string())?;
+        add_text(&mut encoder, "Offset", &self.report.offset.to_string())?;
+        finish_png(encoder, ColorType::Grayscale, &Pixels::Words(&self.samples))
     }
 
     fn write_tiff(&self, writer: &mut dyn Write) -> Result<(), String> {

@@ -2,11 +2,7 @@
 
 use std::io::{Seek, Write};
 
-use png::ColorType;
-
-use super::description::{FUSED, FUSED_FLOAT};
-use super::exr_file;
-use super::png_file::{self, Pixels};
+use super::image_files::{FUSED, FUSED_FLOAT, write_floats, write_frame};
 use crate::base::color::{linear_to_srgb, stored};
 use crate::base::{Channels, Decode, Depth, Error, Frame, Samples};
 use crate::engine::Solution;
@@ -50,64 +46,34 @@ impl<'a> Fused<'a> {
         Err(Error::Mismatch(problem))
     }
 
-    fn bytes(&self) -> Vec<u8> {
-        self.values.iter().map(|&v| (stored(v, self.decode) * 255.0).round() as u8).collect()
+    /// The image in samples of this type. Floats are encoded like those of the inputs, unclipped.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if a value is not finite.
+    pub(super) fn frame(&self, depth: Depth) -> Result<Frame, Error> {
+        let scaled = |white: f32| self.values.iter().map(move |&v| (stored(v, self.decode) * white).round());
+        let samples = match depth {
+            Depth::U8 => Samples::U8(scaled(255.0).map(|v| v as u8).collect()),
+            Depth::U16 => Samples::U16(scaled(65535.0).map(|v| v as u16).collect()),
+            Depth::F32 => Samples::F32(self.floats()),
+        };
+        Frame::new(self.size.0, self.size.1, self.channels, samples).map_err(Error::Mismatch)
     }
 
-    fn words(&self) -> Vec<u16> {
-        self.values.iter().map(|&v| (stored(v, self.decode) * 65535.0).round() as u16).collect()
-    }
-
-    /// The values encoded like those of the inputs, unclipped.
     fn floats(&self) -> Vec<f32> {
         let encode = |&v: &f32| if self.decode == Decode::Srgb { linear_to_srgb(v) } else { v };
         self.values.iter().map(encode).collect()
     }
 
     /// Writes `fused.png`.
-    pub(super) fn write_png(&self, writer: impl Write) -> Result<(), String> {
-        let color = color_type(self.channels);
-        match self.depth {
-            Depth::U8 => png_file::write(writer, self.size, color, &Pixels::Bytes(&self.bytes()), &FUSED),
-            _ => png_file::write(writer, self.size, color, &Pixels::Words(&self.words()), &FUSED),
-        }
+    pub(super) fn write_png(&self, writer: impl Write + Seek) -> Result<(), String> {
+        let depth = if self.depth == Depth::U8 { Depth::U8 } else { Depth::U16 };
+        write_frame(writer, &self.frame(depth).map_err(|e| e.to_string())?, [&FUSED, &FUSED_FLOAT])
     }
 
     /// Writes `fused.exr`.
     pub(super) fn write_exr(&self, writer: impl Write + Seek) -> Result<(), String> {
-        exr_file::write_image(writer, self.size, self.channels, &self.floats(), &FUSED_FLOAT)
-    }
-
-    /// The image as stored in its file.
-    ///
-    /// # Errors
-    /// [`Error::Mismatch`]; none known, since the size was checked.
-    pub(super) fn as_stored(&self) -> Result<Frame, Error> {
-        self.frame(match self.depth {
-            Depth::U8 => Samples::U8(self.bytes()),
-            Depth::U16 => Samples::U16(self.words()),
-            Depth::F32 => Samples::F32(self.floats()),
-        })
-    }
-
-    /// The image in 8 bits.
-    ///
-    /// # Errors
-    /// As for [`as_stored`](Self::as_stored).
-    pub(super) fn in_8_bits(&self) -> Result<Frame, Error> {
-        self.frame(Samples::U8(self.bytes()))
-    }
-
-    fn frame(&self, samples: Samples) -> Result<Frame, Error> {
-        Frame::new(self.size.0, self.size.1, self.channels, samples).map_err(Error::Mismatch)
-    }
-}
-
-/// The channels as a colour type of PNG.
-pub(crate) fn color_type(channels: Channels) -> ColorType {
-    match channels {
-        Channels::Gray => ColorType::Grayscale,
-        Channels::Rgb => ColorType::Rgb,
+        write_floats(writer, self.size, self.channels, &self.floats(), &FUSED_FLOAT)
     }
 }
 
@@ -117,5 +83,5 @@ pub(crate) fn color_type(channels: Channels) -> ColorType {
 /// [`Error::Mismatch`] if it does not have the size that the solution states.
 pub fn fused(solution: &Solution, decode: Decode) -> Result<Frame, Error> {
     let size = (solution.width, solution.height);
-    Fused::new(size, (solution.fused_channels, &solution.fused), decode, Depth::U8)?.in_8_bits()
+    Fused::new(size, (solution.fused_channels, &solution.fused), decode, Depth::U8)?.frame(Depth::U8)
 }

@@ -4,11 +4,11 @@ use image::RgbImage;
 use serde::Serialize;
 
 use super::destination::{Destination, INSPECT_FILES};
-use super::hashes::Hashes;
-use super::png_file::write_drawing;
+use super::image_files::write_drawing;
 use super::report::{Header, Kind, to_json, write_json_to};
 use super::staging::Staging;
 use crate::base::{Error, Similarity};
+use crate::files::bounded_read::Hashes;
 use crate::metric::inspect::{Deviation, Inspection, Limits, Plane};
 
 /// The report of an inspected part.

@@ -7,11 +7,9 @@ use std::path::Path;
 use png::ColorType;
 use serde::Serialize;
 
-use super::description::PROFILE;
-use super::extra::Plotter;
-use super::png_file::{self, Pixels};
+use super::image_files::{PROFILE, Pixels, write_png};
 use super::report::{Measurements, ProfileReport, StepReport};
-use super::results::Results;
+use super::results::{Plotter, Results};
 use super::scale::Quantity;
 use super::staging::Staging;
 use crate::base::{Error, Region};
@@ -113,8 +111,7 @@ impl Measurements {
             let Some(plotter) = plotter else { continue };
             let picture = (plotter.profile)(profile);
             let pixels = Pixels::Bytes(&picture);
-            staging
-                .add(&profile.png, |w| png_file::write(w, picture.dimensions(), ColorType::Rgb, &pixels, &PROFILE))?;
+            staging.add(&profile.png, |w| write_png(w, picture.dimensions(), ColorType::Rgb, &pixels, &PROFILE))?;
         }
         Ok(())
     }

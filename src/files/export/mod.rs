@@ -3,43 +3,31 @@
 //! [`Results`] are made from a solution or a sweep, written into a folder, and read from it.
 
 mod arrays;
-mod depth_picture;
-pub(crate) mod description;
 mod destination;
-pub(crate) mod exr_file;
-mod extra;
 mod folder;
 mod fused;
-mod hashes;
+pub(crate) mod image_files;
 mod inspection;
 mod journal;
-mod labels;
+mod maps;
 mod measurements;
-pub(crate) mod png_file;
 mod registration;
 mod report;
 mod results;
 mod scale;
 mod single;
 mod staging;
-#[cfg(test)]
-mod tests;
 mod write;
-mod zip;
 
+pub use crate::files::bounded_read::{Hash, is_whole};
 pub use arrays::{ArrayKind, Depth16};
-pub use depth_picture::Palette;
-pub(crate) use description::SOFTWARE;
 pub use destination::{Destination, FileKind, INSPECT_FILES, SIMULATED_FILES, check_writable, listed_in};
-pub use extra::{Drawing, Extra, PAGE_FILE, Plotter};
 pub use folder::abandon;
-pub(crate) use fused::color_type;
 pub use fused::{FUSED_FILE, FUSED_FLOAT_FILE, fused};
-pub use hashes::{Hash, is_whole};
+pub(crate) use image_files::{SOFTWARE, write_drawing};
 pub use inspection::{DeviationReport, InspectReport, write_inspection};
-pub use labels::{MOST_LABELS, labels, sweep_labels};
+pub use maps::{MOST_LABELS, labels, sweep_labels};
 pub use measurements::{MeasurementRequest, profiles_in};
-pub(crate) use png_file::write_drawing;
 pub use registration::{
     FrameRegistration, Registration, registered_ending, registered_kind, write_json, write_registered, write_report,
 };
@@ -49,9 +37,9 @@ pub use report::{
     SurfaceReport, TextureReport, TimingsReport,
 };
 pub(crate) use report::{to_json, with_header, write_json_to};
-pub use results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Results};
+pub use results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Drawing, Extra, PAGE_FILE, Plotter, Results};
 pub(crate) use scale::Quantiles;
-pub use scale::{Nearer, Quantity, Scale};
+pub use scale::{Nearer, Palette, Quantity, Scale};
 pub(crate) use single::write_file;
 pub(crate) use staging::Staging;
 pub use staging::write_named;

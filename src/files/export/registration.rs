@@ -1,20 +1,17 @@
 //! Reads registrations from files, and writes photographs that a registration moves.
 
-use std::io::{ErrorKind, Seek, Write};
+use std::io::ErrorKind;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::description::{INTENSITY, PHOTOGRAPH};
 use super::destination::{Destination, FileKind};
-use super::exr_file;
-use super::fused::color_type;
-use super::png_file::{self, Pixels};
+use super::image_files::{INTENSITY, PHOTOGRAPH, write_frame};
 use super::report::{MAX_BYTES, Report, ShadingReport, SizeReport, with_header, write_json_to};
 use super::single::write_file;
 use super::staging::Staging;
-use crate::base::{Brightness, Decode, Depth, Error, Frame, Homography, Photometric, Region, Samples, Settings};
+use crate::base::{Brightness, Decode, Depth, Error, Frame, Homography, Photometric, Region, Settings};
 use crate::files::bounded_read;
 use crate::files::image_io::Values;
 
@@ -200,20 +197,9 @@ pub fn write_registered<'d, E: From<Error>>(
     let mut staging = Staging::of_kind(folder.into(), registered_kind(depth))?;
     for frame in frames {
         let (name, frame) = frame?;
-        staging.add(&name, |w| write(w, &frame))?;
+        staging.add(&name, |w| write_frame(w, &frame, [&PHOTOGRAPH, &INTENSITY]))?;
     }
     Ok(staging.place()?)
-}
-
-fn write(writer: impl Write + Seek, frame: &Frame) -> Result<(), String> {
-    let size = (frame.width(), frame.height());
-    let channels = frame.format().channels;
-    let color = color_type(channels);
-    match frame.samples() {
-        Samples::U8(bytes) => png_file::write(writer, size, color, &Pixels::Bytes(bytes), &PHOTOGRAPH),
-        Samples::U16(words) => png_file::write(writer, size, color, &Pixels::Words(words), &PHOTOGRAPH),
-        Samples::F32(values) => exr_file::write_image(writer, size, channels, values, &INTENSITY),
-    }
 }
 
 #[cfg(test)]

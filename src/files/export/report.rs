@@ -9,14 +9,14 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use serde_json::{Map, Value};
 
-use super::description::Description;
-use super::hashes::Hash;
+use super::image_files::Description;
 use super::scale::{Nearer, Quantiles};
 use crate::base::{
     Brightness, DeviceInfo, Error, Estimate, Homography, Lens, Method, Photometric, Region, Settings, Shading,
 };
 use crate::engine::{LevelHistory, OtherMotion, Registered, Solution, Timings};
 use crate::files::bounded_read;
+use crate::files::bounded_read::Hash;
 use crate::files::image_io::{self, Input, Values};
 use crate::metric::measure::Line;
 use crate::solve::sweep::{Positions, RegisteredSweep, Sweep, SweepDepth};

@@ -1,21 +1,28 @@
-//! Results of a pair or a focus sweep, in memory or in a folder.
+//! Results of a pair or a focus sweep, in memory or in a folder, and their additional files.
 
 use std::borrow::Cow;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::description::{
+use image::RgbImage;
+
+use super::fused::{FUSED_FILE, FUSED_FLOAT_FILE, Fused};
+use super::image_files::{
     BEYOND, CONFIDENCE, Description, FOCUS, FOCUS_UNCERTAINTY, FRAMES, RELATIVE_BLUR, RESIDUAL, UNCERTAINTY, VALID,
 };
-use super::fused::{FUSED_FILE, FUSED_FLOAT_FILE, Fused};
 use super::report::{
-    DepthReport, FieldReport, Kind, NearerBy, REPORT_FILE, Report, TextureReport, UNITS, invalid, read_json,
+    DepthReport, FieldReport, Kind, NearerBy, ProfileReport, REPORT_FILE, Report, TextureReport, UNITS, invalid,
+    read_json,
 };
-use super::scale::{Nearer, Quantity};
+use super::scale::{Nearer, Palette, Quantity, Scale};
 use crate::base::{Depth, Error, Frame, Lens, Samples};
 use crate::engine::Solution;
 use crate::files::image_io;
 use crate::metric::{DOUBT, MetricDepth};
 use crate::solve::sweep::{Positions, Sweep};
+
+/// The page of results.
+pub const PAGE_FILE: &str = "report.html";
 
 /// Depth in mm, channel `Y`, and its standard deviation, channel `standard_deviation`.
 pub const DEPTH_FILE: &str = "depth_mm.exr";
@@ -300,7 +307,7 @@ impl<'a> Results<'a> {
     /// [`Error::File`] if the file is missing, damaged, or of another size.
     pub fn fused(&self) -> Result<Frame, Error> {
         if let Some(fused) = &self.fused {
-            return fused.as_stored();
+            return fused.frame(fused.depth);
         }
         let float = self.report.has_file(FUSED_FLOAT_FILE);
         let path = self.folder.join(if float { FUSED_FLOAT_FILE } else { FUSED_FILE });
@@ -322,7 +329,7 @@ impl<'a> Results<'a> {
     /// As for [`fused`](Self::fused); [`Error::Mismatch`] for results that were read from a folder.
     pub(crate) fn fused_in_8_bits(&self) -> Result<Frame, Error> {
         let absent = || Error::Mismatch("the fused image was not read".to_string());
-        self.fused.as_ref().ok_or_else(absent)?.in_8_bits()
+        self.fused.as_ref().ok_or_else(absent)?.frame(Depth::U8)
     }
 
     /// Unit of the focus of a sweep.
@@ -342,8 +349,8 @@ impl<'a> Results<'a> {
 
     pub(super) fn depth_description(&self) -> &'static Description {
         match self.lens() {
-            Some(_) => &super::description::METRIC_DEPTH,
-            None => &super::description::SWEEP_DEPTH,
+            Some(_) => &super::image_files::METRIC_DEPTH,
+            None => &super::image_files::SWEEP_DEPTH,
         }
     }
 }
@@ -424,6 +431,47 @@ impl Results<'static> {
             self.depth = depth.map(|depth| [depth.depth.into(), depth.deviation.into()]);
         }
         Ok(())
+    }
+}
+
+/// Draws the keys of maps and the curves of profiles. Without one, `depth.png` has no key and a profile has no picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Plotter {
+    /// Draws the key of a scale in the colours of a palette, under a title, for a map of this width and height.
+    pub key: fn(&str, &Scale, Palette, (u32, u32)) -> RgbImage,
+    /// Draws a profile.
+    pub profile: fn(&ProfileReport) -> RgbImage,
+}
+
+/// The style of pictures.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Drawing {
+    /// Colours of `depth.png`.
+    pub palette: Palette,
+    /// The function object that draws keys and profiles.
+    pub plotter: Option<Plotter>,
+}
+
+/// An additional file of results.
+pub struct Extra<'a> {
+    pub(super) name: &'static str,
+    pub(super) fill: Fill<'a>,
+}
+
+/// Writes the content of a file. An error is a phrase that fits into "cannot be written (...)".
+type Fill<'a> = Box<dyn FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + 'a>;
+
+impl<'a> Extra<'a> {
+    pub(crate) fn new(
+        name: &'static str,
+        fill: impl FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + 'a,
+    ) -> Self {
+        Self { name, fill: Box::new(fill) }
+    }
+
+    /// Its name in the folder of results.
+    pub fn name(&self) -> &'static str {
+        self.name
     }
 }
 

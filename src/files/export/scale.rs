@@ -1,6 +1,8 @@
-//! Quantities at each pixel, and the scale that maps them to nearness.
+//! Quantities at each pixel, the scale that maps them to nearness, and its colours.
 
 use std::borrow::Cow;
+
+use serde::Serialize;
 
 use crate::base::Lens;
 
@@ -166,6 +168,46 @@ impl Scale {
     }
 }
 
+/// Colours of near and far in every picture and on the page.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
+pub enum Palette {
+    /// Near yellow, far purple; perceptually uniform
+    ///
+    /// Viridis (van der Walt and Smith 2015), also for colour-blind viewers and in grey print.
+    #[default]
+    Viridis,
+    /// Near red, far blue, as in the paper
+    ///
+    /// Turbo (Mikhailov 2019).
+    RedBlue,
+    /// Near white, far black
+    Grey,
+}
+
+impl Palette {
+    /// RGB of a nearness, clamped to 0 (far) to 1 (near).
+    pub fn color(self, nearness: f64) -> [u8; 3] {
+        let t = nearness.clamp(0.0, 1.0);
+        match self {
+            Self::Viridis => colorous::VIRIDIS.eval_continuous(t).as_array(),
+            // Leaves out the last tenth at either end, which darkens towards violet and maroon.
+            Self::RedBlue => colorous::TURBO.eval_continuous(0.1 + 0.8 * t).as_array(),
+            Self::Grey => [(255.0 * t).round() as u8; 3],
+        }
+    }
+
+    /// Names of the colours of near and far.
+    pub fn ends(self) -> [&'static str; 2] {
+        match self {
+            Self::Viridis => ["yellow", "purple"],
+            Self::RedBlue => ["red", "blue"],
+            Self::Grey => ["white", "black"],
+        }
+    }
+}
+
 /// The finite values of a field, for their quantiles.
 pub(crate) struct Quantiles(Vec<f32>);
 
@@ -232,5 +274,26 @@ mod tests {
         assert_eq!([0.01, 0.99].map(|q| quantiles.at(q)), [Some(1.0), Some(99.0)]);
         assert_eq!(Quantiles::of(&[f32::NAN]).at(0.5), None);
         assert_eq!(Quantiles::of(&[7.0]).at(0.5), Some(7.0));
+    }
+
+    #[test]
+    fn near_is_bright_yellow_red_or_white() {
+        let [near, far] = [1.0, 0.0].map(|t| Palette::Viridis.color(t));
+        assert!(near[0] > 200 && near[1] > 200 && near[2] < 80, "{near:?}");
+        assert!(far.iter().all(|c| *c < 100) && far[2] > far[1], "{far:?}");
+        assert_eq!((Palette::Grey.color(2.0), Palette::Grey.color(-1.0)), ([255; 3], [0; 3]));
+        let [[r, g, b], far] = [1.0, 0.0].map(|t| Palette::RedBlue.color(t));
+        assert!(r > 150 && g < 100 && b < 50, "{r} {g} {b}");
+        assert!(far[2] > 200 && far[0] < 100 && far[1] < 150, "{far:?}");
+    }
+
+    #[test]
+    fn viridis_brightens_monotonically() {
+        let luminance = |t: f64| {
+            let [r, g, b] = Palette::Viridis.color(t).map(f64::from);
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        };
+        let steps: Vec<f64> = (0..=50).map(|i| luminance(f64::from(i) / 50.0)).collect();
+        assert!(steps.is_sorted(), "{steps:?}");
     }
 }

@@ -9,9 +9,9 @@ use tempfile::NamedTempFile;
 
 use super::destination::{Destination, FileKind, Guard};
 use super::folder::{Folder, OtherWriters, naming, temporary_file};
-use super::hashes::{Hash, Hashes};
 use super::journal::{Journal, Unfinished, metadata};
 use crate::base::Error;
+use crate::files::bounded_read::{Hash, Hashes};
 
 /// A folder and the files that are being written into it. Dropping it before [`place`](Staging::place) succeeds removes
 /// the files.

@@ -5,14 +5,13 @@ use std::io::Write;
 use png::ColorType;
 
 use super::destination::Destination;
-use super::extra::{Drawing, Extra, PAGE_FILE};
 use super::fused::{FUSED_FILE, FUSED_FLOAT_FILE};
+use super::image_files::{self, Description, Pixels, write_channels, write_field, write_png};
 use super::measurements::{MeasurementRequest, is_profile};
-use super::png_file::{self, Pixels};
 use super::report::{Kind, Measurements, REPORT_FILE, write_json_to};
-use super::results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Results};
+use super::results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Drawing, Extra, PAGE_FILE, Results};
 use super::staging::Staging;
-use super::{arrays, depth_picture, description, exr_file};
+use super::{arrays, maps};
 use crate::base::{Depth, Error};
 
 /// Files that show depth. They are written again when depth changes.
@@ -63,11 +62,11 @@ impl Results<'_> {
         for (name, file, description) in self.report.kind.fields() {
             match *name {
                 "valid" => staging.add(file, |w| self.write_valid(w))?,
-                "frames" => staging.add(file, |w| write_frames(w, self))?,
-                "beyond" => staging.add(file, |w| write_beyond(w, self))?,
+                "frames" => staging.add(file, |w| self.write_frames(w))?,
+                "beyond" => staging.add(file, |w| self.write_beyond(w))?,
                 _ => {
                     let values = self.field(name)?;
-                    staging.add(file, |w| exr_file::write(w, size, &values, description))?;
+                    staging.add(file, |w| write_field(w, size, &values, description))?;
                 }
             }
         }
@@ -84,11 +83,30 @@ impl Results<'_> {
         self.finish(staging, &[], extras)
     }
 
-    /// 255 where the results are measured, else 0: 8-bit grey.
+    /// 255 where the results are measured, else 0.
     fn write_valid(&self, writer: impl Write) -> Result<(), String> {
         let measured = self.values().iter().zip(&self.marked).map(|(value, marked)| value.is_finite() && !marked);
         let bytes: Vec<u8> = measured.map(|measured| if measured { 255 } else { 0 }).collect();
-        png_file::write(writer, self.size(), ColorType::Grayscale, &Pixels::Bytes(&bytes), &description::VALID)
+        self.write_gray(writer, &Pixels::Bytes(&bytes), &image_files::VALID)
+    }
+
+    /// The number of the frame that supplies each pixel of the fused image, from 1; in 16 bits for more than 255
+    /// frames.
+    fn write_frames(&self, writer: impl Write) -> Result<(), String> {
+        let bytes: Result<Vec<u8>, _> = self.frames.iter().map(|frame| u8::try_from(*frame)).collect();
+        let pixels = bytes.as_ref().map_or(Pixels::Words(self.frames), |bytes| Pixels::Bytes(bytes));
+        self.write_gray(writer, &pixels, &image_files::FRAMES)
+    }
+
+    /// 1 for pixels in focus before the first frame, 2 beyond the last, else 0.
+    fn write_beyond(&self, writer: impl Write) -> Result<(), String> {
+        let side = |side: &i8| if *side < 0 { 1 } else { 2 * u8::from(*side > 0) };
+        let bytes: Vec<u8> = self.beyond.iter().map(side).collect();
+        self.write_gray(writer, &Pixels::Bytes(&bytes), &image_files::BEYOND)
+    }
+
+    fn write_gray(&self, writer: impl Write, pixels: &Pixels<'_>, description: &Description) -> Result<(), String> {
+        write_png(writer, self.size(), ColorType::Grayscale, pixels, description)
     }
 
     /// Adds `depth.png`, and `depth_mm.exr` if depth is known.
@@ -96,9 +114,9 @@ impl Results<'_> {
         if let Some(depth) = self.depth() {
             let channels = [("Y", &depth.values[..]), ("standard_deviation", &depth.deviation)];
             let description = self.depth_description();
-            staging.add(DEPTH_FILE, |w| exr_file::write_channels(w, self.size(), &channels, description))?;
+            staging.add(DEPTH_FILE, |w| write_channels(w, self.size(), &channels, description))?;
         }
-        staging.add(DEPTH_PICTURE_FILE, |w| depth_picture::write(w, self, drawing))
+        staging.add(DEPTH_PICTURE_FILE, |w| maps::write(w, self, drawing))
     }
 
     /// Writes depth in mm into the folder of the results: `depth_mm.exr`, `depth.png`, the report, `depth16` if it
@@ -197,17 +215,211 @@ impl Results<'_> {
     }
 }
 
-/// Writes `frames.png`: the number of the frame that supplies each pixel of the fused image, from 1. 8-bit grey; 16-bit
-/// grey for more than 255 frames.
-fn write_frames(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
-    let bytes: Result<Vec<u8>, _> = results.frames.iter().map(|frame| u8::try_from(*frame)).collect();
-    let pixels = bytes.as_ref().map_or(Pixels::Words(results.frames), |bytes| Pixels::Bytes(bytes));
-    png_file::write(writer, results.size(), ColorType::Grayscale, &pixels, &description::FRAMES)
-}
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
 
-/// Writes `beyond.png`: 1 for pixels in focus before the first frame, 2 beyond the last, else 0; 8-bit grey.
-fn write_beyond(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
-    let side = |side: &i8| if *side < 0 { 1 } else { 2 * u8::from(*side > 0) };
-    let bytes: Vec<u8> = results.beyond.iter().map(side).collect();
-    png_file::write(writer, results.size(), ColorType::Grayscale, &Pixels::Bytes(&bytes), &description::BEYOND)
+    use serde_json::Value;
+    use tempfile::TempDir;
+
+    use super::super::{Kind, Nearer, RangeReport, Registration, Report};
+    use super::*;
+    use crate::base::{
+        Channels, Decode, Depth, DeviceInfo, Error, Photometric, Region, Samples, Settings, Shading, Similarity,
+    };
+    use crate::engine::{Findings, LevelHistory, Solution, Timings};
+    use crate::files::image_io::{self, Values};
+
+    fn solution() -> Solution {
+        let findings = Findings {
+            width: 3,
+            height: 2,
+            origin: [0, 0],
+            photograph: [3, 2],
+            fused_channels: Channels::Gray,
+            transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
+            other_motion: None,
+            photometric: Photometric { gain: 1.02, offset: -0.01 },
+            shading: Shading::NONE,
+            solved: Region { x: 0, y: 0, width: 3, height: 2 },
+            regularization: 0.003,
+            kernel_shape: Some(0.5),
+            levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5, f64::NAN] }],
+            converged: true,
+            warnings: vec!["a warning".to_string()],
+            valid_fraction: 4.0 / 6.0,
+            mean_confidence: 0.0,
+            saturated_fraction: f64::NAN,
+            timings: Timings {
+                total_ms: 9.0,
+                gpu_ms: 7.0,
+                passes_ms: vec![("warp", 1.0), ("blur", 2.0), ("apply", 3.0)],
+            },
+        };
+        Solution {
+            relative_blur: vec![f32::NAN, -1.5, 0.1, 2.0, 4.0, f32::NAN],
+            uncertainty: vec![f32::NAN, 3f32.sqrt(), 1.0, (1.0f32 / 3.0).sqrt(), 0.0, f32::NAN],
+            residual: vec![f32::NAN, 0.01, 0.02, 0.01, 0.03, f32::NAN],
+            confidence: vec![0.0, 0.25, 0.5, 0.75, 1.0, 0.0],
+            fused: vec![-0.1, 0.0, 0.2, 0.5, 1.0, 1.5],
+            findings,
+        }
+    }
+
+    fn device() -> DeviceInfo {
+        DeviceInfo {
+            index: 0,
+            name: "a device".to_string(),
+            driver: "a driver 1.2".to_string(),
+            uuid: "00000000-0000-0000-0000-000000000001".to_string(),
+            kind: "CPU",
+            api_version: "1.3.0".to_string(),
+            subgroup_size: 8,
+            memory_bytes: 1,
+            max_image_size: 1,
+            max_storage_buffer: 1,
+            unusable: None,
+        }
+    }
+
+    fn report() -> Report {
+        Report::pair(&solution(), &Settings::default(), &device(), Nearer::First)
+    }
+
+    fn write(out: &Path, solution: &Solution, depth: Depth) -> Result<(), Error> {
+        let mut report = report();
+        report.values = Values::stated(Decode::None);
+        Results::of_pair(solution, report, [depth; 2])?.write(out, &Drawing::default(), Vec::new())
+    }
+
+    fn keys(value: &Value) -> Vec<&str> {
+        let mut keys: Vec<&str> = value.as_object().unwrap().keys().map(String::as_str).collect();
+        keys.sort_unstable();
+        keys
+    }
+
+    #[test]
+    fn the_report_has_the_fields_that_scripts_read() {
+        let text = report().to_json().unwrap();
+        let json: Value = serde_json::from_str(&text).unwrap();
+        let mut expected = vec![
+            "program",
+            "kind",
+            "version",
+            "frames",
+            "reference",
+            "regularization",
+            "method",
+            "settings",
+            "size",
+            "kernel_shape",
+            "levels",
+            "converged",
+            "relative_blur",
+            "valid_fraction",
+            "mean_confidence",
+            "saturated_fraction",
+            "nearer",
+            "nearer_by",
+            "warnings",
+            "device",
+            "validated",
+            "values",
+            "inputs",
+            "photograph",
+            "region",
+            "texture",
+            "timings_ms",
+        ];
+        expected.sort_unstable();
+        assert_eq!(keys(&json), expected);
+        assert_eq!((&json["program"], &json["kind"]), (&"parfocal".into(), &"pair".into()));
+        assert_eq!(keys(&json["frames"][1]), ["file", "gain", "offset", "shading", "transform"]);
+        assert_eq!(keys(&json["frames"][1]["transform"]), ["rotation_deg", "scale", "tx_px", "ty_px"]);
+        assert_eq!(keys(&json["frames"][1]["shading"]), ["coefficients", "range", "region"]);
+        assert_eq!((&json["frames"][0]["gain"], &json["frames"][1]["gain"]), (&1.0.into(), &1.02.into()));
+        assert_eq!(keys(&json["levels"][0]), ["energy", "height", "iterations", "width"]);
+        assert_eq!(keys(&json["relative_blur"]), ["max", "median", "min"]);
+        assert_eq!(keys(&json["timings_ms"]), ["gpu", "passes", "total"]);
+        assert_eq!((&json["method"], &json["nearer"]), (&Value::from("unified"), &Value::from(1)));
+        assert_eq!(json["settings"]["levels"], Value::Null);
+        assert_eq!(json["settings"]["start_photometric"]["gain"], Value::from(1.0));
+        assert_eq!(json["levels"][0]["iterations"], Value::from(2));
+        assert_eq!((&json["levels"][0]["energy"][1], &json["saturated_fraction"]), (&Value::Null, &Value::Null));
+        assert_eq!(json["relative_blur"]["median"], Value::from(1.05));
+        let places: Vec<_> = ["\"warp\"", "\"blur\"", "\"apply\""].map(|name| text.find(name).unwrap()).to_vec();
+        assert!(places.is_sorted(), "passes are out of order");
+        let again = serde_json::from_str::<Report>(&text).unwrap().to_json().unwrap();
+        let mut back: Value = serde_json::from_str(&again).unwrap();
+        // Transforms pass through a matrix, and serde_json reads the last bit of a number either way.
+        back["frames"] = json["frames"].clone();
+        assert_eq!(back, json, "it is read as it was written");
+    }
+
+    #[test]
+    fn without_a_valid_pixel_the_range_is_null() {
+        let json = serde_json::to_value(RangeReport::of(&[f32::NAN; 4])).unwrap();
+        assert!(["min", "max", "median"].iter().all(|name| json[name].is_null()));
+    }
+
+    #[test]
+    fn the_files_of_a_solve_are_read_as_they_were_written() {
+        let base = TempDir::new().unwrap();
+        let out = base.path().join("deep/out");
+        write(&out, &solution(), Depth::U8).unwrap();
+        let mut found: Vec<_> =
+            fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        let mut expected = Kind::Pair.files();
+        found.sort_unstable();
+        expected.sort_unstable();
+        assert_eq!(found, expected);
+
+        let results = Results::read(&out).unwrap();
+        assert_eq!(results.field("confidence").unwrap(), solution().confidence);
+        assert!(results.field("focus").unwrap_err().to_string().contains("the fields are relative_blur"));
+        assert!(results.values()[0].is_nan() && results.values()[1..5] == solution().relative_blur[1..5]);
+        let stated: Vec<_> = results.report.fields.iter().map(|field| (&*field.name, &*field.file)).collect();
+        assert_eq!(stated[0], ("relative_blur", "relative_blur.exr"));
+        let hashed: Vec<_> = results.report.hashes.keys().map(String::as_str).collect();
+        assert!(hashed.len() + 1 == expected.len() && !hashed.contains(&"report.json"));
+        let registration = Registration::read(&out.join("report.json")).unwrap();
+        let second = registration.second().unwrap();
+        assert!(second.transform.corner_distance(solution().transform, 4000, 3000) < 1e-9);
+        assert_eq!(second.photometric, Some(solution().photometric));
+
+        let image = exr::prelude::read_first_flat_layer_from_file(out.join("relative_blur.exr")).unwrap();
+        assert_eq!(image.layer_data.channel_data.list[0].name.to_string(), "Y");
+        let attributes = &image.layer_data.attributes;
+        assert!(attributes.software_name.as_ref().unwrap().to_string().starts_with("parfocal "));
+        assert_eq!(attributes.other.len(), 1);
+    }
+
+    #[test]
+    fn the_fused_image_has_the_depth_of_the_inputs() {
+        let base = TempDir::new().unwrap();
+        let path = base.path().join("fused.png");
+        write(base.path(), &solution(), Depth::U8).unwrap();
+        assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U8(vec![0, 0, 51, 128, 255, 255]));
+        for (depth, has_floats) in [(Depth::U16, false), (Depth::F32, true)] {
+            write(base.path(), &solution(), depth).unwrap();
+            assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U16(vec![0, 0, 13107, 32768, 65535, 65535]));
+            assert_eq!(base.path().join("fused.exr").exists(), has_floats);
+        }
+        let fused = Results::read(base.path()).unwrap().fused().unwrap();
+        assert_eq!(fused.samples(), &Samples::F32(solution().fused));
+    }
+
+    #[test]
+    fn a_solution_that_contradicts_itself_is_not_written() {
+        let base = TempDir::new().unwrap();
+        let out = base.path().join("out");
+        let mut wrong = solution();
+        wrong.fused.pop();
+        assert!(matches!(write(&out, &wrong, Depth::U8), Err(Error::Mismatch(_))));
+        let mut wrong = solution();
+        wrong.residual.pop();
+        assert!(matches!(write(&out, &wrong, Depth::U8), Err(Error::Mismatch(_))));
+        assert!(!out.exists());
+    }
 }

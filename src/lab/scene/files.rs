@@ -6,11 +6,11 @@ use serde::Serialize;
 
 use super::{Exposure, Kernel, Radiance, Scene, Shape, Simulated, SimulatedSweep, SweepScene};
 use crate::base::{Error, Frame, Lens, Photometric, Samples, Similarity};
-use crate::files::export::description::{DEPTH, PHOTOGRAPH, RELATIVE_BLUR, TRUE_FOCUS};
-use crate::files::export::png_file::{self, Pixels};
+use crate::files::export::image_files::{
+    DEPTH, PHOTOGRAPH, Pixels, RELATIVE_BLUR, TRUE_FOCUS, color_type, write_field, write_png,
+};
 use crate::files::export::{
-    Destination, Header, Kind, RangeReport, SIMULATED_FILES, SizeReport, Staging, color_type, exr_file, to_json,
-    write_json_to,
+    Destination, Header, Kind, RangeReport, SIMULATED_FILES, SizeReport, Staging, to_json, write_json_to,
 };
 
 /// The file of the true focus of a sweep.
@@ -185,9 +185,9 @@ pub fn write_simulated<'d>(
     let mut staging = Staging::replacing(out.into(), json)?;
     staging.add(i1, |w| write_picture(w, &simulated.i1))?;
     staging.add(i2, |w| write_picture(w, &simulated.i2))?;
-    staging.add(blur, |w| exr_file::write(w, size, &simulated.relative_blur, &RELATIVE_BLUR))?;
+    staging.add(blur, |w| write_field(w, size, &simulated.relative_blur, &RELATIVE_BLUR))?;
     if let Some(depth) = &simulated.depth {
-        staging.add(depth_file, |w| exr_file::write(w, size, depth, &DEPTH))?;
+        staging.add(depth_file, |w| write_field(w, size, depth, &DEPTH))?;
     }
     staging.add(json, |w| write_json_to(w, truth))?;
     staging.place()
@@ -208,7 +208,7 @@ pub fn write_simulated_sweep<'d>(
     for (frame, of) in simulated.frames.iter().zip(&truth.frames) {
         staging.add(&of.file, |w| write_picture(w, frame))?;
     }
-    staging.add(FOCUS_FILE, |w| exr_file::write(w, size, &simulated.focus, &TRUE_FOCUS))?;
+    staging.add(FOCUS_FILE, |w| write_field(w, size, &simulated.focus, &TRUE_FOCUS))?;
     staging.add(json, |w| write_json_to(w, truth))?;
     staging.place()
 }
@@ -242,5 +242,5 @@ fn clipped(frame: &Frame) -> usize {
 fn write_picture(writer: impl Write, frame: &Frame) -> Result<(), String> {
     let samples: Vec<u16> = floats(frame).iter().map(|v| (v.clamp(0.0, 1.0) * 65535.0).round() as u16).collect();
     let size = (frame.width(), frame.height());
-    png_file::write(writer, size, color_type(frame.format().channels), &Pixels::Words(&samples), &PHOTOGRAPH)
+    write_png(writer, size, color_type(frame.format().channels), &Pixels::Words(&samples), &PHOTOGRAPH)
 }

@@ -1,61 +1,19 @@
-//! `depth.png`: depth, V or focus as a map in colour, with its key to the right.
+//! Maps in colour: `depth.png`, which is depth, V or focus with its key to the right, and `labels.png`.
 
 use std::io::Write;
 
 use image::RgbImage;
 use png::ColorType;
-use serde::Serialize;
 
-use super::description::Description;
-use super::extra::Drawing;
-use super::png_file::{self, Pixels};
-use super::results::Results;
-use super::scale::{Nearer, Quantity, Scale};
+use super::image_files::{Description, LABELS, Pixels, SWEEP_LABELS, finish_png, png_encoder, write_png};
+use super::results::{Drawing, Extra, Results};
+use super::scale::{Nearer, Palette, Quantity, Scale};
+use crate::engine::Solution;
 
 /// Stripes over pixels that are not measured: light and dark grey.
 const HATCH: [[u8; 4]; 2] = [[205, 205, 205, 255], [165, 165, 165, 255]];
 /// Width of a stripe along x, px.
 const HATCH_WIDTH: usize = 4;
-
-/// Colours of near and far in every picture and on the page.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
-pub enum Palette {
-    /// Near yellow, far purple; perceptually uniform
-    ///
-    /// Viridis (van der Walt and Smith 2015), also for colour-blind viewers and in grey print.
-    #[default]
-    Viridis,
-    /// Near red, far blue, as in the paper
-    ///
-    /// Turbo (Mikhailov 2019).
-    RedBlue,
-    /// Near white, far black
-    Grey,
-}
-
-impl Palette {
-    /// RGB of a nearness, clamped to 0 (far) to 1 (near).
-    pub fn color(self, nearness: f64) -> [u8; 3] {
-        let t = nearness.clamp(0.0, 1.0);
-        match self {
-            Self::Viridis => colorous::VIRIDIS.eval_continuous(t).as_array(),
-            // Leaves out the last tenth at either end, which darkens towards violet and maroon.
-            Self::RedBlue => colorous::TURBO.eval_continuous(0.1 + 0.8 * t).as_array(),
-            Self::Grey => [(255.0 * t).round() as u8; 3],
-        }
-    }
-
-    /// Names of the colours of near and far.
-    pub fn ends(self) -> [&'static str; 2] {
-        match self {
-            Self::Viridis => ["yellow", "purple"],
-            Self::RedBlue => ["red", "blue"],
-            Self::Grey => ["white", "black"],
-        }
-    }
-}
 
 /// A quantity with the options of its picture.
 struct Map<'a> {
@@ -141,7 +99,7 @@ impl<'a> Map<'a> {
             pixels.extend(beside);
         }
         let size = (width + key.width(), height);
-        png_file::write(writer, size, ColorType::Rgba, &Pixels::Bytes(&pixels), &self.description())
+        write_png(writer, size, ColorType::Rgba, &Pixels::Bytes(&pixels), &self.description())
     }
 }
 
@@ -150,6 +108,82 @@ pub(super) fn write(writer: impl Write, results: &Results<'_>, drawing: &Drawing
     let map = Map::new(results.size(), results.best(), drawing.palette);
     let first_is_near = results.report.nearer() == Nearer::First;
     Map { marked: &results.marked, beyond: &results.beyond, first_is_near, ..map }.write(writer, drawing)
+}
+
+/// The picture of labels.
+const LABELS_FILE: &str = "labels.png";
+
+/// Greatest number of frames of a sweep that `labels.png` can label. 0 means that the focus is not known.
+pub const MOST_LABELS: usize = 255;
+
+/// RGBA of the labels of a pair. Colour-blind viewers can tell orange and blue apart (Okabe and Ito 2008).
+const LABEL_COLORS: [[u8; 4]; 4] = [[0, 0, 0, 0], [230, 159, 0, 255], [0, 114, 178, 255], [210, 210, 210, 255]];
+
+/// `labels.png` of a pair, indexed colour of 8 bits:
+///
+/// | value | meaning |
+/// | --- | --- |
+/// | 0 | V is not valid |
+/// | 1 | I1 is sharper: V > σ |
+/// | 2 | I2 is sharper: V < -σ |
+/// | 3 | undecided, \|V\| ≤ σ |
+///
+/// with σ the standard deviation of V.
+pub fn labels(solution: &Solution) -> Extra<'_> {
+    Extra::new(LABELS_FILE, |_, writer| {
+        let values = solution.relative_blur.iter().zip(&solution.uncertainty);
+        let bytes: Vec<u8> = values.map(|(&v, &sigma)| label(v, sigma)).collect();
+        write_labels(writer, (solution.width, solution.height), &bytes, &LABEL_COLORS, &LABELS)
+    })
+}
+
+/// `labels.png` of a sweep: the frame with its setting nearest to the pixel's focus, counted from 1; 0 where the focus
+/// is not known. The colours run from the nearest to the farthest frame.
+pub fn sweep_labels<'a>(palette: Palette) -> Extra<'a> {
+    Extra::new(LABELS_FILE, move |results, writer| {
+        let (positions, nearer) = (results.positions(), results.report.nearer());
+        let count = positions.len();
+        if count > MOST_LABELS {
+            return Err(format!("there are {count} frames, and 8 bits can label {MOST_LABELS}"));
+        }
+        let color = |n: usize| {
+            let t = n as f64 / (count - 1).max(1) as f64;
+            let [r, g, b] = palette.color(if nearer == Nearer::First { 1.0 - t } else { t });
+            [r, g, b, 255]
+        };
+        let colors: Vec<[u8; 4]> = LABEL_COLORS[..1].iter().copied().chain((0..count).map(color)).collect();
+        let bytes: Vec<u8> = results.values().iter().map(|&u| nearest(u, &positions)).collect();
+        write_labels(writer, results.size(), &bytes, &colors, &SWEEP_LABELS)
+    })
+}
+
+/// The number, from 1, of the position that is nearest to a setting; 0 for NaN.
+fn nearest(u: f32, positions: &[f64]) -> u8 {
+    let off = |n: &usize| (positions[*n] - f64::from(u)).abs();
+    let next = (0..positions.len()).filter(|n| off(n).is_finite()).min_by(|a, b| off(a).total_cmp(&off(b)));
+    next.map_or(0, |n| n as u8 + 1)
+}
+
+fn write_labels(
+    writer: &mut dyn Write,
+    size: (u32, u32),
+    labels: &[u8],
+    colors: &[[u8; 4]],
+    description: &Description,
+) -> Result<(), String> {
+    let mut encoder = png_encoder(writer, size, description)?;
+    encoder.set_palette(colors.iter().flat_map(|c| &c[..3]).copied().collect::<Vec<u8>>());
+    encoder.set_trns(colors.iter().map(|c| c[3]).collect::<Vec<u8>>());
+    finish_png(encoder, ColorType::Indexed, &Pixels::Bytes(labels))
+}
+
+fn label(v: f32, sigma: f32) -> u8 {
+    match v {
+        v if v.is_nan() => 0,
+        v if v > sigma => 1,
+        v if v < -sigma => 2,
+        _ => 3,
+    }
 }
 
 #[cfg(test)]
@@ -223,23 +257,14 @@ mod tests {
     }
 
     #[test]
-    fn near_is_bright_yellow_red_or_white() {
-        let [near, far] = [1.0, 0.0].map(|t| Palette::Viridis.color(t));
-        assert!(near[0] > 200 && near[1] > 200 && near[2] < 80, "{near:?}");
-        assert!(far.iter().all(|c| *c < 100) && far[2] > far[1], "{far:?}");
-        assert_eq!((Palette::Grey.color(2.0), Palette::Grey.color(-1.0)), ([255; 3], [0; 3]));
-        let [[r, g, b], far] = [1.0, 0.0].map(|t| Palette::RedBlue.color(t));
-        assert!(r > 150 && g < 100 && b < 50, "{r} {g} {b}");
-        assert!(far[2] > 200 && far[0] < 100 && far[1] < 150, "{far:?}");
+    fn a_label_needs_more_than_a_standard_deviation() {
+        let found = [(f32::NAN, f32::NAN), (2.0, 1.0), (-2.0, 1.0), (1.0, 1.0), (-0.5, 1.0), (100.0, 1000.0)];
+        assert_eq!(found.map(|(v, sigma)| label(v, sigma)), [0, 1, 2, 3, 3, 3]);
     }
 
     #[test]
-    fn viridis_brightens_monotonically() {
-        let luminance = |t: f64| {
-            let [r, g, b] = Palette::Viridis.color(t).map(f64::from);
-            0.2126 * r + 0.7152 * g + 0.0722 * b
-        };
-        let steps: Vec<f64> = (0..=50).map(|i| luminance(f64::from(i) / 50.0)).collect();
-        assert!(steps.is_sorted(), "{steps:?}");
+    fn a_pixel_of_a_sweep_has_the_label_of_the_nearest_frame() {
+        let positions = [4.0, 3.0, 1.0];
+        assert_eq!([9.0, 3.4, 2.1, 1.9, f32::NAN, f32::INFINITY].map(|u| nearest(u, &positions)), [1, 2, 2, 3, 0, 0]);
     }
 }
