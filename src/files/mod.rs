@@ -4,4 +4,3 @@ pub mod bounded_read;
 pub mod export;
 pub mod image_io;
 pub mod model;
-pub(crate) mod preview;

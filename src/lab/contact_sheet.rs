@@ -20,7 +20,7 @@ use image::RgbImage;
 
 use crate::base::Frame;
 use crate::files::export::{Palette, Scale};
-use crate::files::preview::photograph;
+use crate::files::image_io::preview;
 use crate::page::figure::{
     Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, bar_width, color_bar, resized, text_width, wrap_text,
 };
@@ -72,7 +72,7 @@ impl Panel {
 
     /// A photograph, grey or colour, as stored.
     pub fn photograph(frame: &Frame) -> Self {
-        Self::image(photograph(frame))
+        Self::image(preview(frame))
     }
 
     /// V, px², `height` rows of `width`, in the colours of a scale; grey where not valid. Panels that are compared

@@ -4,7 +4,7 @@ use image::{Rgb, RgbImage};
 
 use super::figure::{Align, Area, BLACK, Canvas, Color, GRAY, WHITE, text_width};
 use crate::base::Frame;
-use crate::files::preview;
+use crate::files::image_io::preview;
 use crate::metric::inspect::{Deviation, Inspection};
 
 /// Colours of regions nearer to the camera than the golden part, and further away.
@@ -23,7 +23,7 @@ const STRIPES: u32 = 6;
 /// Draws the part on the golden part's pixels: regions are filled, outlined and numbered, and pixels that are not
 /// judged are striped. A key and the verdict are below.
 pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) -> RgbImage {
-    let picture = marked(&preview::photograph(part), inspection);
+    let picture = marked(&preview(part), inspection);
     let (width, height) = picture.dimensions();
     let size = (TEXT * width.max(height) as f32).max(LEAST_TEXT);
     let line = 1.5 * size;

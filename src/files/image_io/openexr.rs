@@ -6,20 +6,20 @@ use exr::block::reader::Reader;
 use exr::compression::Compression;
 use exr::image::{AnyChannels, FlatSamples};
 use exr::meta::attribute::SampleType;
-use exr::meta::header::Header;
+use exr::meta::header::Header as LayerHeader;
 use exr::prelude::{ReadChannels, ReadLayers};
 
-use super::check::DAMAGED;
-use crate::base::{Channels, Frame, Samples};
+use super::{DAMAGED, Header};
+use crate::base::{Channels, Depth, Frame, Samples};
 
 /// Greatest number of samples of a layer over all channels, 2^30: the largest image with four channels.
 const MAX_SAMPLES: u64 = 1 << 30;
 
 /// An EXR file with a parsed header.
 pub(super) struct Exr<'a> {
+    pub(super) header: Header,
     reader: Reader<Cursor<&'a [u8]>>,
     names: Vec<String>,
-    size: (u32, u32),
 }
 
 /// Whether a file begins like EXR.
@@ -51,30 +51,18 @@ impl<'a> Exr<'a> {
         }
         let size = (side(header.layer_size.x())?, side(header.layer_size.y())?);
         let names = chosen_channels(header)?;
-        Ok(Self { reader, names, size })
-    }
-
-    /// Whether there is an alpha channel, which is dropped.
-    pub(super) fn has_alpha(&self) -> bool {
-        self.reader.headers().first().is_some_and(|h| h.channels.list.iter().any(|c| c.name.to_string() == "A"))
-    }
-
-    /// Width and height of the data window.
-    pub(super) fn size(&self) -> (u32, u32) {
-        self.size
-    }
-
-    /// Bits of a sample, the greatest if channels differ, and the number of channels.
-    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
-        let chosen = |name: String| self.names.contains(&name);
-        let list = self.reader.headers().first().map(|header| header.channels.list.as_slice()).unwrap_or_default();
-        let bytes = list.iter().filter(|c| chosen(c.name.to_string())).map(|c| c.sample_type.bytes_per_sample());
-        (8 * bytes.max().unwrap_or(0) as u32, self.names.len() as u32)
+        let list = || header.channels.list.iter().map(|channel| (channel.name.to_string(), channel.sample_type));
+        let bytes = list().filter(|(name, _)| names.contains(name)).map(|(_, kind)| kind.bytes_per_sample());
+        let bits = 8 * bytes.max().unwrap_or(0) as u32;
+        let channels = if names.len() == 1 { Channels::Gray } else { Channels::Rgb };
+        let alpha = list().any(|(name, _)| name == "A");
+        let header = Header { format: "EXR", size, depth: Depth::F32, bits, channels, alpha, pages: 1 };
+        Ok(Self { header, reader, names })
     }
 
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
-        let (width, height) = self.size;
+        let (width, height) = self.header.size;
         match <[Vec<f32>; 3]>::try_from(self.planes()?) {
             Ok([r, g, b]) => {
                 let values = r.into_iter().zip(g).zip(b).flat_map(|((r, g), b)| [r, g, b]).collect();
@@ -118,7 +106,7 @@ fn plane<'a>(channels: &'a AnyChannels<FlatSamples>, name: &str) -> Option<&'a F
 }
 
 /// Selects R, G and B, or Y, or the only channel that is not alpha.
-fn chosen_channels(header: &Header) -> Result<Vec<String>, String> {
+fn chosen_channels(header: &LayerHeader) -> Result<Vec<String>, String> {
     let list = &header.channels.list;
     let samples = header.layer_size.area() as u64 * list.len() as u64;
     if header.deep {

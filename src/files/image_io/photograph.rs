@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
+use super::plain::camera_raw_problem;
 use super::source::{Selected, Source};
-use super::{Input, check, raw};
-use crate::base::{Channels, Depth, Error, Format, Frame, workers};
+use super::{DAMAGED, Header, Input, check_size, read_bytes};
+use crate::base::{Depth, Error, Format, Frame, workers};
 
 /// A photograph file in memory. Its description and its pixels come from the same bytes, even if the file changes. The
 /// photograph and its clones share these bytes until they are decoded or dropped.
@@ -17,8 +18,7 @@ pub struct Photograph {
     path: PathBuf,
     selected: Selected,
     bytes: Arc<Vec<u8>>,
-    size: (u32, u32),
-    format: Format,
+    header: Header,
 }
 
 impl Photograph {
@@ -30,7 +30,7 @@ impl Photograph {
     pub fn open(path: &Path) -> Result<Self, Error> {
         let wrap = |problem| Error::file(path, problem);
         let selected = Selected::of(path).map_err(wrap)?;
-        let bytes = check::read(&selected.file).map_err(wrap)?;
+        let bytes = read_bytes(&selected.file).map_err(wrap)?;
         Self::of(path, selected, Arc::new(bytes))
     }
 
@@ -61,14 +61,11 @@ impl Photograph {
     fn of(path: &Path, selected: Selected, bytes: Arc<Vec<u8>>) -> Result<Self, Error> {
         let wrap = |problem| Error::file(path, problem);
         if selected.raw.is_none() {
-            raw::camera_raw_problem(&selected.file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
+            camera_raw_problem(&selected.file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
         }
-        let source = guarded(|| Source::open(&bytes, &selected)).map_err(wrap)?;
-        let channels = if source.bits_and_channels().1 == 1 { Channels::Gray } else { Channels::Rgb };
-        let (size, format) = (source.size(), Format { channels, depth: source.depth() });
-        check::size(size).map_err(wrap)?;
-        drop(source);
-        Ok(Self { path: path.to_path_buf(), selected, bytes, size, format })
+        let header = guarded(|| Ok(Source::open(&bytes, &selected)?.header().clone())).map_err(wrap)?;
+        check_size(header.size).map_err(wrap)?;
+        Ok(Self { path: path.to_path_buf(), selected, bytes, header })
     }
 
     /// The path as passed.
@@ -78,17 +75,17 @@ impl Photograph {
 
     /// Width and height, px, after the rotation that the camera recorded.
     pub fn size(&self) -> (u32, u32) {
-        self.size
+        self.header.size
     }
 
     /// Sample type after decoding.
     pub fn depth(&self) -> Depth {
-        self.format.depth
+        self.header.depth
     }
 
     /// Channels and sample type after decoding.
     pub fn format(&self) -> Format {
-        self.format
+        Format { channels: self.header.channels, depth: self.header.depth }
     }
 
     /// Describes the file for the report: hash, header and metadata; no pixel is decoded.
@@ -99,16 +96,16 @@ impl Photograph {
         let mut source = self.source()?;
         let metadata = guarded(|| Ok(source.encoding_and_exif(&self.bytes)));
         let (encoding, exif) = metadata.map_err(|problem| Error::file(&self.path, problem))?;
-        let (bits, channels) = source.bits_and_channels();
+        let Header { format, bits, channels, alpha, pages, .. } = self.header;
         Ok(Input {
             file: self.path.display().to_string(),
             bytes: self.bytes.len() as u64,
             sha256: Sha256::digest(self.bytes.as_slice()).iter().map(|byte| format!("{byte:02x}")).collect(),
             bits,
-            channels,
-            alpha: source.has_alpha(),
-            format: source.format().to_string(),
-            pages: source.pages(),
+            channels: channels.count(),
+            alpha,
+            format: format.to_string(),
+            pages,
             page: self.selected.page,
             encoding,
             exif,
@@ -129,8 +126,8 @@ impl Photograph {
     /// # Errors
     /// [`Error::File`], and [`Error::Mismatch`] with both files and both sizes.
     pub fn decode_pair([i1, i2]: [Self; 2]) -> Result<[Frame; 2], Error> {
-        if i1.size != i2.size {
-            let ((w1, h1), (w2, h2)) = (i1.size, i2.size);
+        let ((w1, h1), (w2, h2)) = (i1.header.size, i2.header.size);
+        if (w1, h1) != (w2, h2) {
             return Err(Error::Mismatch(format!(
                 "{} is {w1}x{h1} and {} is {w2}x{h2}: both images must have one size; crop or resize one of them",
                 i1.path.display(),
@@ -146,7 +143,7 @@ impl Photograph {
         let Source::Exr(exr) = self.source()? else {
             return Err(wrap("is no EXR; give the file that parfocal wrote".to_string()));
         };
-        let (width, height) = self.size;
+        let (width, height) = self.header.size;
         Ok((width, height, guarded(|| exr.decode_field()).map_err(wrap)?))
     }
 
@@ -158,7 +155,7 @@ impl Photograph {
 /// Converts a panic of a decoder into an error of the file. The data of the decoder is not used again.
 fn guarded<T>(of: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(of))
-        .unwrap_or_else(|_| Err(format!("cannot be decoded (the decoder fails over it); {}", check::DAMAGED)))
+        .unwrap_or_else(|_| Err(format!("cannot be decoded (the decoder fails over it); {}", DAMAGED)))
 }
 
 /// Decodes frames in parallel and describes their files. The first one is already open. In addition to the frames,

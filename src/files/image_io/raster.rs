@@ -5,9 +5,9 @@ use std::io::Cursor;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
-use super::check::{CONVERT, DAMAGED};
 use super::tiff_page::turned;
-use crate::base::{Channels, Frame, Samples};
+use super::{CONVERT, DAMAGED, Header};
+use crate::base::{Channels, Depth, Frame, Samples};
 
 /// The formats that are read, with their usual names.
 const READ: [(ImageFormat, &str); 5] = [
@@ -24,8 +24,8 @@ const MAX_HEADER: u64 = 8 << 20;
 
 /// A file with a parsed header.
 pub(super) struct Raster<'a> {
+    pub(super) header: Header,
     decoder: Box<dyn ImageDecoder + 'a>,
-    format: &'static str,
     orientation: Orientation,
 }
 
@@ -47,22 +47,12 @@ impl<'a> Raster<'a> {
         reader.limits(limits);
         let mut decoder = reader.into_decoder().map_err(|e| problem(format, &e))?;
         let orientation = decoder.orientation().map_err(|e| problem(format, &e))?;
-        Ok(Self { decoder: Box::new(decoder), format, orientation })
-    }
-
-    /// Width and height after the rotation that the camera recorded, px.
-    pub(super) fn size(&self) -> (u32, u32) {
-        turned(self.decoder.dimensions(), self.orientation)
-    }
-
-    /// The format's name.
-    pub(super) fn format(&self) -> &'static str {
-        self.format
-    }
-
-    /// Whether the file has an alpha channel, which is dropped.
-    pub(super) fn has_alpha(&self) -> bool {
-        self.decoder.color_type().has_alpha()
+        let (size, color) = (turned(decoder.dimensions(), orientation), decoder.color_type());
+        let bits = u32::from(color.bits_per_pixel()) / u32::from(color.channel_count()).max(1);
+        let depth = if bits == 16 { Depth::U16 } else { Depth::U8 };
+        let channels = if color.has_color() { Channels::Rgb } else { Channels::Gray };
+        let header = Header { format, size, depth, bits, channels, alpha: color.has_alpha(), pages: 1 };
+        Ok(Self { header, decoder: Box::new(decoder), orientation })
     }
 
     /// The EXIF data, as a TIFF structure, and the ICC profile, if present.
@@ -70,16 +60,9 @@ impl<'a> Raster<'a> {
         (self.decoder.exif_metadata().ok().flatten(), self.decoder.icc_profile().ok().flatten())
     }
 
-    /// Bits of a sample and colour channels, alpha not counted.
-    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
-        let color = self.decoder.color_type();
-        let channels = u32::from(color.channel_count());
-        (u32::from(color.bits_per_pixel()) / channels.max(1), if color.has_color() { 3 } else { 1 })
-    }
-
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
-        let mut image = DynamicImage::from_decoder(self.decoder).map_err(|e| problem(self.format, &e))?;
+        let mut image = DynamicImage::from_decoder(self.decoder).map_err(|e| problem(self.header.format, &e))?;
         image.apply_orientation(self.orientation);
         frame(image)
     }

@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use super::Header;
 use super::metadata::{Exif, LINEAR, SRGB, encoding_of_icc, encoding_of_png, parse_exif};
-use super::openexr::{self, Exr};
-use super::pfm::{self, Pfm};
+use super::openexr::{Exr, is_exr};
+use super::plain::{Pfm, Raw, RawFormat, is_pfm};
 use super::raster::Raster;
-use super::raw::{Raw, RawFormat};
-use super::tiff_page::{self, TiffPage};
-use crate::base::{Depth, Frame};
+use super::tiff_page::{TiffPage, is_tiff};
+use crate::base::Frame;
 
 /// A file, and the page or raw format that its name selects.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,78 +67,28 @@ impl<'a> Source<'a> {
             return Ok(Self::Raw(Raw::open(bytes, format)?));
         }
         let page = selected.page;
-        if tiff_page::is_tiff(bytes) {
+        if is_tiff(bytes) {
             return Ok(Self::Tiff(Box::new(TiffPage::open(bytes, page)?)));
         }
         if page.is_some_and(|page| page > 1) {
             return Err("has one page only, for it is no TIFF; leave out what follows the #".to_string());
         }
-        Ok(if openexr::is_exr(bytes) {
+        Ok(if is_exr(bytes) {
             Self::Exr(Box::new(Exr::open(bytes)?))
-        } else if pfm::is_pfm(bytes) {
+        } else if is_pfm(bytes) {
             Self::Pfm(Pfm::open(bytes)?)
         } else {
             Self::Raster(Raster::open(bytes)?)
         })
     }
 
-    /// Name of the format.
-    pub(super) fn format(&self) -> &'static str {
+    pub(super) fn header(&self) -> &Header {
         match self {
-            Self::Raster(s) => s.format(),
-            Self::Tiff(_) => "TIFF",
-            Self::Pfm(_) => "PFM",
-            Self::Raw(_) => "raw",
-            Self::Exr(_) => "EXR",
-        }
-    }
-
-    /// Width and height after the rotation that the camera recorded, px.
-    pub(super) fn size(&self) -> (u32, u32) {
-        match self {
-            Self::Raster(s) => s.size(),
-            Self::Tiff(s) => s.size(),
-            Self::Pfm(s) => s.size(),
-            Self::Raw(s) => s.size(),
-            Self::Exr(s) => s.size(),
-        }
-    }
-
-    /// Pages of the file.
-    pub(super) fn pages(&self) -> usize {
-        if let Self::Tiff(s) = self { s.pages() } else { 1 }
-    }
-
-    /// Sample type after decoding.
-    pub(super) fn depth(&self) -> Depth {
-        match self {
-            Self::Raster(s) if s.bits_and_channels().0 == 16 => Depth::U16,
-            Self::Raster(_) => Depth::U8,
-            Self::Tiff(s) => s.depth(),
-            Self::Raw(s) => s.depth(),
-            Self::Pfm(_) | Self::Exr(_) => Depth::F32,
-        }
-    }
-
-    /// Bits of a stored sample, and colour channels without alpha.
-    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
-        match self {
-            Self::Raster(s) => s.bits_and_channels(),
-            Self::Tiff(s) => s.bits_and_channels(),
-            Self::Pfm(s) => (32, s.channels().count()),
-            Self::Raw(s) => s.bits_and_channels(),
-            Self::Exr(s) => s.bits_and_channels(),
-        }
-    }
-
-    /// Whether the file has an alpha channel, which is dropped.
-    pub(super) fn has_alpha(&self) -> bool {
-        match self {
-            Self::Raster(s) => s.has_alpha(),
-            Self::Tiff(s) => s.has_alpha(),
-            Self::Raw(s) => s.has_alpha(),
-            Self::Pfm(_) => false,
-            Self::Exr(s) => s.has_alpha(),
+            Self::Raster(s) => &s.header,
+            Self::Tiff(s) => &s.header,
+            Self::Pfm(s) => &s.header,
+            Self::Raw(s) => &s.header,
+            Self::Exr(s) => &s.header,
         }
     }
 
@@ -153,7 +103,7 @@ impl<'a> Source<'a> {
         };
         let (exif, is_srgb) = data.map_or((None, false), parse_exif);
         let by_exif = is_srgb.then(|| SRGB.to_string());
-        let by_chunks = || if self.format() == "PNG" { encoding_of_png(bytes) } else { None };
+        let by_chunks = || if self.header().format == "PNG" { encoding_of_png(bytes) } else { None };
         let by_profile = profile.and_then(|profile| encoding_of_icc(&profile));
         (by_profile.or_else(by_chunks).or(by_exif), exif)
     }

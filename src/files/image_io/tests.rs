@@ -428,3 +428,20 @@ fn hash_and_pixels_are_of_the_bytes_that_were_opened() {
         assert!(photograph.decode().unwrap() == frame, "{}", path.display());
     }
 }
+
+#[test]
+fn frames_of_any_depth_become_eight_bits() {
+    let gray = Frame::gray(2, 1, vec![-1.0, 0.5]).unwrap();
+    assert_eq!(preview(&gray).into_raw(), [0, 0, 0, 128, 128, 128]);
+    let deep = Frame::new(1, 1, Channels::Rgb, Samples::U16(vec![0, 0x8000, 0xffff])).unwrap();
+    assert_eq!(preview(&deep).into_raw(), [0, 128, 255]);
+}
+
+#[test]
+fn the_greatest_size_is_allowed_and_one_row_more_is_not() {
+    assert!(check_size((1 << 14, 1 << 14)).is_ok());
+    let problem = check_size((1 << 14, (1 << 14) + 1)).unwrap_err();
+    assert!(problem.contains("16384x16385") && problem.contains("268435456"), "{problem}");
+    assert!(check_size((u32::MAX, u32::MAX)).is_err());
+    assert!(check_size((0, 5)).is_err());
+}

@@ -9,8 +9,7 @@ use tiff::decoder::{Decoder, DecodingResult, DecodingSampleType, Limits};
 use tiff::tags::{Tag, Type, ValueBuffer};
 use tiff::{ColorType, TiffError, TiffUnsupportedError};
 
-use super::MAX_PIXELS;
-use super::check::DAMAGED;
+use super::{DAMAGED, Header, MAX_PIXELS};
 use crate::base::{Channels, Depth, Format, Frame, Samples};
 
 /// Greatest number of pages of a file.
@@ -23,12 +22,12 @@ const LEAST_LIMIT: usize = 16 << 20;
 
 /// A page whose directory has been parsed.
 pub(super) struct TiffPage<'a> {
+    pub(super) header: Header,
     decoder: Decoder<Cursor<&'a [u8]>>,
+    /// Width and height as stored, px.
     size: (u32, u32),
     color: ColorType,
-    format: Format,
     orientation: Orientation,
-    pages: usize,
 }
 
 /// Whether a file starts as classic or big TIFF, in either byte order.
@@ -66,37 +65,22 @@ impl<'a> TiffPage<'a> {
             None => decoder.seek_to_image(0).map_err(problem)?,
         }
         let color = decoder.colortype().map_err(problem)?;
-        let format = format(&mut decoder, color)?;
+        let Format { channels, depth } = format(&mut decoder, color)?;
         let turn = decoder.find_tag_unsigned::<u16>(Tag::Orientation).ok().flatten();
         let turn = turn.and_then(|turn| Orientation::from_exif(u8::try_from(turn).ok()?));
         let orientation = turn.unwrap_or(Orientation::NoTransforms);
         let size = decoder.dimensions().map_err(problem)?;
-        Ok(Self { decoder, size, color, format, orientation, pages: pages.len().max(1) })
-    }
-
-    /// Pages of the file.
-    pub(super) fn pages(&self) -> usize {
-        self.pages
-    }
-
-    /// Width and height after the rotation that the camera recorded, px.
-    pub(super) fn size(&self) -> (u32, u32) {
-        turned(self.size, self.orientation)
-    }
-
-    /// Bits of a sample, 8 for bilevel, and colour channels without alpha.
-    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
-        (u32::from(self.color.bit_depth()).max(8), self.format.channels.count())
-    }
-
-    /// Sample type after decoding.
-    pub(super) fn depth(&self) -> Depth {
-        self.format.depth
-    }
-
-    /// Whether the file has an alpha channel, which is dropped.
-    pub(super) fn has_alpha(&self) -> bool {
-        matches!(self.color, ColorType::RGBA(_))
+        let header = Header {
+            format: "TIFF",
+            size: turned(size, orientation),
+            depth,
+            // Bilevel becomes 8 bits.
+            bits: u32::from(color.bit_depth()).max(8),
+            channels,
+            alpha: matches!(color, ColorType::RGBA(_)),
+            pages: pages.len().max(1),
+        };
+        Ok(Self { header, decoder, size, color, orientation })
     }
 
     /// The ICC profile.
@@ -112,18 +96,13 @@ impl<'a> TiffPage<'a> {
 
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
-        let Self { decoder, size, color, format: Format { channels, .. }, orientation, .. } = self;
+        let Self { header: Header { channels, .. }, decoder, size, color, orientation } = self;
         let mut found = DecodingResult::U8(Vec::new());
         let mut decoder = decoder;
         let limits = limits(u64::from(size.0) * u64::from(size.1), decoder.inner().get_ref().len());
         let layout = decoder.with_limits(limits).read_image_to_buffer(&mut found).map_err(problem)?;
-        let stored = SampleLayout {
-            size,
-            samples: color.num_samples().into(),
-            planar: layout.planes > 1,
-            channels,
-            orientation,
-        };
+        let (samples, planar) = (color.num_samples().into(), layout.planes > 1);
+        let stored = SampleLayout { size, samples, planar, channels, orientation };
         match found {
             DecodingResult::U8(bits) if color.bit_depth() == 1 => stored.frame(bytes_of(&bits, size.0), Samples::U8),
             DecodingResult::U8(values) => stored.frame(values, Samples::U8),
@@ -201,7 +180,7 @@ fn format(decoder: &mut Decoder<Cursor<&[u8]>>, color: ColorType) -> Result<Form
 }
 
 /// Unpacks bits to bytes, 0 or 255. Each row begins with a new byte.
-pub(super) fn bytes_of(bits: &[u8], width: u32) -> Vec<u8> {
+fn bytes_of(bits: &[u8], width: u32) -> Vec<u8> {
     let width = width as usize;
     let byte = |row: &[u8], x: usize| if row[x / 8] << (x % 8) & 0x80 == 0 { 0 } else { 255 };
     bits.chunks_exact(width.div_ceil(8)).flat_map(|row| (0..width).map(move |x| byte(row, x))).collect()
@@ -210,24 +189,20 @@ pub(super) fn bytes_of(bits: &[u8], width: u32) -> Vec<u8> {
 /// Layout of the samples of a page.
 struct SampleLayout {
     /// Width and height, as stored.
-    pub(super) size: (u32, u32),
+    size: (u32, u32),
     /// Samples per pixel; the colour samples come first.
-    pub(super) samples: usize,
+    samples: usize,
     /// Whether the samples are stored in planes.
-    pub(super) planar: bool,
+    planar: bool,
     /// Colour channels.
-    pub(super) channels: Channels,
+    channels: Channels,
     /// Rotation of the picture.
-    pub(super) orientation: Orientation,
+    orientation: Orientation,
 }
 
 impl SampleLayout {
     /// Makes the upright frame.
-    pub(super) fn frame<T: Primitive + 'static>(
-        &self,
-        values: Vec<T>,
-        wrap: fn(Vec<T>) -> Samples,
-    ) -> Result<Frame, String>
+    fn frame<T: Primitive + 'static>(&self, values: Vec<T>, wrap: fn(Vec<T>) -> Samples) -> Result<Frame, String>
     where
         Rgb<T>: Pixel<Subpixel = T>,
     {
@@ -347,14 +322,14 @@ mod tests {
         let bytes = file(&[8; 4], &[rgb, (Tag::ExtraSamples, 2)], &[&alpha]);
         let opaque = alpha.chunks(4).flat_map(|pixel| pixel[..3].to_vec()).collect();
         assert_eq!(decode(&bytes).unwrap(), frame(Channels::Rgb, Samples::U8(opaque)));
-        assert!(TiffPage::open(&bytes, None).unwrap().has_alpha());
+        assert!(TiffPage::open(&bytes, None).unwrap().header.alpha);
 
         for (kind, values) in
             [(1, [255, 0, 255, 255, 0, 0, 0, 0, 0, 255]), (0, [0, 255, 0, 0, 255, 255, 255, 255, 255, 0])]
         {
             let bytes = file(&[1], &[(Tag::PhotometricInterpretation, kind)], &[&[0b1011_0000, 0b0000_1000]]);
             assert_eq!(decode(&bytes).unwrap(), frame(Channels::Gray, Samples::U8(values.to_vec())), "{kind}");
-            assert_eq!(TiffPage::open(&bytes, None).unwrap().bits_and_channels(), (8, 1));
+            assert_eq!(TiffPage::open(&bytes, None).unwrap().header.bits, 8);
         }
 
         // 1.5 as a half.

@@ -8,7 +8,7 @@ mod tests;
 
 use crate::base::{Error, Frame, Lens, Region};
 use crate::files::export::{Extra, Nearer, Quantity, Results, Scale};
-use crate::files::preview::photograph;
+use crate::files::image_io::preview;
 
 /// A file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,7 +123,7 @@ impl Points {
         height: impl Fn(f32) -> f32,
         [pixels, z]: [&str; 2],
     ) -> Result<Self, Error> {
-        let picture = photograph(fused);
+        let picture = preview(fused);
         let (width, rows) = (fused.width() as usize, fused.height() as usize);
         if values.len() != width * rows || values.is_empty() {
             let values = values.len();
@@ -183,7 +183,7 @@ impl Points {
             Model::Cloud => Extra::new("points.ply", move |_, w| formats::write_ply(w, self, false)),
             Model::Stl => Extra::new("surface.stl", move |_, w| formats::write_stl(w, &mesh())),
             Model::Obj => Extra::new("surface.obj", move |_, w| formats::write_obj(w, &mesh())),
-            Model::Glb => Extra::new("surface.glb", move |_, w| formats::write_glb(w, &mesh(), &photograph(texture))),
+            Model::Glb => Extra::new("surface.glb", move |_, w| formats::write_glb(w, &mesh(), &preview(texture))),
         }
     }
 }

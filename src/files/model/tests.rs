@@ -130,7 +130,7 @@ fn a_reduced_mesh_has_the_means_and_keeps_holes() {
 fn a_glb_is_valid_and_has_the_mesh_under_its_texture() {
     for hole in [false, true] {
         let (points, fused) = plane(hole);
-        let texture = photograph(&fused);
+        let texture = preview(&fused);
         let mut bytes = Vec::new();
         formats::write_glb(&mut bytes, &points, &texture).unwrap();
         // Checks lengths, indices and required entries.
@@ -168,7 +168,7 @@ fn millimetres_become_metres_and_pixels_are_scaled_to_a_side_of_one() {
     for (unit, scale) in [("mm", 1e-3), ("px", 1.0 / 6.0)] {
         let (points, fused) = plane(false);
         let mut bytes = Vec::new();
-        formats::write_glb(&mut bytes, &Points { unit: unit.to_string(), ..points }, &photograph(&fused)).unwrap();
+        formats::write_glb(&mut bytes, &Points { unit: unit.to_string(), ..points }, &preview(&fused)).unwrap();
         let document = Gltf::from_slice(&bytes).unwrap().document;
         let (_, _, found) = document.nodes().next().unwrap().transform().decomposed();
         assert!(found.iter().all(|s| (f64::from(*s) - scale).abs() < 1e-6), "{found:?}");
@@ -179,7 +179,7 @@ fn millimetres_become_metres_and_pixels_are_scaled_to_a_side_of_one() {
 fn a_reduced_glb_keeps_its_texture_in_place() {
     let (points, fused) = plane(false);
     let mut bytes = Vec::new();
-    formats::write_glb(&mut bytes, &points.reduced(2), &photograph(&fused)).unwrap();
+    formats::write_glb(&mut bytes, &points.reduced(2), &preview(&fused)).unwrap();
     let Gltf { document, blob } = Gltf::from_slice(&bytes).unwrap();
     let blob = blob.unwrap();
     let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
@@ -193,7 +193,7 @@ fn a_surface_without_triangles_is_an_empty_scene() {
     let fused = Frame::gray(2, 1, vec![0.5; 2]).unwrap();
     let points = Points::of_relative_blur(&[3.0, 0.0], &fused, Nearer::First, 2.0).unwrap();
     let mut bytes = Vec::new();
-    formats::write_glb(&mut bytes, &points, &photograph(&fused)).unwrap();
+    formats::write_glb(&mut bytes, &points, &preview(&fused)).unwrap();
     let Gltf { document, blob } = Gltf::from_slice(&bytes).unwrap();
     assert!(blob.is_none() && document.meshes().len() == 0 && document.default_scene().is_some());
 }

@@ -21,7 +21,7 @@ pub use self::page::{ExistingPage, Page};
 pub use self::readout::Readout;
 use crate::base::{Brightness, Decode, Frame, Homography, Region, workers};
 use crate::files::export::Palette;
-use crate::files::preview::photograph;
+use crate::files::image_io::preview;
 use crate::page::view::{Surface, View};
 use crate::solve::resample::registered;
 
@@ -185,7 +185,7 @@ impl Contents<'_> {
         let moved = registration.map(|(t, p)| registered(frame, &t, &p, *decode));
         let whole = moved.as_ref().unwrap_or(frame);
         let part = ((whole.width(), whole.height()) != self.size).then(|| whole.cropped(*part)).transpose()?;
-        let image = photograph(part.as_ref().unwrap_or(whole));
+        let image = preview(part.as_ref().unwrap_or(whole));
         let Some(count) = sharing else { return Ok(Image::Raw(grid.picture(image), QUALITY)) };
         let most = (MAX_FRAME_PIXELS / count.max(&1)).min(grid.width * grid.height);
         Ok(Image::Raw(Grid::within(self.size, most).picture(image), FRAME_QUALITY))

@@ -28,7 +28,7 @@ use image::RgbImage;
 
 use crate::base::{Error, Frame, Lens};
 use crate::files::export::{Destination, Nearer, Palette, Quantity, Scale};
-use crate::files::preview::photograph;
+use crate::files::image_io::preview;
 
 /// Title and key of the surface of V.
 const OF_BLUR: [&str; 2] = ["Relative blur V", "V, px²"];
@@ -126,7 +126,7 @@ impl<'a> Surface<'a> {
     /// The surface of a field on this scale.
     pub(crate) fn on(values: &'a [f32], fused: &Frame, scale: Scale) -> Result<Self, Error> {
         let bare = Self::bare(values, (fused.width(), fused.height()), scale)?;
-        Ok(Self { texture: photograph(fused), ..bare })
+        Ok(Self { texture: preview(fused), ..bare })
     }
 
     /// Makes the surface without a picture, for its heights alone.
