@@ -3,14 +3,17 @@
 
 use std::ffi::{CStr, c_void};
 use std::ptr::NonNull;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use parfocal::interop::ash::{self, ext, vk};
-use parfocal::interop::{DeviceRequirements, DeviceSource, ExternalCommandBuffer, ExternalDevice, SemaphoreWait};
+use parfocal::interop::{
+    DeviceRequirements, DeviceSource, ExternalCommandBuffer, ExternalDevice, QueueLock, SemaphoreWait,
+};
 use parfocal::{
-    Engine, EngineOptions, Frame, PairSolver, PixelFormat, Settings, SolutionRef, SolveOptions, interop::HostMemory,
-    settings::Decode, transform::Similarity,
+    Engine, EngineOptions, Error, Frame, PairSolver, PixelFormat, Settings, SolutionRef, SolveOptions,
+    interop::HostMemory, settings::Decode, transform::Similarity,
 };
 
 use crate::common::TestEngine;
@@ -33,7 +36,7 @@ extern "system" fn collect_message(
 
 /// A Vulkan device of the caller, with a queue of family 0.
 struct Program {
-    _entry: ash::Entry,
+    entry: ash::Entry,
     instance: ash::Instance,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     physical: vk::PhysicalDevice,
@@ -82,17 +85,21 @@ impl Program {
             let queue = device.get_device_queue(0, 0);
             let create = vk::CommandPoolCreateInfo::default().queue_family_index(0);
             let pool = device.create_command_pool(&create, None).unwrap();
-            Self { _entry: entry, instance, messenger, physical, requirements, device, queue, pool }
+            Self { entry, instance, messenger, physical, requirements, device, queue, pool }
         }
     }
 
-    fn engine(&self) -> Engine {
+    /// The device with its queue, without optional extensions.
+    fn external_device(&self, queue_family: u32) -> ExternalDevice {
+        let (instance, device) = (self.instance.clone(), self.device.clone());
         // SAFETY: the handles belong to this program, which outlives the engine. Only this thread uses the queue and
-        // the engine. The device was created with the required features and extensions.
-        let external = unsafe {
-            ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), 0, self.queue)
-                .with_requirements(&self.requirements)
-        };
+        // the engine. The device was created with the required features. Another family than 0 is refused.
+        unsafe { ExternalDevice::new(instance, self.physical, device, queue_family, self.queue) }
+    }
+
+    fn engine(&self) -> Engine {
+        // SAFETY: the device was created with the required features and extensions.
+        let external = unsafe { self.external_device(0).with_requirements(&self.requirements) };
         Engine::from_vulkan(external, &EngineOptions::default()).unwrap()
     }
 
@@ -122,6 +129,16 @@ impl Program {
             let mapped = self.device.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()).unwrap();
             std::ptr::copy_nonoverlapping(bytes.as_ptr(), mapped.cast(), bytes.len());
             (buffer, memory)
+        }
+    }
+
+    /// Copies the first bytes of a mapped buffer, which the device does not access now.
+    fn read(&self, (_, memory): (vk::Buffer, vk::DeviceMemory), bytes: usize) -> Vec<u8> {
+        // SAFETY: the memory is mapped and at least `bytes` long.
+        unsafe {
+            self.device.unmap_memory(memory);
+            let mapped = self.device.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()).unwrap();
+            std::slice::from_raw_parts(mapped.cast::<u8>(), bytes).to_vec()
         }
     }
 
@@ -342,6 +359,99 @@ fn buffers_and_images_are_read_after_their_semaphores_are_signalled() {
         program.device.free_memory(memory, None);
         [drawn, written].into_iter().for_each(|timeline| program.device.destroy_semaphore(timeline, None));
     }
+}
+
+/// A lock that counts its calls and checks that they alternate.
+#[derive(Default)]
+struct CountingLock {
+    locked: AtomicUsize,
+    unlocked: AtomicUsize,
+}
+
+impl QueueLock for CountingLock {
+    fn lock(&self) {
+        assert_eq!(self.locked.fetch_add(1, Ordering::SeqCst), self.unlocked.load(Ordering::SeqCst));
+    }
+
+    fn unlock(&self) {
+        self.unlocked.fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+fn solve(engine: &Engine, [i1, i2]: &[Frame; 2]) -> Vec<u32> {
+    let mut solver = PairSolver::for_frames(engine, [i1, i2], &settings(1.0)).unwrap();
+    bits(&solver.submit([i1, i2], &[], &SolveOptions::default()).unwrap().wait().unwrap())
+}
+
+#[test]
+fn a_device_of_the_caller_gives_the_same_bits_under_its_lock_and_is_not_destroyed() {
+    let frames = frames(3);
+    for has_extensions in [true, false] {
+        let (program, lock) = (Program::new(), Arc::new(CountingLock::default()));
+        // SAFETY: no other code uses the queue. The device was created with the extensions.
+        let external = unsafe {
+            let external = program.external_device(0).with_queue_lock(lock.clone());
+            if has_extensions { external.with_requirements(&program.requirements) } else { external }
+        };
+        let engine = Engine::from_vulkan(external, &EngineOptions::default()).unwrap();
+        assert!(solve(&engine, &frames) == expected(&frames, &settings(1.0)));
+        drop(engine);
+        assert!(lock.locked.load(Ordering::SeqCst) > 0);
+        assert_eq!(lock.locked.load(Ordering::SeqCst), lock.unlocked.load(Ordering::SeqCst));
+        let timeline = program.timeline();
+        // SAFETY: nothing uses the semaphore.
+        unsafe { program.device.destroy_semaphore(timeline, None) };
+    }
+}
+
+#[test]
+fn an_engine_is_made_from_raw_handles() {
+    let (program, frames) = (Program::new(), frames(3));
+    let entry = program.entry.static_fn().get_instance_proc_addr;
+    let (instance, device) = (program.instance.handle(), program.device.handle());
+    // SAFETY: the handles belong to this program, which outlives the engine and does not use the queue meanwhile.
+    let external = unsafe { ExternalDevice::from_handles(entry, instance, program.physical, device, 0, program.queue) };
+    let engine = Engine::from_vulkan(external, &EngineOptions::default()).unwrap();
+    assert!(solve(&engine, &frames) == expected(&frames, &settings(1.0)));
+}
+
+#[test]
+fn a_missing_queue_family_is_refused() {
+    let program = Program::new();
+    let refused = Engine::from_vulkan(program.external_device(99), &EngineOptions::default()).map(drop);
+    assert!(matches!(&refused, Err(Error::NoDevice(why)) if why.contains("family 99")), "{refused:?}");
+}
+
+#[test]
+fn results_in_device_memory_are_those_that_the_host_reads() {
+    let (program, [i1, i2]) = (Program::new(), frames(3));
+    let engine = program.engine();
+    let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
+    let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default()).unwrap();
+    let results = pending.on_device();
+    let copy = program.buffer(&vec![0; results.bytes as usize]);
+    let commands = program.commands();
+    let to_host = [vk::MemoryBarrier2::default()
+        .src_stage_mask(vk::PipelineStageFlags2::COPY)
+        .src_access_mask(vk::AccessFlags2::TRANSFER_WRITE)
+        .dst_stage_mask(vk::PipelineStageFlags2::HOST)
+        .dst_access_mask(vk::AccessFlags2::HOST_READ)];
+    // SAFETY: the command buffer is recording, and both buffers live until the queue is idle.
+    unsafe {
+        let all = [vk::BufferCopy::default().size(results.bytes)];
+        program.device.cmd_copy_buffer(commands, results.buffer, copy.0, &all);
+        program.device.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&to_host));
+    }
+    // Submitted before the host knows that the pair is solved.
+    program.submit(commands, Some((results.semaphore, results.value)), None);
+    program.idle();
+    let copied = program.read(copy, results.bytes as usize);
+    let solution = pending.wait().unwrap();
+    let fused = solution.fused(0).unwrap();
+    let planes = [solution.relative_blur(), solution.uncertainty(), solution.residual(), fused].concat();
+    assert!(copied == planes.iter().flat_map(|v| v.to_ne_bytes()).collect::<Vec<u8>>());
+    drop((pending, solver, engine));
+    program.free(copy);
 }
 
 #[test]

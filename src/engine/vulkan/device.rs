@@ -42,9 +42,6 @@ pub(crate) struct Device {
 
 impl Device {
     /// Creates a device.
-    ///
-    /// # Errors
-    /// [`Error::Vulkan`].
     pub(crate) fn new(
         instance: Arc<Instance>,
         physical: PhysicalDevice,
@@ -96,7 +93,6 @@ impl Device {
         owns_handle: bool,
         timeout: Duration,
     ) -> Result<Arc<Self>, Error> {
-        let name = physical.info.name.clone();
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.handle.clone(),
             device: handle.clone(),
@@ -105,22 +101,18 @@ impl Device {
             buffer_device_address: false,
             allocation_sizes: gpu_allocator::AllocationSizes::default(),
         })
-        .map_err(|e| Error::Vulkan {
-            call: "creating the allocator".into(),
-            device: name,
-            result: e.to_string(),
-            advice: "",
-        });
-        let allocator = match allocator {
-            Ok(allocator) => allocator,
-            Err(error) => {
-                if owns_handle {
-                    // SAFETY: nothing was created from the device.
-                    unsafe { handle.destroy_device(None) };
-                }
-                return Err(error);
+        .map_err(|e| {
+            if owns_handle {
+                // SAFETY: nothing was created from the device.
+                unsafe { handle.destroy_device(None) };
             }
-        };
+            Error::Vulkan {
+                call: "creating the allocator".into(),
+                device: physical.info.name.clone(),
+                result: e.to_string(),
+                advice: "",
+            }
+        })?;
         let (loader, optional) = (&instance.handle, physical.optional);
         let debug_utils = instance.debug_utils.then(|| ext::debug_utils::Device::new(loader, &handle));
         let conditional_rendering =
@@ -193,6 +185,11 @@ impl Device {
     /// Whether an earlier wait timed out or failed, so that the engine refuses further work.
     pub(crate) fn is_poisoned(&self) -> bool {
         self.is_poisoned.load(Ordering::Acquire)
+    }
+
+    /// Refuses further work of a poisoned device by [`Error::Poisoned`].
+    pub(crate) fn check_usable(&self) -> Result<(), Error> {
+        if self.is_poisoned() { Err(Error::Poisoned) } else { Ok(()) }
     }
 
     /// Whether an abandoned submission may still be pending, so that nothing of the device may be destroyed.

@@ -4,8 +4,7 @@ use std::ffi::CStr;
 
 use ash::vk::{self, StructureType};
 
-use super::instance::Instance;
-use super::optional_extensions::OptionalExtensions;
+use super::instance::{Instance, OptionalExtensions};
 use crate::base::Error;
 
 /// The lowest Vulkan version that the instance and the device must be created for.

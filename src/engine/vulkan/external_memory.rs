@@ -104,9 +104,6 @@ impl SharedMemory {
     }
 
     /// Checks that the memory is shared with `device`.
-    ///
-    /// # Errors
-    /// [`Error::Mismatch`].
     pub(crate) fn check(&self, device: &Arc<Device>) -> Result<(), Error> {
         if Arc::ptr_eq(&self.device, device) {
             return Ok(());

@@ -1,11 +1,10 @@
-//! The Vulkan instance, validation, and the list of devices.
+//! The Vulkan instance, validation, and the list of devices with their optional extensions.
 
 use std::ffi::{CStr, c_void};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 
-use super::optional_extensions::OptionalExtensions;
 use crate::base::{DeviceInfo, Error};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -50,6 +49,57 @@ pub(crate) struct PhysicalDevice {
     pub(super) cache_uuid: [u8; vk::UUID_SIZE],
     pub(super) timestamp_bits: u32,
     pub(super) optional: OptionalExtensions,
+}
+
+/// Device extensions that an engine uses if they and their features are enabled. None is required.
+///
+/// - `VK_EXT_conditional_rendering`, with its feature `conditionalRendering`: the device skips levels that have
+///   settled, and a solve is one submission.
+/// - `VK_EXT_external_memory_host`: the device reads host memory in place ([`Engine::share`](crate::Engine::share)).
+/// - The last three together: the device reads dma-bufs in place.
+pub const OPTIONAL_EXTENSIONS: [&CStr; 5] = [
+    ext::conditional_rendering::NAME,
+    ext::external_memory_host::NAME,
+    khr::external_memory_fd::NAME,
+    ext::external_memory_dma_buf::NAME,
+    ext::queue_family_foreign::NAME,
+];
+
+/// Which of the [`OPTIONAL_EXTENSIONS`] a device has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct OptionalExtensions {
+    pub(crate) conditional_rendering: bool,
+    pub(crate) host_memory: bool,
+    /// All three extensions for dma-bufs.
+    pub(crate) dma_buf: bool,
+}
+
+impl OptionalExtensions {
+    /// Those of a device that supports the extensions for which `has` is true.
+    pub(super) fn supported(has: impl Fn(&CStr) -> bool) -> Self {
+        let [conditional_rendering, host_memory, dma_buf @ ..] = OPTIONAL_EXTENSIONS;
+        Self {
+            conditional_rendering: has(conditional_rendering),
+            host_memory: has(host_memory),
+            dma_buf: dma_buf.iter().all(|name| has(name)),
+        }
+    }
+
+    /// Returns the names of the extensions.
+    pub(super) fn names(self) -> impl Iterator<Item = &'static CStr> {
+        let Self { conditional_rendering, host_memory, dma_buf } = self;
+        let has = [conditional_rendering, host_memory, dma_buf, dma_buf, dma_buf];
+        OPTIONAL_EXTENSIONS.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name)
+    }
+
+    /// Returns the extensions that both have.
+    pub(super) fn intersection(self, other: Self) -> Self {
+        Self {
+            conditional_rendering: self.conditional_rendering && other.conditional_rendering,
+            host_memory: self.host_memory && other.host_memory,
+            dma_buf: self.dma_buf && other.dma_buf,
+        }
+    }
 }
 
 impl Instance {
@@ -241,9 +291,6 @@ impl Instance {
     }
 
     /// Enumerates the optional extensions of a usable device.
-    ///
-    /// # Errors
-    /// [`Error::Vulkan`].
     pub(super) fn optional_extensions(&self, handle: vk::PhysicalDevice) -> Result<OptionalExtensions, Error> {
         // SAFETY: `handle` belongs to this instance.
         let extensions = unsafe { self.handle.enumerate_device_extension_properties(handle) }.map_err(|e| {
@@ -422,23 +469,16 @@ mod tests {
     use super::*;
     use crate::engine::vulkan::faults::{self, Fault};
 
-    /// Lists the devices while the call `name` fails.
-    fn list_devices_failing(name: &str) -> Result<usize, Error> {
-        let list = || Instance::new(false)?.physical_devices().map(|devices| devices.len());
-        faults::begin(None, None);
-        assert!(list().unwrap() > 0);
-        let calls = faults::end().calls;
-        let call = calls.iter().position(|call| call.name == name).unwrap();
-        faults::begin(Some(Fault { call, result: 0, is_permanent: false }), None);
-        let listed = list();
-        faults::end();
-        listed
-    }
-
     #[test]
     fn a_failed_enumeration_of_device_extensions_is_an_error() {
         let name = "vkEnumerateDeviceExtensionProperties";
-        let failed = list_devices_failing(name);
+        let list = || Instance::new(false)?.physical_devices().map(|devices| devices.len());
+        faults::begin(None, None);
+        assert!(list().unwrap() > 0);
+        let call = faults::end().calls.iter().position(|call| call.name == name).unwrap();
+        faults::begin(Some(Fault { call, result: 0, is_permanent: false }), None);
+        let failed = list();
+        faults::end();
         assert!(matches!(&failed, Err(Error::Vulkan { call, .. }) if call == name), "{failed:?}");
     }
 }

@@ -177,23 +177,22 @@ impl Buffer {
     /// Stores a 32-bit word at a byte offset of a mapped buffer, atomically. A pending shader that reads the word sees the
     /// old value or the new one.
     pub(crate) fn store_word(&self, offset: u64, word: u32) -> Result<(), Error> {
-        assert!(!self.is_host_borrowed && offset.is_multiple_of(4) && offset + 4 <= self.size, "no word at {offset}");
-        let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
+        assert!(!self.is_host_borrowed, "the host writes a buffer that it borrows");
         let _guard = self.host_write.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: the word lies within the mapping and is aligned, since mappings are aligned to more than a word. Host
-        // writes hold the lock, and shaders accept either value.
-        let target = unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) };
-        target.store(word, Ordering::Release);
-        Ok(())
+        self.word(offset).map(|target| target.store(word, Ordering::Release))
     }
 
     /// Reads a word of a mapped buffer at a byte offset, which the device may be writing.
     pub(crate) fn load_word(&self, offset: u64) -> Result<u32, Error> {
-        assert!(offset.is_multiple_of(4) && offset + 4 <= self.size, "a word of the buffer");
-        let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
-        // SAFETY: the word is in the mapping and aligned, since mappings are aligned to more than a word.
-        let word = unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) };
-        Ok(word.load(Ordering::Acquire))
+        self.word(offset).map(|word| word.load(Ordering::Acquire))
+    }
+
+    fn word(&self, offset: u64) -> Result<&AtomicU32, Error> {
+        assert!(offset.is_multiple_of(4) && offset + 4 <= self.size, "no word at {offset}");
+        let mapped = self.allocation.mapped_ptr().ok_or_else(|| self.not_mapped())?;
+        // SAFETY: the word lies within the mapping and is aligned, since mappings are aligned to more than a word. Host
+        // writes of other kinds hold the lock, and shaders accept either value.
+        Ok(unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) })
     }
 
     /// Borrows the contents of a mapped buffer.

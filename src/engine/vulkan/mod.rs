@@ -2,7 +2,6 @@
 
 mod device;
 mod device_requirements;
-mod device_solution;
 mod device_source;
 pub(crate) mod external_memory;
 #[cfg(test)]
@@ -10,7 +9,6 @@ pub(crate) mod faults;
 mod instance;
 mod interop;
 mod memory;
-mod optional_extensions;
 mod pipeline;
 mod pipeline_cache;
 mod recorder;
@@ -19,16 +17,15 @@ mod timestamps;
 
 pub(crate) use device::{Device, MIB};
 pub use device_requirements::{DeviceRequirements, REQUIRED_VERSION, enable_required_features};
-pub use device_solution::{DeviceSolution, SolutionBuffer};
-pub use device_source::DeviceSource;
+pub use device_source::{DeviceSolution, DeviceSource, SolutionBuffer};
 pub(crate) use device_source::{SourceCopy, SourceLocation};
 pub use external_memory::{HostMemory, SharedMemory};
 pub(crate) use instance::Instance;
+pub use instance::OPTIONAL_EXTENSIONS;
 #[cfg(test)]
 pub(crate) use instance::no_conditional_rendering;
 pub use interop::{ExternalCommandBuffer, ExternalDevice, QueueGuard, QueueLock, SemaphoreWait, SharedQueue};
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
-pub use optional_extensions::OPTIONAL_EXTENSIONS;
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Resource, Stage, Variant};
 pub(crate) use recorder::{Recorder, Workgroups};
 pub(crate) use recording::Recording;

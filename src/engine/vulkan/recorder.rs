@@ -14,6 +14,19 @@ use super::recording::{Part, Recording, Reusable, Timeline};
 use super::timestamps::{Clock, Timestamps};
 use crate::base::Error;
 
+/// The stages of dispatches and copies.
+const WORK: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::from_raw(
+    vk::PipelineStageFlags2::COMPUTE_SHADER.as_raw() | vk::PipelineStageFlags2::TRANSFER.as_raw(),
+);
+/// Their writes.
+const WRITES: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
+    vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw() | vk::AccessFlags2::TRANSFER_WRITE.as_raw(),
+);
+/// Their reads.
+const READS: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
+    vk::AccessFlags2::SHADER_STORAGE_READ.as_raw() | vk::AccessFlags2::TRANSFER_READ.as_raw(),
+);
+
 /// The number of workgroups of a dispatch, along x, y and z.
 #[derive(Clone, Copy)]
 pub(crate) enum Workgroups<'a> {
@@ -83,9 +96,6 @@ impl Recorder {
 
     /// Begins a recording with the command pool, the descriptor sets and the timeline of an earlier one, whose runs must
     /// be complete.
-    ///
-    /// # Errors
-    /// [`Error::Poisoned`], [`Error::Vulkan`].
     pub(crate) fn reusing(recording: Recording) -> Result<Self, Error> {
         let Reusable { device, pool, commands, descriptors, timeline } = recording.into_reusable()?;
         let mut recorder = Self::empty(&device, Timestamps::default());
@@ -220,13 +230,8 @@ impl Recorder {
             .map(|image| {
                 vk::ImageMemoryBarrier2::default()
                     .src_stage_mask(vk::PipelineStageFlags2::NONE)
-                    .dst_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::TRANSFER)
-                    .dst_access_mask(
-                        vk::AccessFlags2::SHADER_STORAGE_READ
-                            | vk::AccessFlags2::SHADER_STORAGE_WRITE
-                            | vk::AccessFlags2::TRANSFER_READ
-                            | vk::AccessFlags2::TRANSFER_WRITE,
-                    )
+                    .dst_stage_mask(WORK)
+                    .dst_access_mask(READS | WRITES)
                     .old_layout(vk::ImageLayout::UNDEFINED)
                     .new_layout(vk::ImageLayout::GENERAL)
                     .image(image.handle)
@@ -276,12 +281,8 @@ impl Recorder {
     /// Records a global barrier: earlier writes of dispatches and copies are visible to later ones and to indirect
     /// dispatch, and later ones may write what earlier ones read.
     pub(crate) fn barrier(&mut self) {
-        let work = vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::TRANSFER;
-        let writes = vk::AccessFlags2::SHADER_STORAGE_WRITE | vk::AccessFlags2::TRANSFER_WRITE;
-        let reads = vk::AccessFlags2::SHADER_STORAGE_READ
-            | vk::AccessFlags2::TRANSFER_READ
-            | vk::AccessFlags2::INDIRECT_COMMAND_READ;
-        self.memory_barrier((work, writes), (work | vk::PipelineStageFlags2::DRAW_INDIRECT, reads | writes));
+        let reads = READS | vk::AccessFlags2::INDIRECT_COMMAND_READ;
+        self.memory_barrier((WORK, WRITES), (WORK | vk::PipelineStageFlags2::DRAW_INDIRECT, reads | WRITES));
     }
 
     pub(super) fn memory_barrier(
@@ -384,13 +385,7 @@ impl Recorder {
 
     /// Makes all earlier writes visible to the host once the part is complete.
     fn host_barrier(&mut self) {
-        self.memory_barrier(
-            (
-                vk::PipelineStageFlags2::TRANSFER | vk::PipelineStageFlags2::COMPUTE_SHADER,
-                vk::AccessFlags2::TRANSFER_WRITE | vk::AccessFlags2::SHADER_STORAGE_WRITE,
-            ),
-            (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ),
-        );
+        self.memory_barrier((WORK, WRITES), (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ));
     }
 
     /// Ends the recording. Once it is complete, the host sees its writes.
@@ -399,10 +394,7 @@ impl Recorder {
         if let Some(completion) = self.completion.take() {
             // The word is written after the results are visible to the host.
             self.memory_barrier(
-                (
-                    vk::PipelineStageFlags2::TRANSFER | vk::PipelineStageFlags2::COMPUTE_SHADER,
-                    vk::AccessFlags2::TRANSFER_WRITE | vk::AccessFlags2::SHADER_STORAGE_WRITE,
-                ),
+                (WORK, WRITES),
                 (
                     vk::PipelineStageFlags2::HOST | vk::PipelineStageFlags2::TRANSFER,
                     vk::AccessFlags2::HOST_READ | vk::AccessFlags2::TRANSFER_WRITE,

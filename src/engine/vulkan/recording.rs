@@ -105,13 +105,8 @@ impl Recording {
     }
 
     /// Resets the command pool and returns the objects for another recording. All runs must be complete.
-    ///
-    /// # Errors
-    /// [`Error::Poisoned`], [`Error::Vulkan`].
     pub(super) fn into_reusable(mut self) -> Result<Reusable, Error> {
-        if self.device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
+        self.device.check_usable()?;
         // SAFETY: every run was waited for, so that no command buffer of the pool is pending.
         let reset = unsafe { self.device.handle.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) };
         self.device.check("vkResetCommandPool", reset)?;
@@ -125,29 +120,18 @@ impl Recording {
     }
 
     /// Runs all parts, within the engine's time limit.
-    ///
-    /// # Errors
-    /// As [`run_parts`](Self::run_parts).
     pub(crate) fn run(&mut self) -> Result<(), Error> {
         self.run_within(Deadline::after(self.device.timeout))
     }
 
     /// Runs all parts, within the time limit of the solve that they belong to.
-    ///
-    /// # Errors
-    /// As [`run_parts`](Self::run_parts).
     pub(crate) fn run_within(&mut self, deadline: Deadline) -> Result<(), Error> {
         self.run_parts(self.parts.len(), deadline, &mut |_| Ok(true), &mut |_| ())
     }
 
     /// Runs one part, within the time limit of the solve that it belongs to.
-    ///
-    /// # Errors
-    /// As [`run_parts`](Self::run_parts).
     pub(crate) fn run_part(&mut self, part: usize, deadline: Deadline) -> Result<(), Error> {
-        if self.device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
+        self.device.check_usable()?;
         let run = Run { recording: self, last: self.end_value() + 1 };
         run.recording.submit_parts(&run.recording.parts[part..=part], &[])?;
         run.wait(run.last, deadline)?;
@@ -169,9 +153,7 @@ impl Recording {
         is_wanted: PartCondition<'_>,
         on_part_end: &mut dyn FnMut(usize),
     ) -> Result<(), Error> {
-        if self.device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
+        self.device.check_usable()?;
         self.submitted.clear();
         while self.submitted.len() < parts {
             let next = self.submitted.len();
@@ -223,13 +205,8 @@ impl Recording {
     /// Submits the first `parts` parts, none of them optional, without waiting. The device begins them after the
     /// semaphore waits. Returns the value of the timeline when they are complete. The previous submission must be
     /// complete.
-    ///
-    /// # Errors
-    /// [`Error::Poisoned`], [`Error::Vulkan`].
     pub(crate) fn submit(&mut self, parts: usize, waits: &[SemaphoreWait]) -> Result<u64, Error> {
-        if self.device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
+        self.device.check_usable()?;
         self.submit_parts(&self.parts[..parts], waits)?;
         self.is_pending = true;
         *self.end_value.get_mut() += parts as u64;
