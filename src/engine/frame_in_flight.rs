@@ -7,8 +7,7 @@ use std::time::{Duration, Instant};
 use super::arguments;
 use super::motion::{OtherMotion, QuadraticForm};
 use super::plan::Plan;
-use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
-use super::record::{record, record_with};
+use super::record::{Phases, Profile, Ran, Reading, SUBMIT_WAIT, Workspace, record, record_with};
 use super::script::{Dispatch, Script, compose};
 use super::slot::Slot;
 use super::solution::{Counts, Findings, LevelHistory, Registered, SolutionRef, Timings};
@@ -19,7 +18,6 @@ use super::vulkan::{
     Buffer, Clock, Device, DeviceSolution, ExternalCommandBuffer, Recorder, Recording, SemaphoreWait, SolutionBuffer,
     SourceCopy,
 };
-use super::workspace::Workspace;
 use crate::base::{
     CancelSignal, CancellationToken, Deadline, Error, Homography, Kernel, Mask, Photometric, Progress, Region, Shading,
 };
@@ -129,9 +127,7 @@ impl FrameInFlight {
         cancel: &CancellationToken,
         limit: Duration,
     ) -> Result<(), Error> {
-        if self.shared.device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
+        self.shared.device.check_usable()?;
         (self.started, self.phases, self.deadline) = (Instant::now(), Phases::default(), Deadline::after(limit));
         self.is_fetched = false;
         self.cancel.end();
@@ -275,9 +271,7 @@ impl FrameInFlight {
     /// Waits until the pair is solved, for `limit` at most. Returns whether it is.
     pub(super) fn wait(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(value) = self.in_flight else { return Ok(true) };
-        if self.shared.device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
+        self.shared.device.check_usable()?;
         if !self.current.recording.wait(value, limit, self.deadline)? {
             return Ok(false);
         }

@@ -7,8 +7,7 @@ mod motion;
 pub(crate) mod parts;
 pub(crate) mod plan;
 mod prepared_solver;
-pub(crate) mod profile;
-mod record;
+pub(crate) mod record;
 pub mod reference;
 mod script;
 mod shaders;
@@ -17,12 +16,9 @@ pub(crate) mod solution;
 mod source;
 pub mod stages;
 mod sweep;
-#[cfg(test)]
-pub(crate) mod testing;
 pub(crate) mod tiles;
 #[allow(unsafe_code, reason = "the only room that calls Vulkan")]
 pub(crate) mod vulkan;
-mod workspace;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -46,11 +42,13 @@ pub use prepared_solver::{Encoded, Pending};
 pub(crate) use prepared_solver::{PairOptions, PreparedSolver, same_size};
 pub use solution::{Findings, LevelHistory, Registered, Solution, SolutionRef, Timings};
 pub use source::Source;
+#[cfg(test)]
+pub(crate) use stages::harness as testing;
 pub(crate) use sweep::{JointRegistration, JointSolution, JointSolver, SweepInput};
 
 use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
 use crate::engine::plan::Plan;
-use crate::engine::profile::Reading;
+use crate::engine::record::Reading;
 use crate::engine::stages::Pipelines;
 use crate::engine::vulkan::{Device, ExternalDevice, HostMemory, Instance, SharedMemory};
 
@@ -300,11 +298,7 @@ mod tests {
     fn memory_of_a_timed_out_solve_is_freed() {
         let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..testing::options() }).unwrap();
         let instance = Arc::downgrade(&engine.device().instance);
-        let frame = |n: usize| {
-            let value = |i: usize| 0.5 + 0.3 * ((i % 160 + n) as f32 * 0.9).sin() * ((i / 160) as f32 * 0.8).cos();
-            Frame::gray(160, 160, (0..160 * 160).map(value).collect()).unwrap()
-        };
-        let (i1, i2) = (frame(0), frame(1));
+        let [i1, i2] = testing::pair([160; 2]);
         let solved = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())
             .and_then(|mut s| s.solve([&i1, &i2], &SolveOptions::default()));
         assert!(matches!(solved, Err(Error::Timeout { .. })), "{:?}", solved.map(|s| s.findings.timings));
@@ -315,13 +309,13 @@ mod tests {
 
     #[test]
     fn passes_are_compiled_once_and_only_if_needed() {
-        let frame = |n: usize, highest: f32| {
-            let value =
-                |i: usize| (0.5 + 0.3 * ((i % 64 + n) as f32 * 0.9).sin() * ((i / 64) as f32 * 0.8).cos()).min(highest);
-            Frame::gray(64, 64, (0..64 * 64).map(|i| if value(i) < highest { value(i) } else { 1.0 }).collect())
-                .unwrap()
+        // A pair without and one with clipped pixels.
+        let clip = |frame: Frame, highest: f32| {
+            let values = frame.intensities(Decode::None);
+            let clipped = values.into_iter().map(|v| if v < highest { v } else { 1.0 }).collect();
+            Frame::gray(64, 64, clipped).unwrap()
         };
-        let pairs = [0.75, 2.0].map(|highest| [frame(0, highest), frame(1, highest)]);
+        let pairs = [2.0, 0.75].map(|highest| testing::pair([64; 2]).map(|frame| clip(frame, highest)));
         let counts = pairs.each_ref().map(|[i1, i2]| {
             let engine = Engine::new(&testing::options()).unwrap();
             let mut solver = PairSolver::for_frames(&engine, [i1, i2], &Settings::default()).unwrap();
@@ -343,11 +337,7 @@ mod tests {
 
     #[test]
     fn conditional_rendering_does_not_change_results() {
-        let frame = |n: usize| {
-            let value = |i: usize| 0.5 + 0.3 * ((i % 96 + n) as f32 * 0.9).sin() * ((i / 96) as f32 * 0.8).cos();
-            Frame::gray(96, 80, (0..96 * 80).map(value).collect()).unwrap()
-        };
-        let (i1, i2) = (frame(0), frame(1));
+        let [i1, i2] = testing::pair([96, 80]);
         let solve = || {
             let engine = Engine::new(&testing::options()).unwrap();
             let solution = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())

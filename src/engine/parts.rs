@@ -168,7 +168,7 @@ pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
         let end = (2 * rows.end + reach).min(height);
         let strip = Region { x: 0, y: first, width, height: end - first };
         let luminance = ingest::cpu_reference(&frame.cropped(strip).map_err(Error::Region)?, decode, LUMINANCE);
-        let small = convolve::cpu_reference(&convolve::cpu_reference(&luminance, &filter, 2, false), &filter, 2, true);
+        let small = convolve::filtered(&luminance, [&filter; 2], 2);
         let skipped = (rows.start - first / 2) as usize * small.width;
         Ok(small.data[skipped..][..rows.len() * small.width].iter().map(|&v| v as f32).collect::<Vec<f32>>())
     };
@@ -180,11 +180,15 @@ pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
 impl Engine {
     /// Whether a pair is too large for one solve, and can be solved in parts.
     pub(crate) fn needs_parts(&self, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<bool, Error> {
-        let plan = Plan::new(size[0], size[1], formats, settings)?;
-        match self.admits(&plan, 1) {
+        match self.admits_pair(size, formats, settings) {
             Err(Error::TooLarge { .. }) if u64::from(size[0]) * u64::from(size[1]) <= MOST_PIXELS => Ok(true),
             other => other.map(|()| false),
         }
+    }
+
+    /// Whether a pair fits one solve, or why not.
+    fn admits_pair(&self, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<(), Error> {
+        self.admits(&Plan::new(size[0], size[1], formats, settings)?, 1)
     }
 }
 
@@ -204,7 +208,7 @@ pub(crate) fn solve_pair(
     let grid = grid(engine, size, formats, settings)?;
     let mut whole = solve_at_half_size(engine, [i1, i2], settings, options).map_err(|error| match error {
         // Too long and too narrow to be halved: why the device does not hold the whole.
-        Error::TooSmall { .. } => refusal(engine, size, formats, settings).unwrap_or(error),
+        Error::TooSmall { .. } => engine.admits_pair(size, formats, settings).err().unwrap_or(error),
         other => other,
     })?;
     let own = Settings { method: Method::Aligned, photometric: false, ..settings.clone() };
@@ -250,11 +254,6 @@ fn copy_interior(whole: &mut Solution, solved: &Solution, part: Part) {
     whole.timings.total_ms += solved.timings.total_ms;
 }
 
-/// Why the device does not hold the whole.
-fn refusal(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Option<Error> {
-    Plan::new(size[0], size[1], formats, settings).and_then(|plan| engine.admits(&plan, 1)).err()
-}
-
 /// The largest parts that the device holds.
 fn grid(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<Grid, Error> {
     let plan = Plan::new(size[0], size[1], formats, settings)?;
@@ -265,8 +264,7 @@ fn grid(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settin
     loop {
         let halo = HALO + (3.0 * settings.max_relative_blur.sqrt() + HALO_SHARE * f64::from(most)).ceil() as u32;
         let grid = Grid::covering(size, most, halo);
-        let [width, height] = grid.side();
-        match engine.admits(&Plan::new(width, height, formats, settings)?, 1) {
+        match engine.admits_pair(grid.side(), formats, settings) {
             Err(Error::TooLarge { .. }) if most > LEAST => most = (most * 7 / 8).max(LEAST),
             other => return other.map(|()| grid),
         }
@@ -391,7 +389,7 @@ mod tests {
         let frame = Frame::gray(width, height, values).unwrap();
         let filter: Filter = halving_filter();
         let luminance = ingest::cpu_reference(&frame, Decode::None, LUMINANCE);
-        let whole = convolve::cpu_reference(&convolve::cpu_reference(&luminance, &filter, 2, false), &filter, 2, true);
+        let whole = convolve::filtered(&luminance, [&filter; 2], 2);
         let found = halved(&frame, Decode::None).unwrap();
         assert_eq!([found.width(), found.height()], [19, ROWS + 36]);
         let found = found.intensities(Decode::None);

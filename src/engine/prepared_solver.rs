@@ -6,13 +6,12 @@ use std::time::Duration;
 
 use super::frame_in_flight::{FrameInFlight, Shared, Start};
 use super::plan::Plan;
-use super::profile::{Profile, Reading};
+use super::record::{Profile, Reading, Workspace};
 use super::solution::{Registered, SolutionRef};
 use super::source::{Source, Transfer};
 use super::vulkan::{
     Clock, DeviceSolution, DeviceSource, ExternalCommandBuffer, Recorder, SemaphoreWait, SolutionBuffer, SourceCopy,
 };
-use super::workspace::Workspace;
 use super::{Engine, KeyPoints};
 use crate::base::{CancellationToken, Error, Frame, Mask, Method, PixelFormat, Progress, Settings, Shading};
 
@@ -56,11 +55,9 @@ impl PreparedSolver {
     ) -> Result<Self, Error> {
         let plan = Plan::new(width, height, formats, settings)?;
         let (device, count) = (engine.device().clone(), frames_in_flight.max(1));
-        if device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
+        device.check_usable()?;
         engine.admits(&plan, count as u64)?;
-        let first = Workspace::new(&device, &plan)?;
+        let first = Workspace::new(&device, &plan, &plan.pair_layout())?;
         let mut recorder = Recorder::new(&device, Clock::Never)?;
         recorder.initialize(&first.images());
         recorder.finish()?.run()?;
@@ -85,9 +82,6 @@ impl PreparedSolver {
     }
 
     /// Solves a pair and waits for it.
-    ///
-    /// # Errors
-    /// Those of [`PairSolver::solve`](crate::PairSolver::solve).
     pub(crate) fn solve(&mut self, frames: [&Frame; 2], options: PairOptions<'_>) -> Result<Pending, Error> {
         let (mut frame, _) = self.upload(frames.map(Source::Frame), options)?;
         frame.run(|script| script.parts.len(), options.progress)?;
@@ -95,9 +89,6 @@ impl PreparedSolver {
     }
 
     /// Registers a pair and waits for it.
-    ///
-    /// # Errors
-    /// Those of [`PairSolver::solve`](crate::PairSolver::solve).
     pub(crate) fn register(&mut self, frames: [&Frame; 2], options: PairOptions<'_>) -> Result<Registered, Error> {
         let (mut frame, _) = self.upload(frames.map(Source::Frame), options)?;
         frame.run(|script| script.registered, options.progress)?;
@@ -105,9 +96,6 @@ impl PreparedSolver {
     }
 
     /// Submits a pair. The device begins with it after `waits`.
-    ///
-    /// # Errors
-    /// Those of [`PairSolver::submit`](crate::PairSolver::submit).
     pub(crate) fn submit(
         &mut self,
         sources: [Source<'_>; 2],
@@ -126,9 +114,6 @@ impl PreparedSolver {
     }
 
     /// Records a pair into a command buffer of the embedding program.
-    ///
-    /// # Errors
-    /// Those of [`PairSolver::submit`](crate::PairSolver::submit).
     pub(crate) fn encode(
         &mut self,
         commands: ExternalCommandBuffer,
@@ -374,13 +359,6 @@ mod tests {
     use super::*;
     use crate::engine::{EngineOptions, testing};
 
-    fn pair(side: u32) -> [Frame; 2] {
-        [0.4, 0.3].map(|soft| {
-            let value = |i: u32| 0.5 + soft * ((i % side) as f32 * 1.1).sin() * ((i / side) as f32 * 0.9).cos();
-            Frame::gray(side, side, (0..side * side).map(value).collect()).unwrap()
-        })
-    }
-
     fn submit(solver: &mut PreparedSolver, frames: &[Frame; 2]) -> Pending {
         let cancel = CancellationToken::default();
         solver.submit(frames.each_ref().map(Source::Frame), &[], PairOptions::new(None, &cancel, &|_| ())).unwrap()
@@ -388,7 +366,7 @@ mod tests {
 
     #[test]
     fn the_device_leaves_out_the_rest_of_a_cancelled_pair() {
-        let (engine, frames) = (Engine::new(&testing::options()).unwrap(), pair(96));
+        let (engine, frames) = (Engine::new(&testing::options()).unwrap(), testing::pair([96; 2]));
         let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &Settings::default()).unwrap();
         let executed = |pending: &Pending| pending.profile().unwrap().executed().count();
         let mut pending = submit(&mut solver, &frames);
@@ -404,7 +382,7 @@ mod tests {
 
     #[test]
     fn dropping_a_pair_in_flight_cancels_it_and_leaves_the_engine_usable() {
-        let (engine, frames) = (Engine::new(&testing::options()).unwrap(), pair(256));
+        let (engine, frames) = (Engine::new(&testing::options()).unwrap(), testing::pair([256; 2]));
         // Levels that never settle: a solve takes many times as long as what is left of a cancelled one.
         let settings = Settings { outer_iterations: 400, ..Settings::default() };
         let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &settings).unwrap();
@@ -426,7 +404,7 @@ mod tests {
     #[test]
     fn a_pair_has_the_time_of_those_before_it() {
         let options = EngineOptions { timeout: Duration::from_secs(40), ..testing::options() };
-        let (engine, frames) = (Engine::new(&options).unwrap(), pair(64));
+        let (engine, frames) = (Engine::new(&options).unwrap(), testing::pair([64; 2]));
         let format = [frames[0].format(); 2];
         let mut solver =
             PreparedSolver::new(&engine, [64; 2], format, &Settings::default(), 2, None, Reading::Never).unwrap();

@@ -1,16 +1,81 @@
-//! Records a script into command buffers, which can be replayed for any number of pairs.
+//! The device memory of a script, its recording into command buffers that replay it, and the profile of a run.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Instant;
 
-use super::arguments::Grid;
-use super::profile::Reading;
+use super::arguments::{Grid, Place};
+use super::plan::{Allocation, AllocationKind, HostAccess, Plan};
 use super::script::{Action, Dispatch, Entry, Script};
 use super::slot::Slot;
 use super::stages::Pipelines;
 use super::stages::state::State;
-use super::vulkan::{Clock, Device, Kind, Recorder, Recording, Resource, Workgroups};
-use super::workspace::Workspace;
+use super::vulkan::{Buffer, Clock, Device, Image, Kind, Recorder, Recording, Resource, Workgroups};
 use crate::base::Error;
+
+/// The image or buffer of each slot.
+pub(crate) struct Workspace {
+    images: BTreeMap<Slot, Arc<Image>>,
+    buffers: BTreeMap<Slot, Arc<Buffer>>,
+}
+
+impl Workspace {
+    /// For another pair in flight: allocates its input and output buffers, and shares all else.
+    pub(crate) fn beside(&self, device: &Arc<Device>, plan: &Plan) -> Result<Self, Error> {
+        let mut beside = Self { images: self.images.clone(), buffers: self.buffers.clone() };
+        for allocation in plan.pair_layout().iter().filter(|a| a.slot.is_of_one_pair() && a.is_mapped()) {
+            beside.add(device, allocation)?;
+        }
+        Ok(beside)
+    }
+
+    /// Allocates a layout of the plan.
+    pub(crate) fn new(device: &Arc<Device>, plan: &Plan, layout: &[Allocation]) -> Result<Self, Error> {
+        let mut workspace = Self { images: BTreeMap::new(), buffers: BTreeMap::new() };
+        for allocation in layout {
+            workspace.add(device, allocation)?;
+        }
+        for (bank, weights) in plan.weights.banks.iter().enumerate() {
+            let single: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
+            workspace.buffer(Slot::Filters { bank }).write(bytemuck::cast_slice(&single))?;
+        }
+        Ok(workspace)
+    }
+
+    fn add(&mut self, device: &Arc<Device>, &Allocation { slot, kind }: &Allocation) -> Result<(), Error> {
+        let name = format!("{slot:?}");
+        match kind {
+            AllocationKind::Image { size, layers, texel } => {
+                self.images.insert(slot, Image::new(device, &name, size, layers, texel)?);
+            }
+            AllocationKind::Buffer { bytes, host } => {
+                let allocate = match host {
+                    HostAccess::None => Buffer::device_local,
+                    HostAccess::Upload => Buffer::for_upload,
+                    HostAccess::Readback => Buffer::for_readback,
+                    HostAccess::Results => Buffer::for_borrowed_readback,
+                };
+                self.buffers.insert(slot, allocate(device, &name, bytes)?);
+            }
+        }
+        Ok(())
+    }
+
+    /// The image of a slot.
+    pub(crate) fn image(&self, slot: Slot) -> &Arc<Image> {
+        &self.images[&slot]
+    }
+
+    /// The buffer of a slot.
+    pub(crate) fn buffer(&self, slot: Slot) -> &Arc<Buffer> {
+        &self.buffers[&slot]
+    }
+
+    /// All images, which must be prepared once before their first use.
+    pub(crate) fn images(&self) -> Vec<&Arc<Image>> {
+        self.images.values().collect()
+    }
+}
 
 /// Records a script.
 pub(crate) fn record(
@@ -57,29 +122,21 @@ fn record_entries(
     workspace: &Workspace,
     entries: &[Entry],
 ) -> Result<(), Error> {
-    entries.iter().try_for_each(|entry| {
-        if entry.waits {
+    for Entry { action, waits, .. } in entries {
+        if *waits {
             recorder.barrier();
         }
-        record_action(recorder, pipelines, workspace, &entry.action)
-    })
-}
-
-fn record_action(
-    recorder: &mut Recorder,
-    pipelines: &Pipelines,
-    workspace: &Workspace,
-    action: &Action,
-) -> Result<(), Error> {
-    match action {
-        Action::Dispatch(dispatch) => return record_dispatch(recorder, pipelines, workspace, dispatch),
-        Action::Copy { from, to, levels } => {
-            let offset = if *levels { std::mem::offset_of!(State, levels) as u64 } else { 0 };
-            recorder.copy_buffer(workspace.buffer(*from), workspace.buffer(*to), offset);
-        }
-        Action::Clear { image, .. } => recorder.clear_image(workspace.image(*image)),
-        Action::Download { layers } => {
-            recorder.copy_image_to_buffer(workspace.image(Slot::Stacks), 0..*layers, workspace.buffer(Slot::EndMaps));
+        match action {
+            Action::Dispatch(dispatch) => record_dispatch(recorder, pipelines, workspace, dispatch)?,
+            Action::Copy { from, to, levels } => {
+                let offset = if *levels { std::mem::offset_of!(State, levels) as u64 } else { 0 };
+                recorder.copy_buffer(workspace.buffer(*from), workspace.buffer(*to), offset);
+            }
+            Action::Clear { image, .. } => recorder.clear_image(workspace.image(*image)),
+            Action::Download { layers } => {
+                let (results, to) = (workspace.image(Slot::Stacks), workspace.buffer(Slot::EndMaps));
+                recorder.copy_image_to_buffer(results, 0..*layers, to);
+            }
         }
     }
     Ok(())
@@ -110,13 +167,79 @@ fn record_dispatch(
     recorder.dispatch(&pipeline, &resources, &dispatch.constants, groups)
 }
 
+/// The phase in which the host waits for the device.
+pub(crate) const SUBMIT_WAIT: &str = "submit-wait";
+
+/// When the device's clock is read. On software devices a reading takes as long as a small dispatch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reading {
+    Never,
+    /// Between passes of different names.
+    Passes,
+    /// After every dispatch.
+    Dispatches,
+}
+
+/// The phases of the host in order.
+#[derive(Clone, Debug)]
+pub(crate) struct Phases {
+    started: Instant,
+    /// The phases and their ends, ms since the start.
+    pub(crate) ends_ms: Vec<(&'static str, f64)>,
+}
+
+impl Default for Phases {
+    /// Starts the clock.
+    fn default() -> Self {
+        Self { started: Instant::now(), ends_ms: Vec::new() }
+    }
+}
+
+impl Phases {
+    /// Ends a phase.
+    pub(crate) fn end(&mut self, name: &'static str) {
+        self.ends_ms.push((name, self.started.elapsed().as_secs_f64() * 1e3));
+    }
+
+    /// The time that the host waited for the device, ms.
+    pub(crate) fn waited_ms(&self) -> f64 {
+        let ended = self.ends_ms.iter().position(|(name, _)| *name == SUBMIT_WAIT);
+        ended.map_or(0.0, |n| self.ends_ms[n].1 - n.checked_sub(1).map_or(0.0, |before| self.ends_ms[before].1))
+    }
+}
+
+/// A dispatch of a script, and whether it ran.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Ran {
+    /// Name of the shader.
+    pub(crate) pass: &'static str,
+    pub(crate) place: Place,
+    /// Compulsory traffic: each input element read once, each output element written once.
+    pub(crate) bytes: u64,
+    /// Whether it had any workgroups.
+    pub(crate) executed: bool,
+}
+
+/// The profile of one solve.
+pub(crate) struct Profile {
+    /// All recorded dispatches in order.
+    pub(crate) dispatches: Vec<Ran>,
+    /// Their ends on the device, ms since the first began; empty on devices without a clock.
+    pub(crate) ends_ms: Vec<f64>,
+    pub(crate) phases: Phases,
+}
+
+impl Profile {
+    /// The dispatches that had any workgroups.
+    pub(crate) fn executed(&self) -> impl Iterator<Item = &Ran> {
+        self.dispatches.iter().filter(|dispatch| dispatch.executed)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
     use crate::base::{Channels, Depth, Format, Kernel, Settings};
-    use crate::engine::plan::Plan;
     use crate::engine::script::{accesses, compose};
     use crate::engine::vulkan::Access;
     use crate::engine::{open, testing};
@@ -174,7 +297,7 @@ mod tests {
             // Later iterations repeat the first two; of three levels the finest is warped.
             let settings = Settings { outer_iterations: 6, kernel, ..Settings::default() };
             let plan = Plan::new(160, 136, [gray; 2], &settings).unwrap();
-            let workspace = Workspace::new(&device, &plan).unwrap();
+            let workspace = Workspace::new(&device, &plan, &plan.pair_layout()).unwrap();
             let mut first = Recorder::new(&device, Clock::Never).unwrap();
             first.initialize(&workspace.images());
             first.finish().unwrap().run().unwrap();

@@ -57,15 +57,15 @@ pub fn cpu_reference(c: &Constants, spline: &Field) -> Field {
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Input, Trial, random_field};
     use super::*;
     use crate::base::{Photometric, Similarity};
-    use crate::engine::vulkan::Resource;
+    use crate::engine::stages::NO_VARIANT;
 
     #[test]
     fn matches_the_cpu_reference() {
         for (width, height) in [(37u32, 21u32), (64, 16), (5, 3)] {
-            let spline = random_field(width as usize, height as usize, 1);
+            let spline = [random_field(width as usize, height as usize, 1)];
             let t = Similarity::new(1.3, -0.8, 1.0, 1.02);
             let registration = Registration::new(t, &Photometric { gain: 1.1, offset: -0.05 });
             let c = Constants {
@@ -77,12 +77,9 @@ mod tests {
                 registration: (&registration).into(),
                 shading: std::array::from_fn(|n| 0.05 * (1.7 * n as f32).sin()),
             };
-            let rig = Rig::new();
-            let (from, to) = (rig.field(&spline), rig.empty([width, height], 2));
-            rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &c, [width, height]);
+            let inputs = [Input::Image(&spline), Input::Unread];
             // Single precision, with coefficients up to 1 and a factor of at most 4.
-            let nothing = Field::zeros(width as usize, height as usize);
-            rig.assert_close(&to, &[nothing, cpu_reference(&c, &spline)], 2e-5);
+            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups([width, height])).assert_within(2e-5);
         }
     }
 }

@@ -34,15 +34,11 @@ push_constants! {
 
 bindings! {
     APPEARANCE:
-    /// I1.
     i1: Reads<I1>,
-    /// Spline coefficients of I2.
     spline2: Reads<Spline2>,
-    /// State.
     state: Reads<State>,
     /// A row of sums for each workgroup.
     partials: Writes<Partials>,
-    /// Masks of I1 and I2.
     masks: Reads<Masks>,
 }
 
@@ -90,15 +86,13 @@ pub fn cpu_reference(c: &Constants, r: &Registration, i1: &Field, spline2: &Fiel
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random_field, smooth_field};
+    use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
     use super::super::linearise::{rows, tiles};
     use super::super::state::State;
     use super::super::sums::UNKNOWNS;
     use super::super::update_transform;
     use super::*;
     use crate::base::{Homography, Kernel, Photometric, Similarity};
-    use crate::engine::stages::harness::build_stack;
-    use crate::engine::vulkan::Resource;
 
     fn constants(width: usize, height: usize) -> Constants {
         Constants {
@@ -113,36 +107,23 @@ mod tests {
     }
 
     fn check(i1: &Field, i2: &Field, transform: impl Into<Homography>) {
-        let (transform, masks) = (transform.into(), [7, 8].map(|seed| mask::shares(i1.width, i1.height, seed)));
-        check_masked(i1, i2, transform, None, true);
-        check_masked(i1, i2, transform, Some(&masks), false);
+        let c = constants(i1.width, i1.height);
+        let registration = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
+        let spline2 = build_stack(i2, &Kernel::Gaussian, 1);
+        let masks = [7, 8].map(|seed| mask::shares(i1.width, i1.height, seed));
+        let state = State::new(&registration);
+        let groups = tiles([c.width, c.height]);
+        let room = vec![0.0; Layout::of(true).length * (groups[0] * groups[1]) as usize];
+        let [i1, spline2, masks] = [std::slice::from_ref(i1), &spline2, &masks].map(Input::Image);
+        let inputs = [i1, spline2, Input::State(&state), Input::Numbers(&room), masks];
+        for variant in [[false, false, false, true], [false, false, true, false]] {
+            let trial = Trial::run::<Bindings>(&inputs, &c, variant, groups);
+            let layout = Layout::of_variant(variant);
+            assert_sums_close(trial.sums(3, layout), layout);
+        }
     }
 
-    fn check_masked(i1: &Field, i2: &Field, transform: Homography, masks: Option<&Masks>, projective: bool) {
-        let c = constants(i1.width, i1.height);
-        let layout = Layout::of(projective);
-        let registration = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
-        let state = State::new(&registration);
-        let spline = build_stack(i2, &Kernel::Gaussian, 1);
-        let expected = cpu_reference(&c, &state.registration(), i1, &spline[0], masks);
-
-        let rig = Rig::new();
-        let images = [i1, &spline[0]].map(|image| rig.field(image));
-        let none = [i1.clone(), i1.clone()];
-        let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
-        let groups = tiles([c.width, c.height]);
-        let state = rig.upload(bytemuck::bytes_of(&state));
-        let partials = rig.upload(&vec![0; 4 * layout.length * (groups[0] * groups[1]) as usize]);
-        let resources = [
-            Resource::Image(&images[0]),
-            Resource::Image(&images[1]),
-            Resource::Buffer(&state),
-            Resource::Buffer(&partials),
-            Resource::Image(&masks),
-        ];
-        rig.run_variant(&STAGE, [false, false, masked, projective], &resources, &c, groups);
-        let actual = Sums::from_partials(&rig.floats(&partials), layout);
-
+    fn assert_sums_close([actual, expected]: [Sums; 2], layout: Layout) {
         // 1e-4 of the diagonal: single precision over the pixels of a workgroup, which may cancel off the diagonal.
         let close = |f: f64, e: f64, scale: f64| assert!((f - e).abs() <= 1e-4 * scale + 1e-6, "{f}, not {e}");
         close(actual.energy, expected.energy, expected.energy);

@@ -52,28 +52,22 @@ pub fn cpu_reference(c: &Constants, shading: &Shading, i2: &Field) -> Field {
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Input, Trial, random_field};
     use super::super::state::{DoubleState, State};
     use super::*;
-    use crate::engine::vulkan::Resource;
+    use crate::engine::stages::NO_VARIANT;
 
     #[test]
     fn matches_the_cpu_reference() {
-        for (width, height) in [(37usize, 21usize), (64, 16), (2, 3)] {
-            let i2 = random_field(width, height, 1);
+        for (width, height) in [(37u32, 21u32), (64, 16), (2, 3)] {
+            let i2 = [random_field(width as usize, height as usize, 1)];
             let mut state = State::new(&DoubleState::default().registration);
             state.shading = std::array::from_fn(|n| 0.2 * (1.7 * n as f32).sin());
             let centre = [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0];
-            let c = Constants { width: width as u32, height: height as u32, layer: 1, centre };
-            let rig = Rig::new();
-            let (image, to) = (rig.field(&i2), rig.empty([c.width, c.height], 2));
-            let buffer = rig.upload(bytemuck::bytes_of(&state));
-            let resources = [Resource::Image(&image), Resource::Image(&to), Resource::Buffer(&buffer)];
-            rig.run(&STAGE, &resources, &c, [c.width, c.height]);
-            let shading = Shading { coefficients: state.shading.map(f64::from) };
+            let c = Constants { width, height, layer: 1, centre };
+            let inputs = [Input::Image(&i2), Input::Unread, Input::State(&state)];
             // Single precision, with a factor of at most 4.
-            rig.assert_close(&to, &[Field::zeros(width, height), cpu_reference(&c, &shading, &i2)], 1e-5);
-            assert_eq!(rig.value::<State>(&buffer).applied_shading, state.shading);
+            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups([width, height])).assert_within(1e-5);
         }
     }
 }

@@ -34,17 +34,13 @@ push_constants! {
 
 bindings! {
     BLUR_MATCHED_PAIR:
-    /// I1.
     i1: Reads<I1>,
-    /// V.
     v: Reads<RelativeBlur>,
     /// Stacks of I1 and I2, or spline coefficients of I2.
     stacks: Reads<Plane>,
     /// The blur-matched pair, with shares.
     pair: Writes<UncertaintyTerms>,
-    /// State.
     state: Reads<State>,
-    /// Masks of I1 and I2.
     masks: Reads<Masks>,
 }
 
@@ -113,13 +109,12 @@ pub fn cpu_reference(
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, build_stack, random_field, smooth_field};
+    use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
     use super::super::linearise;
     use super::super::stack::{self, Slopes};
     use super::super::state::State;
     use super::*;
     use crate::base::{Kernel, Photometric, Similarity};
-    use crate::engine::vulkan::Resource;
 
     fn check(images: [Field; 2], kernel: &Kernel, [stacked, warped, masked]: [bool; 3]) {
         let [i1, i2] = images;
@@ -137,28 +132,19 @@ mod tests {
             centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0],
             mean: kernel.mean().map(|m| m as f32),
         };
-        let r = Registration::new(Similarity::new(1.4, -2.2, 0.4, 1.02), &Photometric { gain: 1.1, offset: -0.03 });
-        let before = Registration::new(Similarity::new(1.36, -2.14, 0.39, 1.019), &Photometric::IDENTITY);
-        let mut state = State::new(&r);
-        state.warped = (&before).into();
+        let transform = Similarity::new(1.4, -2.2, 0.4, 1.02);
+        let mut state = State::new(&Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 }));
+        state.warped = (&Registration::new(Similarity::new(1.36, -2.14, 0.39, 1.019), &Photometric::IDENTITY)).into();
         let masks = [7, 8].map(|seed| mask::shares(width, height, seed));
-        let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
-        let from =
-            if stacked { Images::Stacks(read, warped.then_some(&before)) } else { Images::Spline(&stacks[1][0]) };
-        let expected = cpu_reference(&c, &state.registration(), &i1, &v, &from, masked.then_some(&masks));
-
-        let rig = Rig::new();
         let layers = if stacked { stacks.concat() } else { vec![stacks[1][0].clone()] };
-        let size = uncertainty_terms::size([c.width, c.height]);
-        let images = [rig.image(&[i1]), rig.image(&[v]), rig.image(&layers), rig.empty(size, LAYERS as usize)];
-        let (buffer, masks) = (rig.upload(bytemuck::bytes_of(&state)), rig.image(&masks));
-        let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
-        resources.extend([Resource::Buffer(&buffer), Resource::Image(&masks)]);
+        let (i1, v) = ([i1], [v]);
+        let [i1, v, layers, masks] = [&i1[..], &v, &layers, &masks].map(Input::Image);
+        let inputs = [i1, v, layers, Input::Unread, Input::State(&state), masks];
         let slopes = if stacked { slopes } else { Slopes::Laplacian };
         let variant = linearise::variant(slopes, warped, masked, false);
-        rig.run_variant(&STAGE, variant, &resources, &c, STAGE.groups(size));
+        let groups = STAGE.groups(uncertainty_terms::size([c.width, c.height]));
         // Intensities of 0 to 1 interpolated in single precision.
-        rig.assert_close(&images[3], &expected, 2e-5);
+        Trial::run::<Bindings>(&inputs, &c, variant, groups).assert_within(2e-5);
     }
 
     #[test]

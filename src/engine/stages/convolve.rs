@@ -8,8 +8,8 @@ use super::pass::{Memory, Pass, bindings, push_constants};
 use super::spline::{Field, fold};
 use super::{WORKGROUP, pixels};
 use crate::base::weighted;
-use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
+use crate::engine::{filter, shaders};
 
 push_constants! {
     /// Pixels along the filtered axis, before the filter.
@@ -69,11 +69,8 @@ bindings! {
     CONVOLVE:
     /// Image that is filtered.
     from: Reads<Plane>,
-    /// Target.
     to: Updates<Plane>,
-    /// Weights.
     filters: Reads<Filters>,
-    /// List of tiles.
     tiles: Reads<Tiles>,
 }
 
@@ -108,6 +105,17 @@ pub fn cpu_reference_mirrored(input: &Field, filter: &[f64], stride: usize, vert
     if vertical { along_y(input, filter, stride, period) } else { along_x(input, filter, stride, period) }
 }
 
+/// The filters along x and along y, one after the other. With stride 2 they halve the image.
+pub(crate) fn filtered(image: &Field, [along_x, along_y]: [&[f64]; 2], stride: usize) -> Field {
+    cpu_reference(&cpu_reference(image, along_x, stride, false), along_y, stride, true)
+}
+
+/// The image under a Gaussian of `sigma` px.
+pub(crate) fn smoothed(image: &Field, sigma: f64) -> Field {
+    let filter = filter::gaussian(sigma * sigma);
+    filtered(image, [&filter; 2], 1)
+}
+
 fn along_y(input: &Field, filter: &[f64], stride: usize, period: usize) -> Field {
     let radius = (filter.len() / 2) as isize;
     let mut result = Field::zeros(input.width, input.height.div_ceil(stride));
@@ -139,7 +147,6 @@ fn along_x(input: &Field, filter: &[f64], stride: usize, period: usize) -> Field
 mod tests {
     use super::super::harness::{Rig, random_field};
     use super::*;
-    use crate::engine::filter;
     use crate::engine::vulkan::Resource;
 
     fn check(input: &Field, filter: &[f64], stride: usize, vertical: bool, odd_period: bool) {
@@ -223,7 +230,7 @@ mod tests {
             })
         };
         let filter = filter::gaussian(3.0);
-        let blurred = cpu_reference(&cpu_reference(&blob(4.0), &filter, 1, false), &filter, 1, true);
+        let blurred = filtered(&blob(4.0), [&filter; 2], 1);
         for (actual, expected) in blurred.data.iter().zip(blob(7.0).data) {
             assert!((actual - expected).abs() < 1e-5, "{actual} {expected}");
         }

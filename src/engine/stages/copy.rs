@@ -17,9 +17,7 @@ push_constants! {
 
 bindings! {
     COPY:
-    /// Source.
     from: Reads<Plane>,
-    /// Target.
     to: Writes<Plane>,
 }
 
@@ -45,22 +43,21 @@ mod tests {
     use std::sync::Arc;
     use std::time::Duration;
 
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Input, Rig, Trial, random_field};
     use super::*;
     use crate::base::Deadline;
+    use crate::engine::stages::NO_VARIANT;
     use crate::engine::vulkan::{Clock, Pipeline, Recorder, Resource, Workgroups};
 
     #[test]
     fn matches_the_cpu_reference() {
-        for (width, height) in [(37, 21), (64, 4), (1, 1)] {
-            let rig = Rig::new();
-            let field = random_field(width, height, 5);
-            let size = [width as u32, height as u32];
-            let (from, to) = (rig.field(&field), rig.empty(size, 1));
-            let constants = Constants { width: size[0], height: size[1], layer: 0 };
-            rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, size);
+        for size in [[37u32, 21u32], [64, 4], [1, 1]] {
+            let [width, height] = size;
+            let field = [random_field(width as usize, height as usize, 5)];
+            let inputs = [Input::Image(&field), Input::Unread];
+            let constants = Constants { width, height, layer: 0 };
             // 1e-7: the field in single precision.
-            rig.assert_close(&to, &[cpu_reference(&field)], 1e-7);
+            Trial::run::<Bindings>(&inputs, &constants, NO_VARIANT, STAGE.groups(size)).assert_within(1e-7);
         }
     }
 

@@ -29,11 +29,8 @@ bindings! {
     channel1: Reads<I1>,
     /// Spline coefficients of the channel of I2.
     spline2: Reads<Spline2>,
-    /// V.
     v: Reads<RelativeBlur>,
-    /// Target.
     results: Writes<Results>,
-    /// State.
     state: Reads<State>,
 }
 
@@ -82,36 +79,24 @@ pub fn cpu_reference(
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Input, Trial, random_field};
     use super::super::state::State;
     use super::*;
     use crate::base::{Photometric, Similarity};
-    use crate::engine::vulkan::Resource;
+    use crate::engine::stages::NO_VARIANT;
 
     #[test]
     fn matches_the_cpu_reference() {
-        for (width, height) in [(37usize, 21usize), (64, 16)] {
-            let fields = [1, 2, 3].map(|seed| random_field(width, height, seed));
-            let registration =
-                Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &Photometric { gain: 0.9, offset: 0.02 });
-            let mut state = State::new(&registration);
+        for (width, height) in [(37u32, 21u32), (64, 16)] {
+            let fields = [1, 2, 3].map(|seed| [random_field(width as usize, height as usize, seed)]);
+            let photometric = Photometric { gain: 0.9, offset: 0.02 };
+            let mut state = State::new(&Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &photometric));
             state.applied_shading[0] = 0.1;
-            let shading = state.applied_shading();
-            let c = Constants {
-                width: width as u32,
-                height: height as u32,
-                layer: 1,
-                centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0],
-                epsilon: 0.1,
-            };
-            let rig = Rig::new();
-            let inputs = fields.each_ref().map(|f| rig.field(f));
-            let result = rig.empty([width as u32, height as u32], 2);
-            let buffer = rig.upload(bytemuck::bytes_of(&state));
-            let images = [&inputs[0], &inputs[1], &inputs[2], &result].map(Resource::Image);
-            rig.run(&STAGE, &[&images[..], &[Resource::Buffer(&buffer)]].concat(), &c, [width as u32, height as u32]);
-            let expected = cpu_reference(&c, (&state.registration(), &shading), &fields[0], &fields[1], &fields[2]);
-            rig.assert_close(&result, &[Field::zeros(width, height), expected], 2e-5);
+            let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
+            let c = Constants { width, height, layer: 1, centre, epsilon: 0.1 };
+            let [channel1, spline2, v] = fields.each_ref().map(|field| Input::Image(field));
+            let inputs = [channel1, spline2, v, Input::Unread, Input::State(&state)];
+            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups([width, height])).assert_within(2e-5);
         }
     }
 }

@@ -98,7 +98,6 @@ bindings! {
     equations: Updates<Plane>,
     /// Sums of the registration between the two. Σ w S_c² and Σ w S_c S replace the roughness.
     partials: Writes<Partials>,
-    /// List of tiles.
     tiles: Reads<Tiles>,
     /// A bit per pixel and frame: set where the frame does not count.
     hidden: Reads<Hidden>,
@@ -203,11 +202,10 @@ pub fn cpu_reference(
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, build_stack, random_field, smooth_field};
+    use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
     use super::super::sums::{Layout, assert_close};
     use super::*;
     use crate::base::Kernel;
-    use crate::engine::vulkan::Resource;
 
     fn check([own, other]: [&Field; 2], focus: &Field, far: f32, variant: Variant, words: u32) {
         let (width, height, nodes) = (focus.width, focus.height, stack::node_count(6.0));
@@ -235,41 +233,26 @@ mod tests {
         };
         // Hides a fifth of the pixels of either frame.
         let bits = random_field(width, height * 2, 40).data.into_iter();
-        let hidden: Vec<u32> = bits
-            .map(|v| {
-                if v < 0.1 {
-                    2
-                } else if v < 0.2 {
-                    4
-                } else {
-                    0
-                }
-            })
-            .collect();
-        let Contribution { system, sums } = cpu_reference(&c, variant, focus, &stack, other, &hidden);
-        let rig = Rig::new();
+        let hidden: Vec<u32> = bits.map(|v| if v < 0.1 { 2 } else { 4 * u32::from(v < 0.2) }).collect();
         let before: Vec<Field> = (0..u64::from(LAYERS)).map(|n| random_field(width, height, 20 + n)).collect();
-        let images =
-            [rig.field(focus), rig.image(&stack), rig.image(&[other.clone(), other.clone()]), rig.image(&before)];
         let (layout, groups) = (Layout::of(false), tiles([c.width, c.height]));
-        let partials = rig.upload(&vec![0; 4 * layout.length * (2 + groups[0] * groups[1]) as usize]);
-        let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
-        resources.push(Resource::Buffer(&partials));
+        let partials = vec![0.0; layout.length * (2 + groups[0] * groups[1]) as usize];
         // All tiles, listed from the last to the first.
         let all = (0..groups[1]).rev().flat_map(|y| (0..groups[0]).rev().map(move |x| x | y << 16));
-        let tiles = rig.upload(bytemuck::cast_slice(&[9].into_iter().chain(all).collect::<Vec<u32>>()));
-        let hidden = rig.upload(bytemuck::cast_slice(&hidden));
-        resources.extend([Resource::Buffer(&tiles), Resource::Buffer(&hidden)]);
-        rig.run_variant(&STAGE, variant, &resources, &c, [groups[0] * groups[1], 1, 1]);
-        let add = |(contribution, before): (Field, &Field)| Field {
-            data: contribution.data.iter().zip(&before.data).map(|(s, b)| s + b).collect(),
-            ..contribution
-        };
-        let most = system.iter().flat_map(|f| &f.data).fold(1.0, |most: f64, v| most.max(v.abs()));
-        let expected: Vec<Field> = system.into_iter().zip(&before).map(add).collect();
+        let tiles: Vec<u32> = [9].into_iter().chain(all).collect();
+        let (focus, aligned) = (std::slice::from_ref(focus), [other.clone(), other.clone()]);
+        let [focus, stack, aligned, equations] = [focus, &stack, &aligned, &before].map(Input::Image);
+        let partials = Input::Numbers(&partials);
+        let inputs = [focus, stack, aligned, equations, partials, Input::Words(&tiles), Input::Words(&hidden)];
+        let trial = Trial::run::<Bindings>(&inputs, &c, variant, [groups[0] * groups[1], 1, 1]);
+        let added = trial
+            .layers(3)
+            .iter()
+            .zip(&before)
+            .flat_map(|(sum, before)| sum.data.iter().zip(&before.data).map(|(sum, before)| (sum - before).abs()));
         // Single precision, relative to the largest.
-        rig.assert_close(&images[3], &expected, 1e-4 * most);
-        let actual = Sums::from_partials(&rig.floats(&partials), layout);
+        trial.assert_within(1e-4 * added.fold(1.0, f64::max));
+        let [actual, sums] = trial.sums(4, layout);
         assert_close(&actual, &sums, layout, 1e-4);
         let largest = sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
         let apart = |n: usize| (actual.roughness[n] - sums.roughness[n]).abs();

@@ -1,16 +1,54 @@
-//! A test rig that runs one pass on a device under validation, with fields as input and output.
+//! The test rig: runs one pass on a device under validation, and notes figures for `docs/reliability.md`.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, LazyLock};
 
 use half::f16;
 
+use super::pass::{Memory, Pass};
 use super::stack::{Layer, Sampling, Slopes, layer};
+use super::state::{DoubleState, Registration, State};
+use super::sums::{Layout, Sums};
 use super::{Field, convolve, subdivide};
-use crate::base::{Channels, Frame, Kernel, Samples};
-use crate::engine::filter;
+use crate::base::{Channels, Frame, Kernel, Mask, Samples};
+use crate::engine::slot::Slot;
 use crate::engine::vulkan::{
-    Buffer, Clock, Device, Image, Pipeline, Recorder, Resource, Stage, Texel, Variant, Workgroups,
+    Access, Buffer, Clock, Device, Image, Kind, Pipeline, Recorder, Resource, Stage, Texel, Variant, Workgroups,
 };
+use crate::engine::{EngineOptions, filter};
+
+/// The device that PARFOCAL_DEVICE names, or the default one, with validation unless PARFOCAL_VALIDATE is 0.
+pub(crate) fn options() -> EngineOptions {
+    EngineOptions {
+        device: std::env::var("PARFOCAL_DEVICE").ok(),
+        validation: std::env::var("PARFOCAL_VALIDATE").as_deref() != Ok("0"),
+        ..EngineOptions::default()
+    }
+}
+
+/// The environment variable that names the file in which `tools/trust` collects figures.
+const NOTES: &str = "PARFOCAL_TRUST";
+
+fn notes() -> Option<std::ffi::OsString> {
+    std::env::var_os(NOTES).filter(|path| !path.is_empty())
+}
+
+/// Whether this run tries all cases. Otherwise it tries a share.
+pub(crate) fn is_long() -> bool {
+    notes().is_some()
+}
+
+/// Appends a figure for `docs/reliability.md`.
+pub(crate) fn note(name: &str, figure: &str) {
+    use std::io::Write;
+
+    println!("{name}: {figure}");
+    if let Some(path) = notes() {
+        let mut notes = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
+        // In one write: tests run in parallel.
+        notes.write_all(format!("{name}\t{figure}\n").as_bytes()).unwrap();
+    }
+}
 
 /// A device that all tests share. Validation messages fail the test that drops the rig first.
 pub(crate) struct Rig {
@@ -21,7 +59,7 @@ pub(crate) struct Rig {
 static SHARED: LazyLock<Arc<Device>> = LazyLock::new(open);
 
 fn open() -> Arc<Device> {
-    crate::engine::open(&crate::engine::testing::options()).unwrap()
+    crate::engine::open(&options()).unwrap()
 }
 
 impl Rig {
@@ -40,7 +78,7 @@ impl Rig {
 
     /// Whether validation is enabled.
     pub(crate) fn validates(&self) -> bool {
-        crate::engine::testing::options().validation
+        options().validation
     }
 
     /// Takes the validation messages so far, which then no longer fail the test.
@@ -185,11 +223,142 @@ impl Drop for Rig {
     }
 }
 
+/// What a slot holds before a pass.
+#[derive(Clone)]
+pub(crate) enum Input<'a> {
+    /// An image that the pass does not read.
+    Unread,
+    /// Layers of an image.
+    Image(&'a [Field]),
+    /// Partial sums, energies or filter weights.
+    Numbers(&'a [f64]),
+    /// Arguments, lists of tiles or bits of pixels.
+    Words(&'a [u32]),
+    State(&'a State),
+    /// Samples of a photograph.
+    Photograph(&'a Frame),
+    /// A byte per pixel of I1.
+    Mask(&'a Mask),
+}
+
+/// The slots after a pass, by its CPU reference and on a device, numbered as the shader binds them.
+pub(crate) struct Trial<'a> {
+    rig: Rig,
+    stage: &'static Stage,
+    expected: Memory<'a>,
+    images: BTreeMap<usize, Arc<Image>>,
+    buffers: BTreeMap<usize, Arc<Buffer>>,
+}
+
+fn slot(n: usize) -> Slot {
+    Slot::Frames { level: n }
+}
+
+impl<'a> Trial<'a> {
+    /// Runs a pass on slots with these contents, in the shader's order: `groups` workgroups on the device.
+    pub(crate) fn run<P: Pass>(
+        inputs: &[Input<'a>],
+        constants: &P::Constants,
+        variant: Variant,
+        groups: [u32; 3],
+    ) -> Self {
+        static NONE: LazyLock<Frame> = LazyLock::new(|| Frame::gray(1, 1, vec![0.0]).unwrap());
+        let mut memory = Memory::new([&NONE; 2], None, DoubleState::default());
+        for (n, input) in inputs.iter().enumerate() {
+            match input {
+                Input::Unread => {}
+                Input::Image(layers) => drop(memory.layers.insert(slot(n), layers.to_vec())),
+                Input::Numbers(numbers) => drop(memory.numbers.insert(slot(n), numbers.to_vec())),
+                Input::Words(words) => drop(memory.words.insert(slot(n), words.to_vec())),
+                Input::State(state) => drop(memory.states.insert(slot(n), (*state).into())),
+                Input::Photograph(frame) => memory.photographs = [frame; 2],
+                Input::Mask(mask) => memory.mask = Some(mask),
+            }
+        }
+        let slots: Vec<Slot> = (0..inputs.len()).map(slot).collect();
+        P::of(&slots).run(constants, variant, &mut memory);
+
+        let (rig, stage) = (Rig::new(), P::STAGE);
+        let (mut images, mut buffers) = (BTreeMap::new(), BTreeMap::new());
+        for (n, input) in inputs.iter().enumerate() {
+            let mut image = |layers: &[Field]| drop(images.insert(n, rig.image(layers)));
+            let mut buffer = |bytes: &[u8]| drop(buffers.insert(n, rig.upload(bytes)));
+            match input {
+                Input::Unread => image(&blank(memory.layers.get(&slot(n)))),
+                Input::Image(layers) => image(layers),
+                Input::Numbers(numbers) => {
+                    buffer(bytemuck::cast_slice(&numbers.iter().map(|&v| v as f32).collect::<Vec<f32>>()))
+                }
+                Input::Words(words) => buffer(bytemuck::cast_slice(words)),
+                Input::State(state) => buffer(bytemuck::bytes_of(*state)),
+                Input::Photograph(frame) => buffer(frame.bytes()),
+                Input::Mask(mask) => buffer(mask.bytes()),
+            }
+        }
+        let resources = stage.bindings.iter().enumerate().map(|(n, binding)| match binding.kind {
+            Kind::Image => Resource::Image(&images[&n]),
+            Kind::Buffer => Resource::Buffer(&buffers[&n]),
+            Kind::Uniform => Resource::Uniform(&buffers[&n]),
+        });
+        rig.run_variant(stage, variant, &resources.collect::<Vec<_>>(), constants, groups);
+        Self { rig, stage, expected: memory, images, buffers }
+    }
+
+    /// Asserts that the images and states that the pass writes are within `tolerance` of those of the CPU reference.
+    #[track_caller]
+    pub(crate) fn assert_within(&self, tolerance: f64) {
+        for n in (0..self.stage.bindings.len()).filter(|&n| self.stage.bindings[n].access != Access::Read) {
+            if let Some(image) = self.images.get(&n) {
+                let blank = Field::zeros(image.width as usize, image.height as usize);
+                let written = |layer: &Field| if layer.data.is_empty() { blank.clone() } else { layer.clone() };
+                let mut expected: Vec<Field> = self.layers(n).iter().map(written).collect();
+                expected.resize(image.layers as usize, blank.clone());
+                self.rig.assert_close(image, &expected, tolerance);
+            } else if self.expected.states.contains_key(&slot(n)) {
+                let [actual, expected] = self.states(n).map(|state| {
+                    let of = |r: &Registration| [&r.transform.matrix().concat()[..], &[r.gain, r.offset]].concat();
+                    let own = vec![state.correlation, state.alpha, state.kernel_shape, state.spread];
+                    let shading = [state.shading, state.applied_shading].map(|s| s.coefficients.to_vec()).concat();
+                    [of(&state.registration), of(&state.warped), own, shading].concat()
+                });
+                let close = actual.iter().zip(&expected).all(|(a, e)| (a - e).abs() <= tolerance);
+                assert!(close, "{actual:?}, not {expected:?} ± {tolerance}");
+            }
+        }
+    }
+
+    /// The state on the device, and by the CPU reference.
+    pub(crate) fn states(&self, n: usize) -> [DoubleState; 2] {
+        [(&self.rig.value::<State>(&self.buffers[&n])).into(), self.expected.states[&slot(n)].clone()]
+    }
+
+    /// Numbers on the device, and by the CPU reference.
+    pub(crate) fn numbers(&self, n: usize) -> (Vec<f32>, &[f64]) {
+        (self.rig.floats(&self.buffers[&n]), &self.expected.numbers[&slot(n)])
+    }
+
+    /// The sums of the registration on the device, and by the CPU reference.
+    pub(crate) fn sums(&self, n: usize, layout: Layout) -> [Sums; 2] {
+        [Sums::from_partials(&self.numbers(n).0, layout), self.expected.sums.clone()]
+    }
+
+    /// Layers of an image by the CPU reference.
+    pub(crate) fn layers(&self, n: usize) -> &[Field] {
+        &self.expected.layers[&slot(n)]
+    }
+}
+
+/// Zeros in the shape of an image that the CPU reference wrote.
+fn blank(written: Option<&Vec<Field>>) -> Vec<Field> {
+    let layers = written.map_or(&[][..], Vec::as_slice);
+    let [width, height] = layers.last().map_or([1, 1], |last| [last.width, last.height]);
+    vec![Field::zeros(width, height); layers.len().max(1)]
+}
+
 /// The layers of an image's [blur stack](super::stack), by direct filters: spline coefficients first.
 pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<Field> {
     let prefilter = filter::spline_prefilter();
-    let mut stack =
-        vec![convolve::cpu_reference(&convolve::cpu_reference(image, &prefilter, 1, false), &prefilter, 1, true)];
+    let mut stack = vec![convolve::filtered(image, [&prefilter; 2], 1)];
     // The last layer computed on every other pixel, before subdivision.
     let mut half: Option<Field> = None;
     for n in 1..nodes * Slopes::of(kernel).layers() {
@@ -202,8 +371,7 @@ pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<F
         }
         let mut sum = Field::zeros(image.width, image.height);
         for [along_x, along_y] in &terms {
-            let term =
-                convolve::cpu_reference(&convolve::cpu_reference(&stack[from], along_x, 1, false), along_y, 1, true);
+            let term = convolve::filtered(&stack[from], [along_x, along_y], 1);
             sum.data.iter_mut().zip(term.data).for_each(|(sum, t)| *sum += t);
         }
         stack.push(sum);
@@ -214,10 +382,18 @@ pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<F
 /// A layer on every other pixel of the image.
 fn on_half(from: &Field, [along_x, along_y]: &[filter::Filter; 2], sampling: Sampling, image: &Field) -> Field {
     if sampling == Sampling::Halving {
-        return convolve::cpu_reference(&convolve::cpu_reference(from, along_x, 2, false), along_y, 2, true);
+        return convolve::filtered(from, [along_x, along_y], 2);
     }
     let rows = convolve::cpu_reference_mirrored(from, along_x, 1, false, image.width - 1);
     convolve::cpu_reference_mirrored(&rows, along_y, 1, true, image.height - 1)
+}
+
+/// Two photographs of a smooth texture. The first has the more contrast.
+pub(crate) fn pair([width, height]: [u32; 2]) -> [Frame; 2] {
+    [0.4, 0.3].map(|soft| {
+        let value = |i: u32| 0.5 + soft * ((i % width) as f32 * 1.1).sin() * ((i / width) as f32 * 0.9).cos();
+        Frame::gray(width, height, (0..width * height).map(value).collect()).unwrap()
+    })
 }
 
 /// Numbers in [0, 1), reproducible by the seed (splitmix64).
@@ -258,10 +434,7 @@ pub(crate) fn random_field(width: usize, height: usize, seed: u64) -> Field {
 
 /// White noise smoothed to σ 2 px, around ½.
 pub(crate) fn smooth_field(width: usize, height: usize, seed: u64) -> Field {
-    let filter = filter::gaussian(4.0);
-    let noise = random_field(width, height, seed);
-    let mut field =
-        super::convolve::cpu_reference(&super::convolve::cpu_reference(&noise, &filter, 1, false), &filter, 1, true);
+    let mut field = convolve::smoothed(&random_field(width, height, seed), 2.0);
     field.data.iter_mut().for_each(|v| *v = 0.5 + 3.0 * (*v - 0.5));
     field
 }

@@ -24,7 +24,6 @@ pub(crate) const SRGB: Variant = [true, false, false, false];
 
 bindings! {
     INGEST:
-    /// Samples of the photograph.
     samples: Reads<Samples>,
     /// Luminance or a channel.
     image: Writes<Plane>,
@@ -68,15 +67,12 @@ pub fn cpu_reference(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Field 
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, frames};
+    use super::super::harness::{Input, Trial, frames};
     use super::*;
     use crate::base::color::LUMINANCE;
-    use crate::engine::vulkan::Resource;
 
     fn check(frame: &Frame, decode: Decode, weights: [f32; 3]) {
-        let rig = Rig::new();
         let size = [frame.width(), frame.height()];
-        let (samples, image) = (rig.upload(frame.bytes()), rig.empty(size, 1));
         let format = frame.format();
         let constants = Constants {
             width: size[0],
@@ -85,11 +81,10 @@ mod tests {
             bytes: format.depth.bytes(),
             weights,
         };
-        let groups = STAGE.groups(size);
-        let resources = [Resource::Buffer(&samples), Resource::Image(&image)];
-        rig.run_variant(&STAGE, [decode == Decode::Srgb, false, false, false], &resources, &constants, groups);
+        let (inputs, variant) =
+            ([Input::Photograph(frame), Input::Unread], [decode == Decode::Srgb, false, false, false]);
         // 2e-6: single precision, and the device's `pow`.
-        rig.assert_close(&image, &[cpu_reference(frame, decode, weights)], 2e-6);
+        Trial::run::<Bindings>(&inputs, &constants, variant, STAGE.groups(size)).assert_within(2e-6);
     }
 
     #[test]

@@ -87,13 +87,13 @@ pub(crate) use bindings;
 /// The contents of the slots, for the CPU references. A layer has the size of the field that was last written to it.
 /// Slots that were never written must not be read.
 pub(crate) struct Memory<'a> {
-    photographs: [&'a Frame; 2],
-    mask: Option<&'a Mask>,
-    layers: HashMap<Slot, Vec<Field>>,
-    states: HashMap<Slot, DoubleState>,
-    numbers: HashMap<Slot, Vec<f64>>,
-    words: HashMap<Slot, Vec<u32>>,
-    sums: Sums,
+    pub(super) photographs: [&'a Frame; 2],
+    pub(super) mask: Option<&'a Mask>,
+    pub(super) layers: HashMap<Slot, Vec<Field>>,
+    pub(super) states: HashMap<Slot, DoubleState>,
+    pub(super) numbers: HashMap<Slot, Vec<f64>>,
+    pub(super) words: HashMap<Slot, Vec<u32>>,
+    pub(super) sums: Sums,
 }
 
 impl<'a> Memory<'a> {

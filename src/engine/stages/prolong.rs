@@ -51,19 +51,17 @@ pub fn cpu_reference(c: &Constants, coarse: &Field) -> Field {
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Input, Trial, random_field};
     use super::*;
-    use crate::engine::vulkan::Resource;
+    use crate::engine::stages::NO_VARIANT;
 
     #[test]
     fn matches_the_cpu_reference() {
         for (width, height) in [(37u32, 21u32), (16, 8), (2, 3)] {
-            let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
+            let coarse = [random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5)];
             let constants = Constants { width, height, limit: 3.0, gain: 4.0 };
-            let rig = Rig::new();
-            let (from, to) = (rig.field(&coarse), rig.empty([width, height], 1));
-            rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, [width, height]);
-            rig.assert_close(&to, &[cpu_reference(&constants, &coarse)], 1e-6);
+            let inputs = [Input::Image(&coarse), Input::Unread];
+            Trial::run::<Bindings>(&inputs, &constants, NO_VARIANT, STAGE.groups([width, height])).assert_within(1e-6);
         }
     }
 

@@ -31,15 +31,11 @@ push_constants! {
 
 bindings! {
     RESIDUAL:
-    /// I1.
     i1: Reads<I1>,
-    /// V.
     v: Reads<RelativeBlur>,
-    /// Stacks of I1 and I2.
     stacks: Reads<Stacks>,
     /// The last layer of the uncertainty terms.
     terms: Writes<UncertaintyTerms>,
-    /// State.
     state: Reads<State>,
 }
 
@@ -86,13 +82,11 @@ pub fn cpu_reference(
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random_field, smooth_field};
+    use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
     use super::super::stack::{self, Slopes};
     use super::super::state::State;
     use super::*;
     use crate::base::{Kernel, Photometric, Similarity};
-    use crate::engine::stages::harness::build_stack;
-    use crate::engine::vulkan::Resource;
 
     fn check(images: [Field; 2], kernel: &Kernel, warped: bool) {
         let [i1, i2] = images;
@@ -112,23 +106,16 @@ mod tests {
             epsilon: 0.1,
         };
         let transform = Similarity::new(0.7, -1.1, 0.4, 1.02);
-        let r = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
-        let before = Registration::new(Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY);
-        let mut state = State::new(&r);
-        state.warped = (&before).into();
-        let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
-        let expected = cpu_reference(&c, &state.registration(), warped.then_some(&before), &i1, &v, &read);
-
-        let rig = Rig::new();
-        let images = [rig.image(&[i1]), rig.image(&[v]), rig.image(&stacks.concat())];
-        let size = uncertainty_terms::size([c.width, c.height]);
-        let (actual, state) = (rig.empty(size, 2), rig.upload(bytemuck::bytes_of(&state)));
-        let mut resources: Vec<_> = images.iter().chain([&actual]).map(Resource::Image).collect();
-        resources.push(Resource::Buffer(&state));
-        let groups = STAGE.groups(size);
-        rig.run_variant(&STAGE, [slopes == Slopes::Layers, warped, false, false], &resources, &c, groups);
+        let photometric = Photometric { gain: 1.1, offset: -0.03 };
+        let mut state = State::new(&Registration::new(transform, &photometric));
+        state.warped = (&Registration::new(Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY)).into();
+        let (i1, v, stacks) = ([i1], [v], stacks.concat());
+        let inputs = [&i1[..], &v, &stacks].map(Input::Image);
+        let inputs = [&inputs[..], &[Input::Unread, Input::State(&state)]].concat();
+        let variant = [slopes == Slopes::Layers, warped, false, false];
+        let groups = STAGE.groups(uncertainty_terms::size([c.width, c.height]));
         // 2e-5: a residual of up to 1, squared in single precision.
-        rig.assert_close(&actual, &[Field::zeros(expected.width, expected.height), expected], 2e-5);
+        Trial::run::<Bindings>(&inputs, &c, variant, groups).assert_within(2e-5);
     }
 
     #[test]

@@ -23,7 +23,6 @@ bindings! {
     SHAPE:
     /// Stacks of I1 and I2, of which one is changed.
     stacks: Updates<Stacks>,
-    /// State.
     state: Reads<State>,
 }
 
@@ -55,12 +54,12 @@ pub fn cpu_reference(shape: f64, nodes: &[Field]) -> Vec<Field> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, build_stack, random_field};
+    use super::super::harness::{Input, Trial, build_stack, random_field};
     use super::super::stack::{Slopes, node_count};
     use super::super::state::{DoubleState, State};
     use super::*;
     use crate::base::Kernel;
-    use crate::engine::vulkan::Resource;
+    use crate::engine::stages::NO_VARIANT;
 
     #[test]
     fn matches_the_cpu_reference() {
@@ -71,14 +70,10 @@ mod tests {
                 let stacks = images.map(|image| build_stack(&image, &Kernel::Gaussian, count)).concat();
                 let [width, height] = [width as u32, height as u32];
                 let c = Constants { width, height, nodes: count as u32, first: 0 };
-                let mut state = State::new(&DoubleState::default().registration);
-                state.kernel_shape = shape;
-                let rig = Rig::new();
-                let (image, buffer) = (rig.image(&stacks), rig.upload(bytemuck::bytes_of(&state)));
-                rig.run(&STAGE, &[Resource::Image(&image), Resource::Buffer(&buffer)], &c, [width, height]);
-                let expected = [&cpu_reference(shape.into(), &stacks[..count]), &stacks[count..]].concat();
+                let state = State { kernel_shape: shape, ..State::new(&DoubleState::default().registration) };
+                let inputs = [Input::Image(&stacks), Input::State(&state)];
                 // Single precision, with coefficients of a few and differences times 4 at most.
-                rig.assert_close(&image, &expected, 2e-5);
+                Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups([width, height])).assert_within(2e-5);
             }
         }
     }

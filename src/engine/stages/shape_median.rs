@@ -16,7 +16,6 @@ bindings! {
     SHAPE_MEDIAN:
     /// Shape and weight of each window.
     windows: Reads<Partials>,
-    /// State.
     state: Updates<State>,
 }
 
@@ -71,10 +70,10 @@ pub fn cpu_reference(so_far: f64, windows: &[Window]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random};
+    use super::super::harness::{Input, Trial, random};
     use super::super::state::{DoubleState, State};
     use super::*;
-    use crate::engine::vulkan::Resource;
+    use crate::engine::stages::NO_VARIANT;
 
     fn windows(count: usize, middle: f64, spread: f64) -> Vec<Window> {
         let numbers = random(2 * count, 3);
@@ -85,20 +84,13 @@ mod tests {
     fn matches_the_cpu_reference() {
         let cases = [(256, 0.7, 0.4), (37, 0.2, 3.0), (5, 1.0, 0.1), (64, 2.0, 0.1), (100, -0.3, 0.1), (0, 0.0, 0.0)];
         for (count, middle, spread) in cases {
-            let (windows, so_far) = (windows(count, middle, spread), 0.25);
-            let floats: Vec<f32> = windows.iter().flat_map(|w| [w.shape as f32, w.weight as f32]).collect();
-            let mut state = State::new(&DoubleState::default().registration);
-            state.kernel_shape = so_far as f32;
-            let rig = Rig::new();
-            let upload = [floats, vec![0.0; 2]].concat();
-            let (partials, buffer) =
-                (rig.upload(bytemuck::cast_slice(&upload)), rig.upload(bytemuck::bytes_of(&state)));
+            let windows = windows(count, middle, spread);
+            let numbers: Vec<f64> = windows.iter().flat_map(|w| [w.shape, w.weight]).chain([0.0; 2]).collect();
+            let state = State { kernel_shape: 0.25, ..State::new(&DoubleState::default().registration) };
+            let inputs = [Input::Numbers(&numbers), Input::State(&state)];
             let c = Constants { windows: count as u32 };
-            rig.run_groups(&STAGE, &[Resource::Buffer(&partials), Resource::Buffer(&buffer)], &c, [1, 1, 1]);
-            let actual = f64::from(rig.value::<State>(&buffer).kernel_shape);
-            let expected = cpu_reference(so_far, &windows);
             // A window's shape in single precision.
-            assert!((actual - expected).abs() < 1e-6, "{count} {middle}: {actual} {expected}");
+            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, [1; 3]).assert_within(1e-6);
         }
     }
 

@@ -164,6 +164,26 @@ impl State {
     }
 }
 
+/// For the CPU references in tests, which compare with a device.
+#[cfg(test)]
+impl From<&State> for DoubleState {
+    fn from(single: &State) -> Self {
+        let level =
+            |n: usize| DoubleLevel { iterations: single.levels[n].iterations, energy: single.levels[n].energy.into() };
+        Self {
+            registration: single.registration(),
+            warped: single.warped.into(),
+            shading: Shading { coefficients: single.shading.map(f64::from) },
+            applied_shading: single.applied_shading(),
+            correlation: single.correlation.into(),
+            alpha: single.alpha.into(),
+            kernel_shape: single.kernel_shape.into(),
+            spread: single.spread.into(),
+            levels: std::array::from_fn(level),
+        }
+    }
+}
+
 impl From<&Registration> for Single {
     fn from(r: &Registration) -> Self {
         let [[xx, xy, tx], [yx, yy, ty], [gx, gy, _]] = r.transform.matrix();

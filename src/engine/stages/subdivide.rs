@@ -32,7 +32,6 @@ bindings! {
     coarse: Reads<Plane>,
     /// Coefficients on every pixel.
     fine: Writes<Stacks>,
-    /// List of tiles.
     tiles: Reads<Tiles>,
 }
 

@@ -37,7 +37,6 @@ push_constants! {
 
 bindings! {
     UNCERTAINTY_TERMS:
-    /// V.
     v: Reads<RelativeBlur>,
     /// D, b.
     equations: Reads<Plane>,
@@ -85,9 +84,9 @@ pub fn cpu_reference(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Input, Trial, random_field};
     use super::*;
-    use crate::engine::vulkan::Resource;
+    use crate::engine::stages::NO_VARIANT;
 
     fn constants(v: &Field) -> Constants {
         let (width, height) = (v.width as u32, v.height as u32);
@@ -96,15 +95,12 @@ mod tests {
 
     #[test]
     fn matches_the_cpu_reference() {
-        for (width, height) in [(37usize, 21usize), (64, 16), (1, 2)] {
+        for (width, height) in [(37, 21), (64, 16), (1, 2)] {
             let [v, d, b] = [1, 2, 3].map(|seed| random_field(width, height, seed));
-            let rig = Rig::new();
-            let actual = rig.empty(size([width as u32, height as u32]), LAYERS);
-            let images = [&rig.field(&v), &rig.image(&[d.clone(), b.clone()]), &actual];
-            rig.run(&STAGE, &images.map(Resource::Image), &constants(&v), size([width as u32, height as u32]));
-            let mut expected = cpu_reference(&constants(&v), &v, [&d, &b]).to_vec();
-            expected.push(Field::zeros(expected[0].width, expected[0].height));
-            rig.assert_close(&actual, &expected, 1e-6);
+            let (c, v, equations) = (constants(&v), [v], [d, b]);
+            let inputs = [Input::Image(&v), Input::Image(&equations), Input::Unread];
+            let groups = STAGE.groups(size([c.width, c.height]));
+            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, groups).assert_within(1e-6);
         }
     }
 

@@ -1,8 +1,10 @@
 //! Unpacks a frame from its camera's format to interleaved samples, grey or red, green and blue.
+//!
+//! [`PixelFormat::frame`] is the CPU reference.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::pixels;
-use crate::base::{Frame, Order, Packing, PixelFormat};
+use crate::base::{Order, Packing, PixelFormat};
 use crate::engine::vulkan::Variant;
 
 /// Groups of four pixels per row of invocations: 2^28 pixels have 2^14 rows, in workgroups of four.
@@ -61,9 +63,7 @@ pub(crate) fn variant(format: PixelFormat) -> Variant {
 
 bindings! {
     UNPACK:
-    /// The packed frame.
     packed: Reads<Packed>,
-    /// The samples.
     samples: Writes<Samples>,
 }
 
@@ -76,14 +76,6 @@ impl Pass for Bindings {
 
     /// No-op: the memory of the CPU references is given unpacked frames.
     fn run(&self, _c: &Constants, _variant: Variant, _memory: &mut Memory) {}
-}
-
-/// The frame, by [`PixelFormat::frame`].
-///
-/// # Errors
-/// As that.
-pub fn cpu_reference(size: [u32; 2], format: PixelFormat, packed: &[u8]) -> Result<Frame, String> {
-    format.frame(size, packed)
 }
 
 #[cfg(test)]
@@ -99,7 +91,7 @@ mod tests {
             for format in PixelFormat::all().filter(|format| !format.is_plain()) {
                 let count = format.bytes(size) as usize;
                 let packed: Vec<u8> = random(count, 5).iter().map(|v| (256.0 * v) as u8).collect();
-                let expected = cpu_reference(size, format, &packed).unwrap();
+                let expected = format.frame(size, &packed).unwrap();
                 // One extra word, which must stay unchanged.
                 let mut actual = expected.bytes().to_vec();
                 let length = actual.len().next_multiple_of(4) + 4;

@@ -55,9 +55,7 @@ push_constants! {
 
 bindings! {
     UPDATE_TRANSFORM:
-    /// Partial sums.
     partials: Reads<Partials>,
-    /// State.
     state: Updates<State>,
     /// Energies by level and iteration.
     energies: Writes<Energies>,
@@ -225,7 +223,7 @@ fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
 mod tests {
     use super::super::NO_VARIANT;
     use super::super::harness::{Rig, random};
-    use super::super::state::{Single, State};
+    use super::super::state::{DoubleState, Single, State};
     use super::super::sums::{PROJECTIVE, row};
     use super::*;
     use crate::base::{Photometric, Similarity};
@@ -264,6 +262,30 @@ mod tests {
         residuals.chunks_exact(pixels).flat_map(|residuals| row(residuals, layout)).collect()
     }
 
+    /// The state, the arguments and the energies after the pass.
+    fn run(
+        c: &Constants,
+        variant: Variant,
+        partials: &[f32],
+        state: &State,
+        [words, start_words]: [&[u32]; 2],
+    ) -> (State, Vec<u32>, Vec<f32>) {
+        let rig = Rig::new();
+        let buffers = [
+            rig.upload(bytemuck::cast_slice(partials)),
+            rig.upload(bytemuck::bytes_of(state)),
+            rig.upload(&[0; 32]),
+            rig.upload(bytemuck::cast_slice(words)),
+            rig.upload(bytemuck::cast_slice(start_words)),
+        ];
+        rig.run_variant(&STAGE, variant, &buffers.each_ref().map(Resource::Buffer), c, [1, 1, 1]);
+        (rig.value(&buffers[1]), rig.words(&buffers[3]), rig.floats(&buffers[2]))
+    }
+
+    fn identity() -> State {
+        State::new(&DoubleState::default().registration)
+    }
+
     fn check(c: Constants, partials: &[f32], before: f32) -> (State, Vec<u32>) {
         check_warped(c, partials, before, [0.0; 2], NO_VARIANT)
     }
@@ -274,16 +296,8 @@ mod tests {
         let mut state = State::new(&start);
         state.levels[c.level as usize].energy = before;
         state.warped = Single { t, ..state.registration };
-        let rig = Rig::new();
-        let buffers = [
-            rig.upload(bytemuck::cast_slice(partials)),
-            rig.upload(bytemuck::bytes_of(&state)),
-            rig.upload(&[0; 32]),
-            rig.upload(bytemuck::cast_slice(&[7u32; 12])),
-            rig.upload(bytemuck::cast_slice(&[[9; 12].as_slice(), &[arguments::NOT_CANCELLED]].concat())),
-        ];
-        rig.run_variant(&STAGE, variant, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
-        let actual: State = rig.value(&buffers[1]);
+        let start_words = [&[9; 12][..], &[arguments::NOT_CANCELLED]].concat();
+        let (actual, words, energies) = run(&c, variant, partials, &state, [&[7; 12], &start_words]);
         let sums = Sums::from_partials(partials, Layout::of_variant(variant));
         let mut expected = state.registration();
         let step = cpu_reference(&c, &sums, &mut expected, before.into());
@@ -295,7 +309,7 @@ mod tests {
         close(actual.levels[c.level as usize].energy.into(), step.energy);
         let is_found = c.level == 0 && step.steady;
         close(actual.spread.into(), if is_found { find_spread(&c, &sums, state.spread.into()) } else { 0.0 });
-        close(rig.floats(&buffers[2])[3].into(), step.energy);
+        close(energies[3].into(), step.energy);
         assert_eq!(actual.levels[c.level as usize].iterations, 1);
         close(
             actual.alpha.into(),
@@ -303,7 +317,7 @@ mod tests {
         );
         assert_eq!(actual.levels[c.level as usize].converged, u32::from(step.converged));
         assert_eq!(actual.levels[c.level as usize].settled, u32::from(step.settled));
-        (actual, rig.words(&buffers[3]))
+        (actual, words)
     }
 
     #[test]
@@ -371,19 +385,11 @@ mod tests {
     #[test]
     fn a_cancelled_solve_ends_the_level_and_all_finer_levels() {
         let partials = partials(8, 40, Layout::of(false));
-        let (rig, start) = (Rig::new(), Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY));
-        let buffers = [
-            rig.upload(bytemuck::cast_slice(&partials)),
-            rig.upload(bytemuck::bytes_of(&State::new(&start))),
-            rig.upload(&[0; 32]),
-            rig.upload(bytemuck::cast_slice(&[7u32; 16])),
-            rig.upload(bytemuck::cast_slice(&[[9; 16].as_slice(), &[arguments::CANCELLED]].concat())),
-        ];
         let c = Constants { may_settle: 0, warp_place: 6, warp_count: 2, ..constants(8) };
-        rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
-        let state: State = rig.value(&buffers[1]);
+        let start_words = [&[9; 16][..], &[arguments::CANCELLED]].concat();
+        let (state, words, _) = run(&c, NO_VARIANT, &partials, &identity(), [&[7; 16], &start_words]);
         assert_eq!(state.levels.map(|level| level.settled)[..3], [1, 1, 0]);
-        assert_eq!(rig.words(&buffers[3]), [[0; 8], [7; 8]].concat());
+        assert_eq!(words, [[0; 8], [7; 8]].concat());
     }
 
     #[test]
@@ -392,19 +398,7 @@ mod tests {
         assert_eq!(state.degenerate, 1);
         // With gradients along x at one place only, shift, zoom and turn cannot be separated: only the first may step.
         let sums = row(&[([0.5, 0.0], 0.025, [1.0, 0.0]); 16], Layout::of(false));
-        let rig = Rig::new();
-        let buffers = [
-            rig.upload(bytemuck::cast_slice(&sums)),
-            rig.upload(bytemuck::bytes_of(&State::new(&Registration::new(
-                Similarity::IDENTITY,
-                &Photometric::IDENTITY,
-            )))),
-            rig.upload(&[0; 32]),
-            rig.upload(&[0; 48]),
-            rig.upload(&[0; 48]),
-        ];
-        rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &constants(1), [1, 1, 1]);
-        let state: State = rig.value(&buffers[1]);
+        let (state, ..) = run(&constants(1), NO_VARIANT, &sums, &identity(), [&[0; 12], &[0; 12]]);
         assert_eq!(state.degenerate, 1);
         let [tx, ty] = state.registration.t;
         assert!((tx + 0.1).abs() < 1e-5 && ty == 0.0 && state.registration.linear == [0.0; 4], "{state:?}");

@@ -35,7 +35,6 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 
 bindings! {
     WARP:
-    /// Spline coefficients of I2.
     spline2: Reads<Spline2>,
     /// The stacks. The pass writes one layer.
     stacks: Writes<Stacks>,
@@ -75,43 +74,35 @@ pub fn cpu_reference(c: &Constants, r: &Registration, shading: &Shading, spline2
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, smooth_field};
+    use super::super::harness::{Input, Trial, build_stack, smooth_field};
     use super::super::state::State;
     use super::*;
     use crate::base::{Photometric, Similarity};
-    use crate::engine::vulkan::Resource;
+    use crate::engine::stages::NO_VARIANT;
 
     #[test]
     fn matches_the_cpu_reference() {
-        for (width, height) in [(37usize, 21usize), (64, 16), (16, 17)] {
+        for (width, height) in [(37u32, 21u32), (64, 16), (16, 17)] {
             for transform in [
                 Similarity::new(2.2, -1.0, 0.5, 1.03),
                 Similarity::new(-9.0, 12.0, 3.0, 0.9),
                 Similarity::new(1e4, 0.0, 0.0, 1.0),
             ] {
-                let spline2 = smooth_field(width, height, 1);
-                let mut state = State::new(&Registration::new(transform, &Photometric { gain: 0.9, offset: 0.1 }));
+                let spline2 = [smooth_field(width as usize, height as usize, 1)];
+                let photometric = Photometric { gain: 0.9, offset: 0.1 };
+                let mut state = State::new(&Registration::new(transform, &photometric));
                 state.shading[1..4].copy_from_slice(&[0.1, -0.05, 0.03]);
-                let shading = Shading { coefficients: state.shading.map(f64::from) };
                 let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
-                let c = Constants { width: width as u32, height: height as u32, layer: 1, factor: 2.0, centre };
-                let rig = Rig::new();
-                let (image, stacks) = (rig.field(&spline2), rig.empty([width as u32, height as u32], 2));
-                let buffer = rig.upload(bytemuck::bytes_of(&state));
-                let resources = [Resource::Image(&image), Resource::Image(&stacks), Resource::Buffer(&buffer)];
-                rig.run(&STAGE, &resources, &c, [width as u32, height as u32]);
-                let expected = cpu_reference(&c, &state.registration(), &shading, &spline2);
+                let c = Constants { width, height, layer: 1, factor: 2.0, centre };
+                let inputs = [Input::Image(&spline2), Input::Unread, Input::State(&state)];
                 // Places are known to 2e-6 px here, and the gradient of the noise is below 1 per pixel.
-                rig.assert_close(&stacks, &[Field::zeros(width, height), expected], 1e-5);
-                let actual: State = rig.value(&buffer);
-                assert_eq!((actual.warped, actual.applied_shading), (state.registration, state.shading));
+                Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, tiles([width, height])).assert_within(1e-5);
             }
         }
     }
 
     #[test]
     fn a_wave_is_displaced_as_in_closed_form() {
-        use crate::engine::stages::harness::build_stack;
         let k = 0.7;
         let wave = |x: f64, y: f64| 0.5 + 0.4 * (k * x + 0.3 * k * y).cos();
         let field = Field::from_fn(60, 40, |x, y| wave(x as f64, y as f64));

@@ -6,13 +6,11 @@ use std::sync::Arc;
 use crate::base::{CancellationToken, Deadline, Error, Frame};
 use crate::engine::Engine;
 use crate::engine::plan::Plan;
-use crate::engine::profile::Reading;
-use crate::engine::record::{record, record_with};
+use crate::engine::record::{Reading, Workspace, record, record_with};
 use crate::engine::script::{Script, sweep};
 use crate::engine::slot::Slot;
 use crate::engine::stages::{Field, Pipelines};
 use crate::engine::vulkan::{Buffer, Clock, Device, Recorder, Recording};
-use crate::engine::workspace::Workspace;
 
 /// What ends a solve early.
 #[derive(Clone)]
@@ -42,16 +40,11 @@ pub(super) struct SweepDevice {
 
 impl SweepDevice {
     /// Allocates the memory, and records the upload of the frames.
-    ///
-    /// # Errors
-    /// [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub(super) fn new(engine: &Engine, plan: &Plan, frames: u32) -> Result<Self, Error> {
         let (device, pipelines) = (engine.device().clone(), engine.pipelines().clone());
-        if device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
+        device.check_usable()?;
         plan.check_sweep(&device, frames)?;
-        let workspace = Workspace::for_sweep(&device, plan, frames)?;
+        let workspace = Workspace::new(&device, plan, &plan.sweep_layout(frames))?;
         let mut recorder = Recorder::new(&device, Clock::Never)?;
         recorder.initialize(&workspace.images());
         let mut commands = recorder.finish()?;

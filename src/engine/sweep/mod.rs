@@ -11,9 +11,6 @@ mod parts;
 mod pyramid;
 mod spacing;
 mod start;
-#[cfg(test)]
-mod tests;
-mod uncertainty;
 mod validity;
 
 use std::time::Duration;
@@ -240,5 +237,192 @@ fn counter<'a>(sizes: &[[u32; 2]], report: &'a mut dyn FnMut(Progress)) -> impl 
         done += 1;
         pixels_done += pixels(size);
         report(Progress { done, total, share: pixels_done / all });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use super::*;
+    use crate::base::Samples;
+    use crate::engine::{EngineOptions, testing};
+    use crate::lab::scene::{Preset, Scene, SimulatedSweep, SweepScene};
+
+    const FRAMES: usize = 5;
+
+    fn sweep(width: u32, height: u32) -> SimulatedSweep {
+        let scene = Scene { width, height, noise: 0.003, ..Preset::Relief.scene() };
+        let sweep = SweepScene {
+            breathing: 0.03,
+            drift: 5.0,
+            rotation: 0.004,
+            gain_drift: 0.03,
+            vignetting: 0.04,
+            ..SweepScene::new(scene, FRAMES)
+        };
+        sweep.render().unwrap()
+    }
+
+    const SETTINGS: [f64; FRAMES] = [0.0, 1.0, 2.0, 3.0, 4.0];
+
+    fn input<'a>(sweep: &SimulatedSweep, mask: Option<&'a Mask>) -> SweepInput<'a> {
+        SweepInput { settings: &SETTINGS, are_settings_known: true, reference: sweep.reference, mask }
+    }
+
+    fn solver(engine: &Engine, sweep: &SimulatedSweep, memory: u64, settings: &Settings) -> JointSolver {
+        let size = [sweep.frames[0].width(), sweep.frames[0].height()];
+        let solver = JointSolver::within(memory, engine, size, sweep.frames[0].format(), FRAMES, settings).unwrap();
+        assert_eq!(solver.parts.is_some(), memory < MEMORY);
+        solver
+    }
+
+    fn run(solver: &mut JointSolver, sweep: &SimulatedSweep, mask: Option<&Mask>) -> Result<JointSolution, Error> {
+        solver.solve(&sweep.frames, &input(sweep, mask), &CancellationToken::default(), &mut |_| ())
+    }
+
+    fn solve(sweep: &SimulatedSweep, memory: u64, settings: &Settings, mask: Option<&Mask>) -> JointSolution {
+        let engine = Engine::new(&testing::options()).unwrap();
+        run(&mut solver(&engine, sweep, memory, settings), sweep, mask).unwrap()
+    }
+
+    fn bits(solution: &JointSolution) -> (Vec<u32>, Vec<u32>, &JointRegistration) {
+        let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect();
+        (bits(&solution.focus), bits(&solution.deviation), &solution.registration)
+    }
+
+    /// Median and 99th percentile of |u - truth| in settings, of the pixels that have a result and satisfy `counts`.
+    fn errors(solution: &JointSolution, truth: &[f32], counts: impl Fn(usize) -> bool) -> [f32; 2] {
+        let measured = (0..truth.len()).filter(|&i| solution.deviation[i] < 2.0 && counts(i));
+        let mut errors: Vec<f32> = measured.map(|i| (solution.focus[i] - truth[i]).abs()).collect();
+        errors.sort_by(f32::total_cmp);
+        [errors[errors.len() / 2], errors[errors.len() * 99 / 100]]
+    }
+
+    /// The largest error of a frame's corner, px.
+    fn corner_error(sweep: &SimulatedSweep, solution: &JointSolution) -> f64 {
+        let [width, height] = [sweep.frames[0].width(), sweep.frames[0].height()];
+        let pairs = sweep.shots.iter().zip(&solution.registration.transforms);
+        pairs.map(|(shot, t)| t.corner_distance(Homography::from(shot.transform), width, height)).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_reused_solver_gives_the_bits_of_a_new_one() {
+        let engine = Engine::new(&testing::options()).unwrap();
+        for (size, memory) in [([168, 126], MEMORY), ([400, 220], 4 << 20)] {
+            let first = sweep(size[0], size[1]);
+            let mut second = first.clone();
+            // Another scene and a mask, so that other pairs, tiles and excluded pixels are left behind.
+            second.frames.reverse();
+            let mask =
+                Mask::from_image(&Frame::gray(size[0], size[1], vec![1.0; (size[0] * size[1]) as usize]).unwrap());
+            let settings = Settings::default();
+            let fresh = run(&mut solver(&engine, &first, memory, &settings), &first, None).unwrap();
+            let mut solver = solver(&engine, &second, memory, &settings);
+            run(&mut solver, &second, Some(&mask)).unwrap();
+            assert_eq!(bits(&run(&mut solver, &first, None).unwrap()), bits(&fresh));
+        }
+    }
+
+    #[test]
+    fn parts_give_the_result_of_the_whole() {
+        let sweep = sweep(520, 390);
+        let settings = Settings::default();
+        let [whole, parts] = [MEMORY, 16 << 20].map(|memory| solve(&sweep, memory, &settings, None));
+        let [of_whole, of_parts] = [&whole, &parts].map(|solution| errors(solution, &sweep.focus, |_| true));
+        let corners = [&whole, &parts].map(|solution| corner_error(&sweep, solution));
+        let mut differences: Vec<f32> = whole.focus.iter().zip(&parts.focus).map(|(a, b)| (a - b).abs()).collect();
+        differences.sort_by(f32::total_cmp);
+        println!(
+            "whole {of_whole:?}, parts {of_parts:?}, corners {corners:?}, differences {} {}",
+            differences[differences.len() / 2],
+            differences[differences.len() * 99 / 100]
+        );
+        // In settings. Registration at half the size adds to the error.
+        assert!(of_parts[0] < 1.1 * of_whole[0] + 0.002 && of_parts[1] < 1.2 * of_whole[1]);
+        assert!(corners[1] < 1.2 * corners[0] + 0.01);
+        assert!(differences[differences.len() / 2] < 0.003 && differences[differences.len() * 99 / 100] < 0.03);
+    }
+
+    #[test]
+    fn register_gives_the_registration_of_solve() {
+        let (sweep, engine) = (sweep(168, 126), Engine::new(&testing::options()).unwrap());
+        let mut solver = solver(&engine, &sweep, MEMORY, &Settings::default());
+        let mut reports = Vec::new();
+        let (input, cancel) = (input(&sweep, None), CancellationToken::default());
+        let alone = solver.register(&sweep.frames, &input, &cancel, &mut |progress| reports.push(progress)).unwrap();
+        assert_eq!(alone, run(&mut solver, &sweep, None).unwrap().registration);
+        assert_eq!(reports.iter().map(|p| (p.done, p.total, p.share)).collect::<Vec<_>>(), [(1, 1, 1.0)]);
+    }
+
+    #[test]
+    fn a_sweep_has_one_time_limit() {
+        let sweep = sweep(168, 126);
+        let solve = |options: &EngineOptions| {
+            let engine = Engine::new(options).unwrap();
+            let mut solver = solver(&engine, &sweep, MEMORY, &Settings::default());
+            let started = Instant::now();
+            (run(&mut solver, &sweep, None).map(drop), started.elapsed())
+        };
+        let (solved, whole) = solve(&testing::options());
+        solved.unwrap();
+        // No script of a sweep takes as long as a third of it.
+        let (solved, _) = solve(&EngineOptions { timeout: whole / 3, ..testing::options() });
+        assert!(matches!(solved, Err(Error::Timeout { .. })), "{solved:?}");
+    }
+
+    #[test]
+    fn a_missing_frame_leaves_a_gap_unless_settings_are_known() {
+        let mut sweep = sweep(168, 126);
+        sweep.frames.remove(1);
+        let engine = Engine::new(&testing::options()).unwrap();
+        let format = sweep.frames[0].format();
+        let mut solver = JointSolver::new(&engine, [168, 126], format, FRAMES - 1, &Settings::default()).unwrap();
+        for (are_settings_known, settings) in [(false, [0.0, 2.0, 3.0, 4.0]), (true, [0.0, 1.0, 2.0, 3.0])] {
+            let input = SweepInput { settings: &[0.0, 1.0, 2.0, 3.0], are_settings_known, reference: 1, mask: None };
+            let registered =
+                solver.register(&sweep.frames, &input, &CancellationToken::default(), &mut |_| ()).unwrap();
+            assert_eq!(registered.settings, settings);
+        }
+    }
+
+    #[test]
+    fn clipped_pixels_do_not_count() {
+        let mut sweep = sweep(260, 200);
+        for frame in &mut sweep.frames {
+            let Samples::F32(values) = frame.samples() else { unreachable!() };
+            // A fifth of the frame is white.
+            let clipped = values.iter().map(|v| (1.8 * v).min(1.0)).collect();
+            *frame = Frame::gray(frame.width(), frame.height(), clipped).unwrap();
+        }
+        let stated = Settings { white_level: Some(1.0), ..Settings::default() };
+        let solutions = [Settings::default(), stated].map(|settings| solve(&sweep, MEMORY, &settings, None));
+        let [plain, stated] = solutions.each_ref().map(|solution| errors(solution, &sweep.focus, |_| true));
+        let corners = solutions.each_ref().map(|solution| corner_error(&sweep, solution));
+        println!("plain {plain:?}, white level stated {stated:?}, corners {corners:?}");
+        assert!(stated[0] < 0.95 * plain[0] && corners[1] < 0.7 * corners[0]);
+    }
+
+    #[test]
+    fn masked_pixels_do_not_count() {
+        let clean = sweep(260, 200);
+        let mut dirty = clean.clone();
+        let masked = |i: usize| (40..140).contains(&(i % 260)) && (50..150).contains(&(i / 260));
+        for (n, frame) in dirty.frames.iter_mut().enumerate() {
+            let Samples::F32(values) = frame.samples() else { unreachable!() };
+            // A pattern that moves by 3 px from frame to frame.
+            let at = |i: usize| if masked(i) { 0.5 + 0.4 * ((i % 260 + 3 * n) as f32).sin() } else { values[i] };
+            *frame = Frame::gray(260, 200, (0..values.len()).map(at).collect()).unwrap();
+        }
+        let picture = (0..260 * 200).map(|i| if masked(i) { 0.0 } else { 1.0 }).collect();
+        let mask = Mask::from_image(&Frame::gray(260, 200, picture).unwrap());
+        let settings = Settings::default();
+        let [with, without] = [Some(&mask), None].map(|mask| solve(&dirty, MEMORY, &settings, mask));
+        let clean = solve(&clean, MEMORY, &settings, None);
+        let of =
+            |solution: &JointSolution| (errors(solution, &dirty.focus, |i| !masked(i)), corner_error(&dirty, solution));
+        println!("clean {:?}, masked {:?}, not {:?}", of(&clean), of(&with), of(&without));
+        assert!(of(&with).0[0] < 1.3 * of(&clean).0[0] && of(&with).1 < 0.06);
+        assert!((60..120).all(|x| (70..130).all(|y| with.deviation[y * 260 + x].is_nan())));
     }
 }

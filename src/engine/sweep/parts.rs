@@ -28,9 +28,6 @@ pub(super) struct PartSolver {
 
 impl PartSolver {
     /// Prepares for the planned photographs, in parts that take at most `bytes` each.
-    ///
-    /// # Errors
-    /// As [`PyramidSolver::new`].
     pub(super) fn new(engine: &Engine, plan: &Plan, frames: usize, bytes: u64) -> Result<Self, Error> {
         let [width, height] = plan.size;
         let pixels = f64::from(width) * f64::from(height);

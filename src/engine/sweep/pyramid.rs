@@ -3,8 +3,7 @@
 use super::device::{Limits, SweepDevice};
 use super::pairs::{self, MAX_RELATIVE_BLUR, PairSums};
 use super::start::{Frames, NOISE_CORRELATION};
-use super::uncertainty::FinalSystem;
-use super::validity::{self, ExcludedPixels, Rectangle};
+use super::validity::{self, ExcludedPixels, FinalSystem, Rectangle};
 use super::{SweepInput, spacing, start};
 use crate::base::{Error, Frame, Homography, Photometric, Settings, Shading};
 use crate::engine::Engine;
@@ -102,9 +101,6 @@ pub(super) struct PyramidSolver {
 
 impl PyramidSolver {
     /// Prepares for `frames` frames.
-    ///
-    /// # Errors
-    /// [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub(super) fn new(engine: &Engine, plan: Plan, frames: usize) -> Result<Self, Error> {
         let device = SweepDevice::new(engine, &plan, frames as u32)?;
         Ok(Self { plan, device, frames, excluded_words: 0, valid_pixels: 0.0 })

@@ -15,6 +15,7 @@ use super::pairs::MAX_RELATIVE_BLUR;
 use super::start::{self, BlurStacks, NOISE_CORRELATION, WINDOWS};
 use crate::base::workers;
 use crate::engine::stages::Field;
+use crate::engine::stages::convolve::smoothed;
 
 /// Distances of the frames of a pair. These are more pairs than the joint solve has, because single steps are to be
 /// determined: with its pairs alone, a step of the heat sink's seven frames comes out three times as long.
@@ -221,7 +222,7 @@ impl Linearization<'_> {
             data: sums.iter().flat_map(|band| band.fields[n].iter().copied()).collect(),
             ..Field::zeros(width, height)
         };
-        let fields = workers::map(frames + 2, |n| start::smoothed(&whole(n), WINDOWS[1]));
+        let fields = workers::map(frames + 2, |n| smoothed(&whole(n), WINDOWS[1]));
         let floor = 1e-3 * fields[0].data.iter().sum::<f64>() / (width * height) as f64 + f64::MIN_POSITIVE;
         let normals: Vec<NormalEquations> = sums.into_iter().map(|band| band.normal).collect();
         workers::map(BANDS, |band| {

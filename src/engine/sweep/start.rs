@@ -9,12 +9,13 @@ use nalgebra::{DMatrix, DVector};
 use super::pairs;
 use super::validity::mapped;
 use crate::base::{Homography, Shading, brightness, workers};
-use crate::engine::filter::{self, Filter};
+use crate::engine::filter;
 use crate::engine::plan::{LOW_PASS, Level, band};
+use crate::engine::stages::convolve::{filtered, smoothed};
 use crate::engine::stages::state::from_centre;
 use crate::engine::stages::sums::{UNKNOWNS, displacements};
 use crate::engine::stages::update_transform::displacing;
-use crate::engine::stages::{Field, convolve, spline};
+use crate::engine::stages::{Field, spline};
 
 /// The frames of a sweep on one level.
 pub(super) struct Frames {
@@ -25,21 +26,11 @@ pub(super) struct Frames {
 /// f, the variance of the filter that correlates noise: a pixel and the low pass, px².
 pub(super) const NOISE_CORRELATION: f64 = LOW_PASS * LOW_PASS + 1.0 / (4.0 * PI);
 
-fn filtered(image: &Field, along_x: &Filter, along_y: &Filter) -> Field {
-    convolve::cpu_reference(&convolve::cpu_reference(image, along_x, 1, false), along_y, 1, true)
-}
-
-/// The image under a Gaussian.
-pub(super) fn smoothed(image: &Field, sigma: f64) -> Field {
-    let filter = filter::gaussian(sigma * sigma);
-    filtered(image, &filter, &filter)
-}
-
 /// The image after the low pass and the high pass that the device applies.
 pub(super) fn band_passed(image: &Field) -> Field {
     let [low, along_x, along_y] = band();
-    let mut image = filtered(image, &low, &low);
-    let high = filtered(&image, &along_x, &along_y);
+    let mut image = filtered(image, [&low; 2], 1);
+    let high = filtered(&image, [&along_x, &along_y], 1);
     image.data.iter_mut().zip(high.data).for_each(|(value, high)| *value += high);
     image
 }
@@ -47,7 +38,7 @@ pub(super) fn band_passed(image: &Field) -> Field {
 /// The coefficients of the spline through an image.
 fn coefficients(image: &Field) -> Field {
     let filter = filter::spline_prefilter();
-    filtered(image, &filter, &filter)
+    filtered(image, [&filter; 2], 1)
 }
 
 /// The frames on the reference's pixels, with its brightness.
@@ -219,7 +210,7 @@ impl BlurStacks {
             for k in 1..count {
                 let variance = NODE_STEP * NODE_STEP * ((k * k) as f64 - ((k - 1) * (k - 1)) as f64);
                 let filter = filter::gaussian(variance);
-                nodes.push(filtered(&nodes[k - 1], &filter, &filter));
+                nodes.push(filtered(&nodes[k - 1], [&filter; 2], 1));
             }
             nodes.iter().map(Field::to_f32).collect()
         });

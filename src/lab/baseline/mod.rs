@@ -90,7 +90,7 @@ fn detect(luminance: &Field) -> Features {
 fn reduced(mut image: Field) -> (Field, f64) {
     let (filter, mut factor) = (filter::gaussian(1.0), 1.0);
     while image.data.len() > MOST_PIXELS {
-        image = convolve::cpu_reference(&convolve::cpu_reference(&image, &filter, 2, false), &filter, 2, true);
+        image = convolve::filtered(&image, [&filter; 2], 2);
         factor *= 2.0;
     }
     (image, factor)

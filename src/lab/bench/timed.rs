@@ -7,7 +7,7 @@ use std::time::Instant;
 use super::{Cold, Dispatches, LevelReport, Memory, Options, PassReport, Relaxation, RunReport, Spread};
 use crate::base::{CancellationToken, Error, Frame, Settings};
 use crate::engine::arguments;
-use crate::engine::profile::{Profile, Reading};
+use crate::engine::record::{Profile, Reading};
 use crate::engine::stages::NO_VARIANT;
 use crate::engine::stages::copy::{self, Constants};
 use crate::engine::stages::pass::Pass;

@@ -10,7 +10,7 @@ use std::io::Write;
 use serde_json::{Value, json};
 
 use crate::base::Error;
-use crate::engine::profile::{Profile, SUBMIT_WAIT};
+use crate::engine::record::{Profile, SUBMIT_WAIT};
 use crate::files::export::{Destination, FileKind, write_file};
 
 /// The events of a trace.
@@ -94,7 +94,7 @@ impl Trace {
 mod tests {
     use super::*;
     use crate::engine::arguments::Place;
-    use crate::engine::profile::{Phases, Ran};
+    use crate::engine::record::{Phases, Ran};
 
     fn profile() -> Profile {
         let ran = |pass, place, executed| Ran { pass, place, bytes: 64, executed };
