@@ -9,9 +9,8 @@ use std::time::Duration;
 use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
-use super::device_requirements::enable_required_features;
 use super::instance::{Instance, PhysicalDevice, vulkan_error};
-use super::interop::{ExternalDevice, QueueGuard, QueueLock};
+use super::interop::{ExternalDevice, QueueGuard, QueueLock, enable_required_features};
 use super::pipeline_cache;
 use crate::base::{DeviceInfo, Error};
 

@@ -1,7 +1,6 @@
 //! The Vulkan device of an engine. All unsafe code of the crate is here; images have no meaning.
 
 mod device;
-mod device_requirements;
 mod device_source;
 pub(crate) mod external_memory;
 #[cfg(test)]
@@ -16,7 +15,6 @@ mod recording;
 mod timestamps;
 
 pub(crate) use device::{Device, MIB};
-pub use device_requirements::{DeviceRequirements, REQUIRED_VERSION, enable_required_features};
 pub use device_source::{DeviceSolution, DeviceSource, SolutionBuffer};
 pub(crate) use device_source::{SourceCopy, SourceLocation};
 pub use external_memory::{HostMemory, SharedMemory};
@@ -24,7 +22,10 @@ pub(crate) use instance::Instance;
 pub use instance::OPTIONAL_EXTENSIONS;
 #[cfg(test)]
 pub(crate) use instance::no_conditional_rendering;
-pub use interop::{ExternalCommandBuffer, ExternalDevice, QueueGuard, QueueLock, SemaphoreWait, SharedQueue};
+pub use interop::{
+    DeviceRequirements, ExternalCommandBuffer, ExternalDevice, QueueGuard, QueueLock, REQUIRED_VERSION, SemaphoreWait,
+    SharedQueue, enable_required_features,
+};
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Resource, Stage, Variant};
 pub(crate) use recorder::{Recorder, Workgroups};
