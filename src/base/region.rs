@@ -4,7 +4,7 @@ use crate::base::color::LUMINANCE;
 use crate::base::{Decode, Error, Frame, centre};
 
 /// A rectangle of pixels of an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Region {
     /// Left edge, px.

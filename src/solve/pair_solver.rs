@@ -263,7 +263,7 @@ impl PairSolver {
         (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
         let layout = Layout::of(frames, &settings);
         let engine = &self.engine;
-        let prepare = || PreparedSolver::for_frames(engine, frames, &settings);
+        let prepare = |layout: &Layout| PreparedSolver::for_frames(engine, frames, &layout.settings);
         reuse(&mut self.registering, layout, prepare)?.register(frames, pair)
     }
 
@@ -324,8 +324,8 @@ impl PairSolver {
 
     /// The prepared solver for frames like these.
     fn prepare(&mut self, frames: [&Frame; 2], layout: Layout) -> Result<&mut PreparedSolver, Error> {
-        let (engine, settings) = (&self.engine, layout.settings.clone());
-        reuse(&mut self.solving, layout, || PreparedSolver::for_frames(engine, frames, &settings))
+        let engine = &self.engine;
+        reuse(&mut self.solving, layout, |layout| PreparedSolver::for_frames(engine, frames, &layout.settings))
     }
 
     /// The prepared solver for pairs in flight.
@@ -335,9 +335,10 @@ impl PairSolver {
                 "pairs in flight have one size and format: make the solver with PairSolver::for_size or for_frames";
             return Err(Error::Mismatch(problem.to_string()));
         };
-        let (engine, Layout { size, formats, settings }) = (&self.engine, layout.clone());
-        let prepare = || PreparedSolver::new(engine, size, formats, &settings, *count, None, engine.reading());
-        reuse(&mut self.solving, layout.clone(), prepare)
+        let engine = &self.engine;
+        reuse(&mut self.solving, layout.clone(), |Layout { size, formats, settings }| {
+            PreparedSolver::new(engine, *size, *formats, settings, *count, None, engine.reading())
+        })
     }
 
     fn prepare_pair<'a>(
@@ -352,14 +353,14 @@ impl PairSolver {
 }
 
 /// Returns the prepared solver if its layout is the same; otherwise prepares one in its place.
-fn reuse(
-    prepared: &mut Option<(Layout, PreparedSolver)>,
-    layout: Layout,
-    prepare: impl FnOnce() -> Result<PreparedSolver, Error>,
-) -> Result<&mut PreparedSolver, Error> {
+pub(super) fn reuse<L: PartialEq, S>(
+    prepared: &mut Option<(L, S)>,
+    layout: L,
+    prepare: impl FnOnce(&L) -> Result<S, Error>,
+) -> Result<&mut S, Error> {
     let solver = match prepared.take().filter(|(earlier, _)| *earlier == layout) {
         Some((_, solver)) => solver,
-        None => prepare()?,
+        None => prepare(&layout)?,
     };
     Ok(&mut prepared.insert((layout, solver)).1)
 }

@@ -379,12 +379,13 @@ fn of_sweep(py: Python<'_>, s: Sweep) -> PyResult<Bound<'_, PyDict>> {
     result.set_item("deviation", deviation.map(|deviation| field(py, deviation, size)).transpose()?)?;
     result.set_item("fused", image(py, s.fused, size, s.fused_channels)?)?;
     result.set_item("frame", field(py, s.frames, size)?)?;
-    result.set_item("reference", s.reference)?;
-    result.set_item("positions", row(py, s.positions))?;
     result.set_item("unit", s.unit)?;
-    result.set_item("blur_rate", s.blur_rate)?;
-    result.set_item("order", s.order)?;
-    result.set_item("decode", decode_name(s.decode))?;
-    result.set_item("warnings", s.warnings)?;
+    let registration = s.registration;
+    result.set_item("reference", registration.reference)?;
+    result.set_item("positions", row(py, registration.positions))?;
+    result.set_item("blur_rate", registration.blur_rate)?;
+    result.set_item("order", registration.order)?;
+    result.set_item("decode", decode_name(registration.decode))?;
+    result.set_item("warnings", registration.warnings)?;
     Ok(result)
 }

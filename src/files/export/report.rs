@@ -38,10 +38,11 @@ pub(super) const PROGRAM: &str = "parfocal";
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// The subject of a JSON file of parfocal; its key is `kind`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
     /// The solve of a pair.
+    #[default]
     Pair,
     /// The solve of a focus sweep.
     Sweep,
@@ -84,7 +85,7 @@ impl Header {
 
 /// The report of a pair, a focus sweep or a registration. A quantity without a valid pixel is `null`; a key that does
 /// not apply is absent. Later versions may add keys, but do not rename them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// The program: "parfocal".
     pub program: Cow<'static, str>,
@@ -274,7 +275,7 @@ impl FieldReport {
 }
 
 /// Width and height, px.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SizeReport {
     /// Pixels per row.
     pub width: u32,
@@ -524,7 +525,7 @@ pub struct ProfileReport {
 }
 
 /// The device that solved.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DeviceReport {
     /// Name of the device.
     pub name: String,
@@ -541,7 +542,7 @@ impl From<&DeviceInfo> for DeviceReport {
 }
 
 /// Durations, ms.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TimingsReport {
     /// Duration from the call to the results; for a sweep including reading the frames.
     pub total: f64,
@@ -576,44 +577,15 @@ impl Report {
             kind,
             version: VERSION.into(),
             frames,
-            reference: 0,
-            order: Vec::new(),
-            fields: Vec::new(),
             method: settings.method,
             settings: settings.clone(),
             values: Values::stated(settings.decode),
             size: photograph.into(),
             photograph: photograph.into(),
             region: Region { x: 0, y: 0, width, height },
-            levels: None,
-            converged: None,
-            other_motion: None,
-            regularization: None,
-            kernel_shape: None,
-            relative_blur: None,
-            focus: None,
-            focus_unit: None,
-            blur_rate_px2: None,
-            valid_fraction: None,
-            mean_confidence: None,
-            saturated_fraction: None,
-            never_in_focus: None,
-            texture: None,
-            flattened: false,
-            nearer: None,
-            nearer_by: None,
-            depth: None,
-            depth16: None,
-            surface: None,
-            measurements: None,
-            warnings: Vec::new(),
             device: device.into(),
-            validated: false,
-            request: String::new(),
-            inputs: Vec::new(),
-            files: Vec::new(),
-            hashes: BTreeMap::new(),
             timings_ms,
+            ..Self::default()
         }
     }
 
@@ -665,7 +637,7 @@ impl Report {
             nearer: Some(nearer.number()),
             nearer_by: Some(NearerBy::Assumed),
             depth: sweep.depth.as_ref().map(|depth| DepthReport::of_sweep(depth, &sweep.stated)),
-            ..Self::sweep_registration(&sweep.registration(), settings, files, device, total_ms)
+            ..Self::sweep_registration(&sweep.registration, settings, files, device, total_ms)
         }
     }
 
@@ -690,7 +662,7 @@ impl Report {
         device: &DeviceInfo,
         total_ms: f64,
     ) -> Self {
-        let timings = TimingsReport { total: total_ms, gpu: None, passes: Map::new() };
+        let timings = TimingsReport { total: total_ms, ..TimingsReport::default() };
         Self {
             reference: found.reference,
             order: found.order.clone(),
