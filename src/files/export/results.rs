@@ -15,7 +15,7 @@ use super::report::{
     read_json,
 };
 use super::scale::{Nearer, Palette, Quantity, Scale};
-use crate::base::{Depth, Error, Frame, Lens, Samples};
+use crate::base::{Channels, Depth, Error, Frame, Lens, Samples};
 use crate::engine::Solution;
 use crate::files::image_io;
 use crate::metric::{DOUBT, MetricDepth};
@@ -105,63 +105,52 @@ impl<'a> Results<'a> {
     ///
     /// # Errors
     /// [`Error::Mismatch`] if a field does not have the size that the solution states.
-    pub fn of_pair(solution: &'a Solution, mut report: Report, depths: [Depth; 2]) -> Result<Self, Error> {
-        report.values.decode = report.values.decode.resolved(depths);
-        let deepest = [Depth::F32, Depth::U16].into_iter().find(|depth| depths.contains(depth));
-        let depth = deepest.unwrap_or(Depth::U8);
-        let fused = Fused::new(
-            (solution.width, solution.height),
-            (solution.fused_channels, &solution.fused),
-            report.values.decode,
-            depth,
-        )?;
+    pub fn of_pair(solution: &'a Solution, report: Report, depths: [Depth; 2]) -> Result<Self, Error> {
         let fields = [
             ("relative_blur", &solution.relative_blur),
             ("uncertainty", &solution.uncertainty),
             ("confidence", &solution.confidence),
             ("residual", &solution.residual),
         ];
-        Self::new(report, &fields, &[], &[], fused)
+        Self::new(report, &depths, &fields, (solution.fused_channels, &solution.fused))
     }
 
     /// Results of a focus sweep. Its frames have this sample type.
     ///
     /// # Errors
     /// As for [`of_pair`](Self::of_pair).
-    pub fn of_sweep(sweep: &'a Sweep, mut report: Report, depth: Depth) -> Result<Self, Error> {
-        report.values.decode = report.values.decode.resolved([depth]);
-        let size = (sweep.width, sweep.height);
-        let fused = Fused::new(size, (sweep.fused_channels, &sweep.fused), report.values.decode, depth)?;
+    pub fn of_sweep(sweep: &'a Sweep, report: Report, depth: Depth) -> Result<Self, Error> {
         let fields = [("focus", &sweep.focus), ("uncertainty", &sweep.uncertainty)];
+        let results = Self::new(report, &[depth], &fields, (sweep.fused_channels, &sweep.fused))?;
         let depth = sweep.depth.as_ref().map(|depth| [(&depth.depth[..]).into(), (&depth.deviation[..]).into()]);
-        Ok(Self { depth, ..Self::new(report, &fields, &sweep.beyond, &sweep.frames, fused)? })
+        Ok(Self { depth, beyond: (&sweep.beyond[..]).into(), frames: &sweep.frames, ..results })
     }
 
+    /// Results with these fields and this fused image, of photographs with these sample types.
     fn new(
-        report: Report,
+        mut report: Report,
+        depths: &[Depth],
         fields: &[(&'static str, &'a Vec<f32>)],
-        beyond: &'a [i8],
-        frames: &'a [u16],
-        fused: Fused<'a>,
+        fused: (Channels, &'a [f32]),
     ) -> Result<Self, Error> {
-        let pixels = report.size.width as usize * report.size.height as usize;
-        if let Some((name, field)) = fields.iter().find(|(_, field)| field.len() != pixels) {
-            let (width, height) = (report.size.width, report.size.height);
+        let [width, height]: [u32; 2] = report.size.into();
+        if let Some((name, field)) = fields.iter().find(|(_, field)| field.len() != width as usize * height as usize) {
             let problem = format!("{name} has {} values and the results are {width}x{height}", field.len());
             return Err(Error::Mismatch(problem));
         }
-        let mut results = Self {
-            folder: PathBuf::new(),
-            report,
-            fields: fields.iter().map(|(name, field)| (*name, field.as_slice().into())).collect(),
-            depth: None,
-            marked: Vec::new(),
-            beyond: beyond.into(),
-            frames,
-            fused: Some(fused),
-        };
+        report.values.decode = report.values.decode.resolved(depths.iter().copied());
+        let deepest = [Depth::F32, Depth::U16].into_iter().find(|depth| depths.contains(depth));
+        let fused = Fused::new((width, height), fused, report.values.decode, deepest.unwrap_or(Depth::U8))?;
+        let fields = fields.iter().map(|(name, field)| (*name, field.as_slice().into())).collect();
+        let mut results = Self { fields, fused: Some(fused), ..Self::empty(PathBuf::new(), report) };
         results.mark();
         Ok(results)
+    }
+
+    /// Results without fields.
+    fn empty(folder: PathBuf, report: Report) -> Self {
+        let (fields, marked, beyond) = (Vec::new(), Vec::new(), Cow::Borrowed(&[][..]));
+        Self { folder, report, fields, depth: None, marked, beyond, frames: &[], fused: None }
     }
 
     /// Marks the pixels without a measurement.
@@ -207,7 +196,7 @@ impl<'a> Results<'a> {
         Some(match self.lens() {
             Some(lens) => Quantity::depth(values, deviation, &lens.focus, Nearer::Second),
             None => {
-                let planes: Vec<f64> = self.report.frames.iter().filter_map(|frame| frame.focus_mm).collect();
+                let planes = self.planes();
                 Quantity::depth(values, deviation, &planes, self.report.nearer().end_of(&planes))
             }
         })
@@ -239,6 +228,11 @@ impl<'a> Results<'a> {
         self.report.frames.iter().filter_map(|frame| frame.position).collect()
     }
 
+    /// Focus distances, or positions along the axis of a stage, of the frames of a sweep, mm, as far as they are stated.
+    fn planes(&self) -> Vec<f64> {
+        self.report.frames.iter().filter_map(|frame| frame.focus_mm).collect()
+    }
+
     /// Sets the standard deviation of V, px², above which a pixel is marked as lacking texture.
     pub fn set_max_uncertainty(&mut self, limit: f32) {
         self.report.texture = Some(TextureReport::beyond(limit, self.uncertainty()));
@@ -248,8 +242,8 @@ impl<'a> Results<'a> {
     /// Sets the lens of a pair, and from it depth and the nearer image. Returns a description of what contradicts the
     /// lens, if anything does.
     pub fn set_lens(&mut self, lens: &Lens) -> Option<String> {
+        let metric = self.depth_through(lens);
         let (scale, limit) = (self.magnification(), self.report.settings.max_relative_blur);
-        let metric = MetricDepth::new(lens, scale, limit, self.report.size.width, self.values(), self.uncertainty());
         let doubt = metric.doubt(scale, limit, self.values());
         let depth = DepthReport::new(&metric.depth, &metric.deviation, metric.out_of_range);
         self.report.depth = Some(DepthReport { lens: Some(*lens), ..depth });
@@ -259,6 +253,12 @@ impl<'a> Results<'a> {
         self.report.warnings.extend(doubt.clone());
         self.depth = Some([metric.depth.into(), metric.deviation.into()]);
         doubt
+    }
+
+    fn depth_through(&self, lens: &Lens) -> MetricDepth {
+        let (scale, limit, width) =
+            (self.magnification(), self.report.settings.max_relative_blur, self.report.size.width);
+        MetricDepth::new(lens, scale, limit, width, self.values(), self.uncertainty())
     }
 
     /// Sets the focus positions of the frames of a sweep in mm, and computes depth from them. `nearer` states whether
@@ -378,16 +378,7 @@ impl Results<'static> {
         };
         let report: Report = serde_json::from_value(report).map_err(|e| invalid(&path, e))?;
         report.check().map_err(|problem| invalid(&path, problem))?;
-        let mut results = Self {
-            folder: folder.to_path_buf(),
-            report,
-            fields: Vec::new(),
-            depth: None,
-            marked: Vec::new(),
-            beyond: Cow::Borrowed(&[]),
-            frames: &[],
-            fused: None,
-        };
+        let mut results = Self::empty(folder.to_path_buf(), report);
         for (name, ..) in &kind.fields()[..2] {
             let values = results.field(name)?.into_owned();
             results.fields.push((*name, values.into()));
@@ -417,13 +408,12 @@ impl Results<'static> {
 
     /// Derives depth in mm from the lens or the positions that the report states.
     fn read_depth(&mut self) -> Result<(), Error> {
-        let (width, limit) = (self.report.size.width, self.report.settings.max_relative_blur);
         if let Some(lens) = self.lens() {
-            let metric = MetricDepth::new(lens, self.magnification(), limit, width, self.values(), self.uncertainty());
+            let metric = self.depth_through(lens);
             self.depth = Some([metric.depth.into(), metric.deviation.into()]);
             return Ok(());
         }
-        let planes: Vec<f64> = self.report.frames.iter().filter_map(|frame| frame.focus_mm).collect();
+        let planes = self.planes();
         if planes.len() == self.report.frames.len() {
             let is_stage = self.report.depth.as_ref().and_then(|depth| depth.stage) == Some(true);
             let positions = if is_stage { Positions::Stage(planes) } else { Positions::Distances(planes) };

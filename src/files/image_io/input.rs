@@ -6,7 +6,7 @@ use super::metadata::{Exif, LINEAR, UNREADABLE};
 use crate::base::{Decode, Depth, Error};
 
 /// The file of a photograph.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Input {
     /// The name as given.
     pub file: String,
@@ -62,7 +62,7 @@ pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
 }
 
 /// The decoding of stored values to intensities, and its reason.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Values {
     /// The decoding.
     pub decode: Decode,
@@ -71,10 +71,11 @@ pub struct Values {
 }
 
 /// The reason for a decoding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Basis {
     /// The user stated it.
+    #[default]
     Stated,
     /// All files state it.
     Files,
@@ -257,31 +258,18 @@ mod tests {
         fs::write(&path, "P2 2 1 255 0 255\n").unwrap();
         let input = describe(&path).unwrap();
         assert_eq!(input.bytes, 17);
-        assert_eq!(input.sha256, SHA256_OF_PGM);
+        assert_eq!(input.sha256, "d76b71c5c2925d05d8176edc363b6c0c7d6c5f7787296055a8e638c09184bef7");
         assert_eq!((input.format.as_str(), input.pages, input.alpha), ("PNM", 1, false));
     }
 
-    const SHA256_OF_PGM: &str = "d76b71c5c2925d05d8176edc363b6c0c7d6c5f7787296055a8e638c09184bef7";
-
-    fn input(name: &str) -> Input {
-        Input {
-            file: name.to_string(),
-            bytes: 1,
-            sha256: name.to_string(),
-            bits: 8,
-            channels: 3,
-            alpha: false,
-            format: "PNG".to_string(),
-            pages: 1,
-            page: None,
-            encoding: None,
-            exif: None,
-        }
+    fn input_of(file: &str, bits: u32, encoding: Option<&str>) -> Input {
+        let (file, sha256, encoding) = (file.to_string(), file.to_string(), encoding.map(String::from));
+        Input { file, sha256, bits, channels: 3, pages: 1, encoding, ..Input::default() }
     }
 
     #[test]
     fn files_that_do_not_match_give_warnings() {
-        let (a, b) = (input("a"), input("b"));
+        let [a, b] = ["a", "b"].map(|name| input_of(name, 8, None));
         let warn = |b: Input, decode| pair_warnings(&[a.clone(), b], decode).join("; ");
         assert_eq!(warn(b.clone(), Decode::None), "");
         assert!(warn(a.clone(), Decode::None).contains("same picture"));
@@ -293,24 +281,6 @@ mod tests {
         assert!(warn(linear.clone(), Decode::Srgb).contains("b says that its values are linear"));
         let both = pair_warnings(&[Input { encoding: Some("sRGB".to_string()), ..a.clone() }, linear], Decode::None);
         assert!(both[0].contains("a says that its values are sRGB, and b that its are linear"), "{both:?}");
-    }
-
-    fn input_of(file: &str, bits: u32, encoding: Option<&str>) -> Input {
-        let encoding = encoding.map(String::from);
-        let (sha256, format) = (String::new(), "PNG".to_string());
-        Input {
-            file: file.into(),
-            bytes: 1,
-            sha256,
-            bits,
-            channels: 1,
-            alpha: false,
-            format,
-            pages: 1,
-            page: None,
-            encoding,
-            exif: None,
-        }
     }
 
     #[test]

@@ -211,14 +211,16 @@ fn a_page_is_selected_by_its_number() {
     assert!(matches!(read(&odd).unwrap().samples(), Samples::U16(_)));
 }
 
+/// EXIF: a big-endian TIFF header and one entry, tag 0x112 (orientation), SHORT, count 1, value 6 (turn right).
+const TURNED: &[u8] = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+
 #[test]
 fn png_and_tiff_are_rotated_too() {
     let folder = TempDir::new().unwrap();
     let turned = |image: &DynamicImage| image.rotate90().into_luma8().into_raw();
-    let exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0".to_vec();
     let path = folder.path().join("turned.png");
     let mut encoder = image::codecs::png::PngEncoder::new(fs::File::create(&path).unwrap());
-    encoder.set_exif_metadata(exif).unwrap();
+    encoder.set_exif_metadata(TURNED.to_vec()).unwrap();
     encoder.write_image(gray8().as_bytes(), WIDTH, HEIGHT, image::ExtendedColorType::L8).unwrap();
     let frame = read(&path).unwrap();
     assert_eq!((frame.width(), frame.height()), (HEIGHT, WIDTH));
@@ -270,11 +272,9 @@ fn a_pair_may_have_two_bit_depths() {
 #[test]
 fn jpeg_is_read_and_rotated_as_the_camera_states() {
     let folder = TempDir::new().unwrap();
-    // Big-endian TIFF header, one entry: tag 0x112 (orientation), SHORT, count 1, value 6 (turn right).
-    let exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0".to_vec();
     let path = folder.path().join("turned.jpg");
     let mut encoder = JpegEncoder::new_with_quality(fs::File::create(&path).unwrap(), 95);
-    encoder.set_exif_metadata(exif).unwrap();
+    encoder.set_exif_metadata(TURNED.to_vec()).unwrap();
     encoder.encode_image(&gray8().into_luma8()).unwrap();
     let frame = read(&path).unwrap();
     assert_eq!((frame.width(), frame.height()), (HEIGHT, WIDTH));

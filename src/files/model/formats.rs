@@ -21,27 +21,28 @@ impl Mesh {
     /// Connects each four neighbouring points by two triangles, three points by one; holes stay open.
     ///
     /// # Errors
-    /// A message if there are more points than 32-bit indices.
-    fn new(points: &Points) -> Result<Self, String> {
+    /// If there are more points than 32-bit indices.
+    fn new(points: &Points) -> io::Result<Self> {
         if points.positions.len() > u32::MAX as usize {
-            return Err("there are too many points for a mesh; reduce it by --mesh-cells".to_string());
+            return Err(io::Error::other("there are too many points for a mesh; reduce it by --mesh-cells"));
         }
         let vertices: Vec<usize> = (0..points.positions.len()).filter(|&i| points.is_point(i)).collect();
-        let triangles = triangles(points, &vertices);
+        let triangles = triangles([points.width, points.height], &vertices);
         let normals = normals(points, &vertices, &triangles);
         Ok(Self { vertices, normals, triangles })
     }
 }
 
-fn triangles(points: &Points, vertices: &[usize]) -> Vec<[u32; 3]> {
+/// The triangles of a grid whose points at the indices `vertices` are no holes, counter-clockwise as seen by the camera.
+pub(crate) fn triangles([width, height]: [usize; 2], vertices: &[usize]) -> Vec<[u32; 3]> {
     const NONE: u32 = u32::MAX;
-    let mut number = vec![NONE; points.positions.len()];
+    let mut number = vec![NONE; width * height];
     (0..).zip(vertices).for_each(|(k, &i)| number[i] = k);
     let mut triangles = Vec::with_capacity(2 * vertices.len());
-    for y in 1..points.height {
-        for x in 1..points.width {
-            let at = y * points.width + x;
-            let [a, b, c, d] = [at - points.width - 1, at - points.width, at, at - 1].map(|i| number[i]);
+    for y in 1..height {
+        for x in 1..width {
+            let at = y * width + x;
+            let [a, b, c, d] = [at - width - 1, at - width, at, at - 1].map(|i| number[i]);
             // If a corner is missing, one of the two diagonals of the square gives all remaining triangles.
             let cuts = if a == NONE || c == NONE { [[b, d, c], [a, d, b]] } else { [[a, c, b], [a, d, c]] };
             triangles.extend(cuts.into_iter().filter(|t| !t.contains(&NONE)));
@@ -83,12 +84,8 @@ fn unit(v: [f64; 3]) -> [f32; 3] {
 }
 
 /// Writes PLY (Turk 1994), binary: the points with normals and colours, and the triangles if asked.
-pub(super) fn write_ply(writer: &mut dyn Write, points: &Points, with_triangles: bool) -> Result<(), String> {
+pub(super) fn write_ply(writer: &mut dyn Write, points: &Points, with_triangles: bool) -> io::Result<()> {
     let mesh = Mesh::new(points)?;
-    ply_body(writer, points, &mesh, with_triangles).map_err(|e| e.to_string())
-}
-
-fn ply_body(writer: &mut dyn Write, points: &Points, mesh: &Mesh, with_triangles: bool) -> io::Result<()> {
     writeln!(writer, "ply\nformat binary_little_endian 1.0")?;
     writeln!(writer, "comment parfocal {}", env!("CARGO_PKG_VERSION"))?;
     writeln!(writer, "comment unit: {}; x right, y up, z towards the camera", one_line(&points.unit))?;
@@ -135,7 +132,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// Writes glTF 2.0 in its binary form: the mesh with its texture.
 ///
 /// The unit of glTF is the metre: a node scales millimetres to it, and the longer side of other units to 1.
-pub(super) fn write_glb(writer: &mut dyn Write, points: &Points, texture: &RgbImage) -> Result<(), String> {
+pub(super) fn write_glb(writer: &mut dyn Write, points: &Points, texture: &RgbImage) -> io::Result<()> {
     let mesh = Mesh::new(points)?;
     if mesh.triangles.is_empty() {
         // glTF has no empty mesh.
@@ -143,7 +140,7 @@ pub(super) fn write_glb(writer: &mut dyn Write, points: &Points, texture: &RgbIm
         return container(writer, text.as_bytes(), &[]);
     }
     let mut png = Cursor::new(Vec::new());
-    texture.write_to(&mut png, ImageFormat::Png).map_err(|e| e.to_string())?;
+    texture.write_to(&mut png, ImageFormat::Png).map_err(io::Error::other)?;
     let png = png.into_inner();
     let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(|&i| points.positions[i]).collect();
     let places: Vec<[f32; 2]> =
@@ -227,13 +224,14 @@ fn padded(length: usize) -> usize {
 }
 
 /// Writes the header and its two chunks.
-fn container(writer: &mut dyn Write, text: &[u8], parts: &[&[u8]]) -> Result<(), String> {
+fn container(writer: &mut dyn Write, text: &[u8], parts: &[&[u8]]) -> io::Result<()> {
     let binary: usize = parts.iter().map(|part| padded(part.len())).sum();
     let whole = 12 + 8 + padded(text.len()) + if binary > 0 { 8 + binary } else { 0 };
     let Ok(whole) = u32::try_from(whole) else {
-        return Err(format!("{whole} bytes are too many for glTF; reduce the mesh by --mesh-cells"));
+        let problem = format!("{whole} bytes are too many for glTF; reduce the mesh by --mesh-cells");
+        return Err(io::Error::other(problem));
     };
-    let mut out = |bytes: &[u8]| writer.write_all(bytes).map_err(|e| e.to_string());
+    let mut out = |bytes: &[u8]| writer.write_all(bytes);
     let chunk =
         |kind: &[u8; 4], length: usize| (length as u32).to_le_bytes().into_iter().chain(*kind).collect::<Vec<_>>();
     out(b"glTF")?;
@@ -253,12 +251,8 @@ fn container(writer: &mut dyn Write, text: &[u8], parts: &[&[u8]]) -> Result<(),
 }
 
 /// Writes STL, binary: triangles alone.
-pub(super) fn write_stl(writer: &mut dyn Write, points: &Points) -> Result<(), String> {
+pub(super) fn write_stl(writer: &mut dyn Write, points: &Points) -> io::Result<()> {
     let mesh = Mesh::new(points)?;
-    stl_body(writer, points, &mesh).map_err(|e| e.to_string())
-}
-
-fn stl_body(writer: &mut dyn Write, points: &Points, mesh: &Mesh) -> io::Result<()> {
     // 80 bytes that do not begin with "solid", as text STL does.
     let comment =
         format!("parfocal {}, unit: {}; x right, y up, z towards the camera", env!("CARGO_PKG_VERSION"), points.unit);
@@ -277,16 +271,12 @@ fn stl_body(writer: &mut dyn Write, points: &Points, mesh: &Mesh) -> io::Result<
 }
 
 /// Writes OBJ: the mesh with normals and colours, as text.
-pub(super) fn write_obj(writer: &mut dyn Write, points: &Points) -> Result<(), String> {
+pub(super) fn write_obj(writer: &mut dyn Write, points: &Points) -> io::Result<()> {
     let mesh = Mesh::new(points)?;
-    obj_body(writer, points, &mesh).map_err(|e| e.to_string())
-}
-
-fn obj_body(writer: &mut dyn Write, points: &Points, mesh: &Mesh) -> io::Result<()> {
     writeln!(writer, "# parfocal {}", env!("CARGO_PKG_VERSION"))?;
     writeln!(writer, "# unit: {}; x right, y up, z towards the camera", points.unit)?;
     for comment in &points.comments {
-        writeln!(writer, "# {}", comment.replace(['\r', '\n'], " "))?;
+        writeln!(writer, "# {}", one_line(comment))?;
     }
     writeln!(writer, "o surface")?;
     for &i in &mesh.vertices {

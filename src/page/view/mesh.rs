@@ -1,6 +1,7 @@
 //! The surface as a mesh: heights on a grid, and triangles.
 
 use super::Surface;
+use crate::files::model::triangles;
 
 /// Nearness, 0 to 1, at the nodes of a grid; NaN at nodes without a valid pixel.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,24 +97,11 @@ pub(super) struct Mesh {
 impl Mesh {
     /// Connects each four neighbouring nodes by two triangles, and three valid nodes by one.
     pub(super) fn new(heights: &Heights, relief: f32) -> Self {
-        let mut index = vec![u32::MAX; heights.data.len()];
-        let mut vertices = Vec::with_capacity(heights.data.len());
-        for (at, height) in heights.data.iter().enumerate() {
-            if !height.is_nan() {
-                index[at] = vertices.len() as u32;
-                vertices.push(vertex(heights, relief, at % heights.width, at / heights.width));
-            }
-        }
-        let mut triangles = Vec::with_capacity(2 * vertices.len());
-        for y in 1..heights.height {
-            for x in 1..heights.width {
-                let at = y * heights.width + x;
-                let [a, b, c, d] = [at - heights.width - 1, at - heights.width, at, at - 1].map(|i| index[i]);
-                // If a corner is missing, one of the two diagonals of the square gives all remaining triangles.
-                let cuts = if a == u32::MAX || c == u32::MAX { [[b, c, d], [a, b, d]] } else { [[a, b, c], [a, c, d]] };
-                triangles.extend(cuts.into_iter().filter(|t| !t.contains(&u32::MAX)));
-            }
-        }
+        let nodes: Vec<usize> = (0..heights.data.len()).filter(|&at| !heights.data[at].is_nan()).collect();
+        let vertices = nodes.iter().map(|at| vertex(heights, relief, at % heights.width, at / heights.width)).collect();
+        // The rasteriser takes corners clockwise.
+        let triangles =
+            triangles([heights.width, heights.height], &nodes).into_iter().map(|[a, b, c]| [a, c, b]).collect();
         Self { vertices, triangles }
     }
 }
