@@ -2,33 +2,20 @@
 
 use crate::base::Depth;
 
-/// How stored values become intensities.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
-#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
-pub enum Decode {
-    /// As the files state; without a statement sRGB for 8 bits, linear for more bits and for floats
-    #[default]
-    Auto,
-    /// As stored
-    None,
-    /// By the inverse of the sRGB curve, so that blur is linear in the intensities
-    Srgb,
+choices! {
+    /// How stored values become intensities.
+    pub enum Decode {
+        /// As the files state; without a statement sRGB for 8 bits, linear for more bits and for floats
+        #[default]
+        Auto = "auto",
+        /// As stored
+        None = "none",
+        /// By the inverse of the sRGB curve, so that blur is linear in the intensities
+        Srgb = "srgb",
+    }
 }
 
 impl Decode {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Auto, Self::None, Self::Srgb];
-
-    /// "auto", "none" or "srgb".
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::None => "none",
-            Self::Srgb => "srgb",
-        }
-    }
-
     /// Replaces [`Decode::Auto`] by what the samples of all photographs of one scene imply.
     ///
     /// 8 bits are made to be looked at and follow the sRGB curve, as browsers assume too: so few bits of linear light would

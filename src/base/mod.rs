@@ -1,5 +1,33 @@
 //! Basic types, without dependence on devices, files or passes.
 
+/// Makes an enum of named choices: the name is that in files, on the command line and in reports.
+macro_rules! choices {
+    ($(#[$attribute:meta])* pub enum $type:ident { $($(#[$doc:meta])* $variant:ident = $name:literal,)+ }) => {
+        $(#[$attribute])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        #[cfg_attr(feature = "program", derive(clap::ValueEnum))]
+        pub enum $type { $(
+            $(#[$doc])*
+            #[cfg_attr(feature = "serde", serde(rename = $name))]
+            #[cfg_attr(feature = "program", value(name = $name))]
+            $variant,
+        )+ }
+
+        impl $type {
+            /// All of them.
+            pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
+
+            /// The name, as in files and on the command line.
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name,)+
+                }
+            }
+        }
+    };
+}
+
 pub(crate) mod brightness;
 pub(crate) mod color;
 mod control;

@@ -5,57 +5,38 @@ use std::fmt::Display;
 use crate::base::color::Decode;
 use crate::base::{Depth, Error, Homography, Kernel};
 
-/// The system that is solved: registration and relative blur together, or one before the other.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
-#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
-pub enum Method {
-    /// Registration together with the blur: sections 2 to 4 of the paper
-    #[default]
-    Unified,
-    /// No registration: T is held at its start
-    Aligned,
-    /// Registration before the blur, by the difference of the images (equation 36 of the paper)
-    Appearance,
-    /// Registration before the blur, by SIFT key-points, which need no start
-    Sift,
-}
-
-impl Method {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Unified, Self::Aligned, Self::Appearance, Self::Sift];
-
-    /// "unified", "aligned", "appearance" or "sift".
-    pub fn name(self) -> &'static str {
-        match self {
-            Method::Unified => "unified",
-            Method::Aligned => "aligned",
-            Method::Appearance => "appearance",
-            Method::Sift => "sift",
-        }
+choices! {
+    /// The system that is solved: registration and relative blur together, or one before the other.
+    pub enum Method {
+        /// Registration together with the blur: sections 2 to 4 of the paper
+        #[default]
+        Unified = "unified",
+        /// No registration: T is held at its start
+        Aligned = "aligned",
+        /// Registration before the blur, by the difference of the images (equation 36 of the paper)
+        Appearance = "appearance",
+        /// Registration before the blur, by SIFT key-points, which need no start
+        Sift = "sift",
     }
 }
 
-/// The motion model of T: each is a special case of the next.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
-#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
-pub enum Motion {
-    /// Shift along x and y
-    Translation,
-    /// Also rotation and scale: refocusing, and movement in the plane of the image
-    #[default]
-    Similarity,
-    /// Also stretch and shear
-    Affine,
-    /// Also perspective: a camera that turned, or a flat scene that was tilted
-    Homography,
+choices! {
+    /// The motion model of T: each is a special case of the next.
+    #[derive(PartialOrd, Ord)]
+    pub enum Motion {
+        /// Shift along x and y
+        Translation = "translation",
+        /// Also rotation and scale: refocusing, and movement in the plane of the image
+        #[default]
+        Similarity = "similarity",
+        /// Also stretch and shear
+        Affine = "affine",
+        /// Also perspective: a camera that turned, or a flat scene that was tilted
+        Homography = "homography",
+    }
 }
 
 impl Motion {
-    /// All of them, the simplest first.
-    pub const ALL: [Self; 4] = [Motion::Translation, Motion::Similarity, Motion::Affine, Motion::Homography];
-
     /// The number of parameters.
     pub fn unknowns(self) -> usize {
         match self {
@@ -65,40 +46,16 @@ impl Motion {
             Motion::Homography => 8,
         }
     }
-
-    /// "translation", "similarity", "affine" or "homography".
-    pub fn name(self) -> &'static str {
-        match self {
-            Motion::Translation => "translation",
-            Motion::Similarity => "similarity",
-            Motion::Affine => "affine",
-            Motion::Homography => "homography",
-        }
-    }
 }
 
-/// How T is updated in each outer iteration.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
-#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
-pub enum RegistrationStep {
-    /// Gauss-Newton on the energy, with each pixel's change of V eliminated
-    #[default]
-    GaussNewton,
-    /// Gradient descent at fixed V: the paper's explicit scheme, to compare with
-    GradientDescent,
-}
-
-impl RegistrationStep {
-    /// Both of them.
-    pub const ALL: [Self; 2] = [Self::GaussNewton, Self::GradientDescent];
-
-    /// "gauss-newton" or "gradient-descent".
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::GaussNewton => "gauss-newton",
-            Self::GradientDescent => "gradient-descent",
-        }
+choices! {
+    /// How T is updated in each outer iteration.
+    pub enum RegistrationStep {
+        /// Gauss-Newton on the energy, with each pixel's change of V eliminated
+        #[default]
+        GaussNewton = "gauss-newton",
+        /// Gradient descent at fixed V: the paper's explicit scheme, to compare with
+        GradientDescent = "gradient-descent",
     }
 }
 

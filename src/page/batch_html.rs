@@ -2,12 +2,10 @@
 
 use std::fmt::Write;
 
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
-use image::codecs::jpeg::JpegEncoder;
-use image::{ExtendedColorType, RgbImage};
+use image::RgbImage;
 
 use super::figure::resized;
+use super::report_html::jpeg;
 
 /// Width of a small picture, px.
 const WIDTH: u32 = 320;
@@ -79,12 +77,7 @@ fn small(picture: &RgbImage) -> Option<String> {
     let (width, height) = picture.dimensions();
     let factor = (f64::from(WIDTH) / f64::from(width.max(1))).min(1.0);
     let side = |length: u32| ((f64::from(length) * factor).round() as u32).max(1);
-    let small = resized(picture, (side(width), side(height)));
-    let mut bytes = Vec::new();
-    let encoder = JpegEncoder::new_with_quality(&mut bytes, 80);
-    let mut encoder = encoder;
-    encoder.encode(&small, small.width(), small.height(), ExtendedColorType::Rgb8).ok()?;
-    Some(STANDARD.encode(bytes))
+    jpeg(&resized(picture, (side(width), side(height))), 80).ok()
 }
 
 /// Escapes text for HTML elements and attributes.

@@ -212,13 +212,6 @@ mod tests {
     }
 
     #[test]
-    fn the_image_focused_nearer_decides_which_end_is_near() {
-        let ramp: Vec<f32> = (0..101).map(|i| i as f32 - 50.0).collect();
-        let (first, second) = (row(&ramp, Nearer::First), row(&ramp, Nearer::Second));
-        assert_eq!((first[100], second[100], first[0]), (opaque(1.0), opaque(0.0), second[100]));
-    }
-
-    #[test]
     fn invalid_pixels_are_transparent_and_a_single_value_is_drawn() {
         assert_eq!(row(&[f32::NAN, 2.0], Nearer::First), [[0; 4], opaque(0.5)]);
         assert_eq!(row(&[f32::NAN], Nearer::First), [[0; 4]]);

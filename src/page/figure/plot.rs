@@ -183,8 +183,7 @@ pub(super) struct Point {
 impl Series {
     /// Points (x, y), joined in this order.
     pub fn new(name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
-        let points = points.into_iter().map(|(x, y)| Point { x, low: y, y, high: y }).collect();
-        Self { name: name.into(), points, marked: true }
+        Self::with_spread(name, points.into_iter().map(|(x, y)| (x, [y; 3])))
     }
 
     /// Points (x, [low, y, high]) with a bar from low to high, such as quartiles around a median.

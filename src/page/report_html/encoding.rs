@@ -29,7 +29,11 @@ pub(super) fn decimals(values: &[f32], width: usize, digits: u32) -> Result<Stri
         (0..4).for_each(|plane| planes[plane * values.len() + i] = zigzag[plane]);
     }
     let mut encoder = ZlibEncoder::new(Vec::with_capacity(planes.len()), Compression::default());
-    encoder.write_all(&planes).and_then(|()| encoder.finish()).map(base64).map_err(|e| e.to_string())
+    encoder
+        .write_all(&planes)
+        .and_then(|()| encoder.finish())
+        .map(|bytes| STANDARD.encode(bytes))
+        .map_err(|e| e.to_string())
 }
 
 fn integer(value: f32, digits: u32) -> i32 {
@@ -50,16 +54,12 @@ fn predicted(integers: &[i32], width: usize, i: usize) -> i32 {
 }
 
 /// A picture as JPEG of a quality up to 100, base64.
-pub(super) fn jpeg(image: &RgbImage, quality: u8) -> Result<String, String> {
+pub(in crate::page) fn jpeg(image: &RgbImage, quality: u8) -> Result<String, String> {
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, quality)
         .encode(image, image.width(), image.height(), ExtendedColorType::Rgb8)
         .map_err(|e| e.to_string())?;
-    Ok(base64(bytes))
-}
-
-fn base64(bytes: Vec<u8>) -> String {
-    STANDARD.encode(bytes)
+    Ok(STANDARD.encode(bytes))
 }
 
 /// JSON for a script element. No string in it can begin or end an element.

@@ -17,6 +17,7 @@ use image::RgbImage;
 use serde_json::{Value, json};
 
 use self::encoding::Grid;
+pub(super) use self::encoding::jpeg;
 pub use self::page::{ExistingPage, Page};
 pub use self::readout::Readout;
 use crate::base::{Brightness, Decode, Frame, Homography, Region, workers};
@@ -169,7 +170,7 @@ impl Contents<'_> {
         workers::for_each(images.zip(&mut texts), |(image, text)| {
             *text = image.and_then(|image| match image {
                 Image::Encoded(text) => Ok(text.to_string()),
-                Image::Raw(image, quality) => encoding::jpeg(&image, quality),
+                Image::Raw(image, quality) => jpeg(&image, quality),
             });
         });
         let elements = texts.into_iter().enumerate();
