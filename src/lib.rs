@@ -97,5 +97,5 @@ pub mod internals {
     #[cfg(feature = "files")]
     pub use crate::files::bounded_read;
     #[cfg(feature = "lab")]
-    pub use crate::lab::{baseline, bench, contact_sheet, evaluate, scene};
+    pub use crate::lab::{baseline, bench, evaluate, scene};
 }

@@ -2,6 +2,5 @@
 
 pub mod baseline;
 pub mod bench;
-pub mod contact_sheet;
 pub mod evaluate;
 pub mod scene;

@@ -1,6 +1,6 @@
 //! Formats a report as text, and compares two reports.
 
-use super::{Report, RunReport, Spread};
+use super::{Refused, Report, RunReport, Spread};
 
 /// The text for a missing value.
 const DASH: &str = "-";
@@ -66,16 +66,11 @@ impl Report {
             text += &format!("\n\n{}", run.table());
         }
         for refused in &self.refused {
-            let title = title(refused.width, refused.height, &refused.method, &refused.kernel);
-            text += &format!("\n\n{title}: {}", refused.error);
+            let Refused { width, height, method, kernel, error } = refused;
+            text += &format!("\n\n{width}x{height} {method} {kernel}: {error}");
         }
         text
     }
-}
-
-/// The name of a run.
-fn title(width: u32, height: u32, method: &str, kernel: &str) -> String {
-    format!("{width}x{height} {method} {kernel}")
 }
 
 impl RunReport {
@@ -117,8 +112,7 @@ impl RunReport {
                 percent(p.share_of_copy),
             ]
         }));
-        let title = title(self.width, self.height, &self.method, &self.kernel);
-        format!("{title}\n{facts}\n{}", aligned(&rows))
+        format!("{}\n{facts}\n{}", name(self), aligned(&rows))
     }
 }
 
@@ -128,7 +122,7 @@ impl RunReport {
 /// It has the time end to end and on the device, each with the least and the greatest ratio of the samples, and the
 /// median of every pass. Runs that only one report contains are named.
 pub fn compare(old: &Report, new: &Report) -> String {
-    let mut rows = vec![["", "old ms", "new ms", "new/old", "least", "greatest"].map(str::to_string).to_vec()];
+    let mut rows = vec![row(["", "old ms", "new ms", "new/old", "least", "greatest"])];
     let mut notes: Vec<String> = Vec::new();
     for run in &new.runs {
         match old.runs.iter().find(|earlier| same(earlier, run)) {
@@ -153,8 +147,9 @@ fn same(a: &RunReport, b: &RunReport) -> bool {
     (a.width, a.height, &a.method, &a.kernel) == (b.width, b.height, &b.method, &b.kernel)
 }
 
+/// The name of a run.
 fn name(run: &RunReport) -> String {
-    title(run.width, run.height, &run.method, &run.kernel)
+    format!("{}x{} {} {}", run.width, run.height, run.method, run.kernel)
 }
 
 /// The rows of one run.
@@ -185,7 +180,8 @@ fn ratio(new: f64, old: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Cold, DeviceReport, Dispatches, Memory, PassReport};
+    use serde_json::json;
+
     use super::*;
 
     #[test]
@@ -204,46 +200,24 @@ mod tests {
     }
 
     fn run(width: u32, ms: [f64; 3], relax: f64) -> RunReport {
-        RunReport {
-            width,
-            height: 64,
-            method: "unified".to_string(),
-            kernel: "gaussian".to_string(),
-            solve_ms: Spread::of(&ms).unwrap(),
-            device_ms: Spread::of(&ms),
-            mpx_per_s: 1.0,
-            device_mpx_per_s: None,
-            cold: Cold { prepare_ms: 1.0, first_ms: 1.0 },
-            memory: Memory { device_bytes_per_px: 1.0, host_bytes_per_px: 1.0 },
-            dispatches: Dispatches { recorded: 1, executed: 1 },
-            levels: Vec::new(),
-            relaxation: None,
-            passes: vec![PassReport {
-                name: "relax".to_string(),
-                ms: relax,
-                dispatches: 1,
-                bytes: 1,
-                gb_per_s: 1.0,
-                share_of_copy: None,
-            }],
-        }
+        let spread = json!(Spread::of(&ms));
+        let run = json!({
+            "width": width, "height": 64, "method": "unified", "kernel": "gaussian", "solve_ms": spread,
+            "device_ms": spread, "mpx_per_s": 1.0, "cold": { "prepare_ms": 1.0, "first_ms": 1.0 },
+            "memory": { "device_bytes_per_px": 1.0, "host_bytes_per_px": 1.0 },
+            "dispatches": { "recorded": 1, "executed": 1 }, "levels": [],
+            "passes": [{ "name": "relax", "ms": relax, "dispatches": 1, "bytes": 1, "gb_per_s": 1.0 }],
+        });
+        serde_json::from_value(run).unwrap()
     }
 
     fn report(runs: Vec<RunReport>) -> Report {
-        let device = crate::files::export::DeviceReport { name: "d".into(), driver: "v".into(), uuid: String::new() };
-        Report {
-            version: String::new(),
-            device: DeviceReport { device, subgroup_size: 8 },
-            input: "synthetic".to_string(),
-            warmup: 1,
-            repeats: 3,
-            outer_iterations: 20,
-            relaxation_sweeps: 5,
-            copy_gb_per_s: None,
-            engine_ms: 1.0,
-            runs,
-            refused: Vec::new(),
-        }
+        let report = json!({
+            "version": "", "device": { "name": "d", "driver": "v", "uuid": "", "subgroup_size": 8 },
+            "input": "synthetic", "warmup": 1, "repeats": 3, "outer_iterations": 20, "relaxation_sweeps": 5,
+            "engine_ms": 1.0, "runs": runs,
+        });
+        serde_json::from_value(report).unwrap()
     }
 
     fn cells(text: &str, first: &str) -> Vec<String> {

@@ -1,8 +1,7 @@
 //! Errors of registration and V, and the coverage of these errors by σ.
 
 use super::pairs::KnownPair;
-use super::runner::Runner;
-use super::section::Case;
+use super::section::{Case, Runner};
 use crate::base::{Settings, statistics};
 use crate::engine::Solution;
 use crate::engine::stages::uncertainty::LARGEST;

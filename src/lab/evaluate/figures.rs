@@ -1,14 +1,14 @@
 //! The figures: those of the paper, with its numbers, and curves of robustness.
 
 use super::Figure;
+use super::contact_sheet::{PALETTE, Panel, Row, Sheet};
 use super::pairs::PhotographedPair;
 use super::robustness::{Curve, PAPER_PX};
-use super::runner::METHODS;
-use super::section::number;
+use super::section::{METHODS, number};
 use crate::base::{Frame, Method, Samples};
 use crate::engine::Solution;
 use crate::files::export::{Nearer, Scale};
-use crate::lab::contact_sheet::{PALETTE, Panel, Row, Sheet};
+use crate::files::image_io::preview;
 use crate::page::figure::{Axis, Plot, Series};
 use crate::page::view::{Surface, View};
 
@@ -53,22 +53,25 @@ impl Collector {
         let scale = Scale::common(fields.map(|s| &s.relative_blur[..]).chain([&zero[..]]), Nearer::First);
         let panels = solved.iter().zip(corners).map(|((_, solution), corner)| {
             let caption = corner.map_or(String::new(), |corner| format!("corners {} px off", number(corner)));
-            blur(solution, &scale).caption(caption)
+            Panel { caption, ..blur(solution, &scale) }
         });
-        let photograph = Panel::photograph(&clipped(i1));
-        self.scenes.push(Row::new(name).scale(scale).panels([photograph]).panels(panels.collect::<Vec<_>>()));
+        let panels = [Panel::new(preview(&clipped(i1)))].into_iter().chain(panels).collect();
+        self.scenes.push(Row { name: name.to_string(), panels, scale: Some(scale) });
     }
 
     /// Adds a row to Figure 6, and a surface for Figure 8.
     pub(super) fn photographs(&mut self, pair: &PhotographedPair, [i1, _]: [&Frame; 2], solved: &[Solved]) {
         let unified = solved.iter().find(|(name, _)| *name == Method::Unified.name());
+        let name = pair.name.to_string();
         let Some(unified) = unified.and_then(|(_, solution)| solution.as_ref().ok()) else {
-            self.photographs.push(Row::new(pair.name).panels([Panel::missing("the unified method failed")]));
+            let panels = vec![Panel::missing("the unified method failed")];
+            self.photographs.push(Row { name, panels, scale: None });
             return;
         };
         let scale = Scale::of(&unified.relative_blur, pair.nearer);
-        let panels: Vec<Panel> = solved.iter().map(|(_, solution)| blur(solution, &scale)).collect();
-        self.photographs.push(Row::new(pair.name).scale(scale).panels([Panel::photograph(i1)]).panels(panels));
+        let panels = solved.iter().map(|(_, solution)| blur(solution, &scale));
+        let panels = [Panel::new(preview(i1))].into_iter().chain(panels).collect();
+        self.photographs.push(Row { name, panels, scale: Some(scale) });
         let samples = Samples::F32(unified.fused.iter().map(|v| v.clamp(0.0, 1.0)).collect());
         let fused = Frame::new(unified.width, unified.height, unified.fused_channels, samples);
         let surface = fused.ok().map(|fused| Surface::new(&unified.relative_blur, &fused, pair.nearer));
@@ -84,13 +87,8 @@ impl Collector {
         let methods = || ["I1", NONE].into_iter().chain(METHODS.map(Method::name));
         let known = "V of pairs whose registration is known (the paper's Figure 4).";
         let mut figures = Vec::from_iter(sheet(SCENES, known, 190, methods().chain([ALIGNED]), self.scenes));
-        figures.extend(sheet(
-            PHOTOGRAPHS,
-            "V of photographs (the paper's Figure 6).",
-            260,
-            methods(),
-            self.photographs,
-        ));
+        let photographs = "V of photographs (the paper's Figure 6).";
+        figures.extend(sheet(PHOTOGRAPHS, photographs, 260, methods(), self.photographs));
         figures.extend(self.surfaces);
         figures.push(curves(robustness));
         figures
@@ -103,19 +101,22 @@ const FOOTER: &str = "A row has one scale, from V of the unified method (and of 
 fn sheet(
     name: &str,
     caption: &str,
-    width: u32,
+    panel_width: u32,
     columns: impl Iterator<Item = &'static str>,
     rows: Vec<Row>,
 ) -> Option<Figure> {
-    let sheet = Sheet::new(caption).columns(columns).panel_width(width).footer(FOOTER);
+    if rows.is_empty() {
+        return None;
+    }
     let (name, caption) = (name.to_string(), caption.to_string());
-    (!rows.is_empty()).then(|| Figure { name, caption, picture: rows.into_iter().fold(sheet, Sheet::row).draw() })
+    let sheet = Sheet { title: caption.clone(), columns: columns.collect(), rows, footer: FOOTER, panel_width };
+    Some(Figure { name, caption, picture: sheet.draw() })
 }
 
 fn blur(solution: &Result<Solution, String>, scale: &Scale) -> Panel {
     match solution {
         Ok(s) => Panel::relative_blur(s.width, s.height, &s.relative_blur, scale),
-        Err(reason) => Panel::missing(reason.clone()),
+        Err(reason) => Panel::missing(reason),
     }
 }
 
@@ -130,10 +131,10 @@ fn clipped(frame: &Frame) -> Frame {
 /// Draws robustness: a plot for each property.
 fn curves(curves: &[Curve]) -> Figure {
     let caption = "Corner error as scenes get harder: median over the seeds, bars from least to greatest.";
-    let plots: Vec<Panel> = curves.iter().map(|curve| Panel::image(plot(curve))).collect();
-    let rows = plots.chunks(3).map(|row| Row::new("").panels(row.to_vec()));
-    let picture = rows.fold(Sheet::new(caption).panel_width(640), Sheet::row).draw();
-    Figure { name: ROBUSTNESS.to_string(), caption: caption.to_string(), picture }
+    let panels = |curves: &[Curve]| curves.iter().map(|curve| Panel::new(plot(curve))).collect();
+    let rows = curves.chunks(3).map(|curves| Row { panels: panels(curves), ..Row::default() }).collect();
+    let sheet = Sheet { title: caption.to_string(), rows, panel_width: 640, ..Sheet::default() };
+    Figure { name: ROBUSTNESS.to_string(), caption: caption.to_string(), picture: sheet.draw() }
 }
 
 fn plot(curve: &Curve) -> image::RgbImage {

@@ -12,13 +12,13 @@
 //!
 //! A solve that fails becomes a row with its reason, and the other solves continue. Only writing can fail.
 
+mod contact_sheet;
 mod defaults;
 mod errors;
 mod figures;
 mod pairs;
 mod registration;
 mod robustness;
-mod runner;
 mod section;
 mod sweeps;
 
@@ -28,8 +28,7 @@ use std::path::{Path, PathBuf};
 use image::RgbImage;
 use serde::Serialize;
 
-use self::runner::Runner;
-use self::section::Section;
+use self::section::{Runner, Section};
 use crate::base::Error;
 use crate::engine::Engine;
 use crate::files::export::{Destination, DeviceReport, Staging, write_drawing, write_json_to};

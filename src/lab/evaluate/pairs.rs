@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
-use super::runner::{Runner, settings};
+use super::section::{Runner, settings};
 use crate::base::color::LUMINANCE;
 use crate::base::{Channels, Decode, Frame, Kernel, Method, Samples, Settings, Similarity, centre};
 use crate::engine::Solution;

@@ -1,8 +1,7 @@
 //! The accuracy of the methods as a scene gets more difficult, and where they fail.
 
 use super::errors::spread;
-use super::runner::{METHODS, Runner, settings};
-use super::section::{Case, Section, number};
+use super::section::{Case, METHODS, Runner, Section, number, settings};
 use crate::base::{Frame, Kernel, Method, Similarity};
 use crate::lab::scene::{Exposure, Preset, Scene, Shape};
 

@@ -12,7 +12,7 @@
 //! meets one layer, its texture has a closed form. Elsewhere the colour is a quadrature over the aperture. The base
 //! blur softens textures and edges, so that the quadrature converges: its error is below 1e-3.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::kernel::{Kernel, Rules};
 use super::radiance::Waves;
@@ -22,7 +22,7 @@ use crate::base::random::Random;
 use crate::base::{Lens, centre};
 
 /// An arrangement of layers in front of the background. The seed places them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Arrangement {
     /// One large near card in front of a far background.

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::kernel::Rules;
 use super::raster::Raster;
@@ -14,7 +14,7 @@ use crate::base::{Error, Frame, Samples, Similarity};
 use crate::files::image_io;
 
 /// The radiance of the surface in focus: a continuous function of the position, in [0, 1].
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Radiance {
     /// 480 random cosines with correlation lengths of 0.7 to 10 px. Blur and interpolation have an exact closed form.
@@ -266,50 +266,6 @@ mod tests {
             let worst = exact.iter().zip(&summed).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(worst < 1e-6, "{kernel:?}: {worst}");
         }
-    }
-
-    #[test]
-    fn the_step_response_of_each_kernel_is_its_line_integral() {
-        // A soft step at x = 0, blurred along x: for the Gaussian the variances add, for the half-Gaussian the centroid
-        // moves by σ √(2/π) to the right.
-        let soft = |x: f64, v: f64| libm::erfc(-x / (2.0 * v).sqrt()) / 2.0;
-        let (view, variances) = (View::new(&Similarity::new(0.0, 0.0, 0.0, 1.0), [801, 1]), [6.25; 801]);
-        let row = Row { view: &view, start: [-40.0, 0.0], step: [0.1, 0.0], variances: &variances };
-        for kernel in KERNELS {
-            let mut values = vec![0.0; 801];
-            gather(|x| soft(x[0], 0.36), &Rules::new(kernel, 2.5), &row, &mut values);
-            if kernel == Kernel::Gaussian {
-                for (i, value) in values.iter().enumerate() {
-                    assert!((value - soft(row.place(i)[0], 0.36 + 6.25)).abs() < 1e-6);
-                }
-            }
-            // The derivative of the step response is the line spread function: its mean and second moment.
-            let spread: Vec<(f64, f64)> =
-                (0..800).map(|i| (row.place(i)[0] + 0.05, values[i + 1] - values[i])).collect();
-            let moment = |power: i32| spread.iter().map(|(x, d)| x.powi(power) * d).sum::<f64>();
-            let mean = if kernel == Kernel::HalfGaussian { 2.5 * (2.0 / std::f64::consts::PI).sqrt() } else { 0.0 };
-            assert!((moment(0) - 1.0).abs() < 1e-6);
-            assert!((moment(1) - mean).abs() < 1e-4, "{kernel:?}: {}", moment(1));
-            // Differences over a tenth add a box of variance 0.01/12.
-            let second = 0.36 + 6.25 + 0.01 / 12.0;
-            assert!((moment(2) - second).abs() < 1e-3, "{kernel:?}: {}", moment(2));
-        }
-    }
-
-    #[test]
-    fn dots_with_an_asymmetric_kernel_rotate_with_the_sensor() {
-        // A sensor rotated by a right angle sees the image of the rotated pattern.
-        let dots = Dots::new(5, [64, 64]);
-        let quarter = View::new(&Similarity::new(0.0, 0.0, 90.0, 1.0), [64, 64]);
-        let rules = Rules::new(Kernel::HalfGaussian, 2.5);
-        let variances = [6.25; 64];
-        let mut turned = [0.0; 64];
-        gather(|x| dots.at(x), &rules, &quarter.row(20, &variances), &mut turned);
-        let upright = View::new(&Similarity::IDENTITY, [64, 64]);
-        let mut expected = [0.0; 64];
-        gather(|q| dots.at(quarter.place(q)), &rules, &upright.row(20, &variances), &mut expected);
-        let worst = turned.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        assert!(worst < 1e-9, "{worst}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::Scene;
 use super::layers::{self, Arrangement};
@@ -14,7 +14,7 @@ use crate::base::{Channels, Error, Frame, Lens, Samples, centre};
 ///
 /// Plane, steps and relief state V itself. Their blur is that of a lens that focuses I1 where V is `limit` and I2 where
 /// V is `-limit`. The standard deviation of each image's blur grows linearly with the distance from its focus.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Shape {
     /// V decreases linearly from `limit` at the left border to `-limit` at the right border.

@@ -2,16 +2,18 @@
 //!
 //! All solves use the settings of a user who states none, except for an asymmetric kernel, which is stated.
 
-mod edges;
 mod photographs;
 mod scenes;
 
 use std::path::Path;
 
 use self::scenes::{RATIO, USUAL};
-use super::runner::Runner;
-use super::section::{Case, Section};
+use super::errors::{BORDER, Errors, inside};
+use super::pairs::KnownPair;
+use super::section::{Case, Runner, Section};
 use crate::base::statistics::median;
+use crate::engine::Solution;
+use crate::lab::scene::{Kernel, Preset, Scene};
 
 /// The heading in the report.
 pub(super) const HEADING: &str = "Default settings";
@@ -24,7 +26,7 @@ pub(super) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
     smoothness.extend(part_smoothness);
     let ratios = median(smoothness.iter().filter_map(|case| case.get(RATIO)));
     smoothness.push(Case::new("median").at_most(RATIO, ratios, USUAL));
-    let (edges, edges_sigma) = edges::run(runner);
+    let (edges, edges_sigma) = depth_edges(runner);
     sigma.extend(edges_sigma);
     sigma.push(part_sigma);
     let what = "Rms of V less the truth, px², by default settings, and by the fixed α that makes it least.";
@@ -35,4 +37,101 @@ pub(super) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
     // A quick run leaves out some sections.
     sections.retain(|section| !section.cases.is_empty());
     sections
+}
+
+const SCENES: [Preset; 3] = [Preset::Card, Preset::Blocks, Preset::Bars];
+const KERNELS: [(Kernel, &str); 2] = [(Kernel::Pillbox, "disk"), (Kernel::Gaussian, "gaussian")];
+
+/// Greatest distance of a pixel that is close to an edge, px: twice the radius of the widest disk of these scenes.
+const CLOSE: usize = 10;
+/// Least jump of V between neighbours that counts as an edge, px². The lowest plate rises by 1.1.
+const JUMP: f32 = 0.5;
+/// Error of V above which a pixel is wrong, px².
+const WRONG: f64 = 1.0;
+
+/// Measures scenes with near edges that hide the background, with a disk and with a Gaussian: the section "Depth edges", and cases of σ.
+fn depth_edges(runner: &mut Runner) -> (Section, Vec<Case>) {
+    let scenes = if runner.quick { &SCENES[..1] } else { &SCENES[..] };
+    let kernels = if runner.quick { &KERNELS[..1] } else { &KERNELS[..] };
+    let (mut cases, mut sigma) = (Vec::new(), Vec::new());
+    for preset in scenes {
+        for (kernel, kernel_name) in kernels {
+            let name = format!("{}, {kernel_name}", preset.name());
+            let mut scene = Scene { kernel: *kernel, ..preset.scene() };
+            if runner.quick {
+                (scene.width, scene.height) = (256, 256);
+            }
+            let mut coverage = None;
+            cases.push(runner.case("depth edges", name.clone(), |runner, case| {
+                let pair = KnownPair::render(&scene)?;
+                let solution = pair.solve(runner, &pair.default_settings())?;
+                let errors = Errors::of(&solution, &pair);
+                coverage = Some(errors.coverage);
+                Ok(away_and_close(case, &solution, &pair.relative_blur).value("corner, px", errors.corner))
+            }));
+            let failed = || Case::failed(name.clone(), "not solved: see Depth edges");
+            sigma.push(coverage.map_or_else(failed, |coverage| coverage.all(Case::new(name.clone()))));
+        }
+    }
+    let what = format!(
+        "Layers through a thin lens with occlusion, without noise. Close: within {CLOSE} px of a jump in depth. Wrong: V \
+         off by more than {WRONG} px²."
+    );
+    (Section::new("Depth edges", what, cases), sigma)
+}
+
+/// Adds errors of V away from jumps in depth, and close to them.
+fn away_and_close(case: Case, solution: &Solution, truth: &[f32]) -> Case {
+    let close = close_to_jumps(truth, solution.width as usize);
+    let [[away, wrong_away], [near, wrong_near]] =
+        [false, true].map(|side| errors(solution, truth, |i| close[i] == side));
+    let case = case.value("V rms away, px²", away).value("wrong away, %", wrong_away);
+    case.value("V rms close, px²", near).value("wrong close, %", wrong_near)
+}
+
+/// Root mean square of the error of V over some pixels, px², and the percentage of wrong pixels.
+fn errors(solution: &Solution, truth: &[f32], counts: impl Fn(usize) -> bool) -> [f64; 2] {
+    let error = |i: usize| f64::from(solution.relative_blur[i]) - f64::from(truth[i]);
+    let pixels = inside(solution.width, solution.height, BORDER).filter(|i| counts(*i));
+    let errors: Vec<f64> = pixels.map(error).filter(|e| e.is_finite()).collect();
+    let count = errors.len() as f64;
+    let wrong = errors.iter().filter(|e| e.abs() > WRONG).count() as f64;
+    [(errors.iter().map(|e| e * e).sum::<f64>() / count).sqrt(), 100.0 * wrong / count]
+}
+
+/// The pixels within [`CLOSE`] px of a jump in V, along rows and columns.
+fn close_to_jumps(relative_blur: &[f32], width: usize) -> Vec<bool> {
+    let jumps = |i: usize| {
+        let v = relative_blur[i];
+        let to = |j: usize| relative_blur.get(j).is_some_and(|other| (v - other).abs() > JUMP);
+        (i % width + 1 < width && to(i + 1)) || to(i + width)
+    };
+    let edges: Vec<bool> = (0..relative_blur.len()).map(jumps).collect();
+    let row = |i: usize| i / width * width;
+    let along_rows: Vec<bool> = (0..edges.len())
+        .map(|i| edges[i.saturating_sub(CLOSE).max(row(i))..(i + CLOSE + 1).min(row(i) + width)].contains(&true))
+        .collect();
+    let height = edges.len() / width;
+    (0..edges.len())
+        .map(|i| {
+            let (x, y) = (i % width, i / width);
+            (y.saturating_sub(CLOSE)..(y + CLOSE + 1).min(height)).any(|y| along_rows[y * width + x])
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_square_around_each_jump_is_close() {
+        // A single pixel at (30, 20) differs: there are jumps to and from it in both directions.
+        let mut v = vec![0.0; 60 * 40];
+        v[20 * 60 + 30] = 2.0;
+        let close = close_to_jumps(&v, 60);
+        let at = |x: usize, y: usize| close[y * 60 + x];
+        assert!(at(30, 20) && at(19, 20) && at(40, 20) && at(30, 9) && at(30, 30) && at(40, 30));
+        assert!(!at(18, 20) && !at(41, 20) && !at(30, 8) && !at(30, 31) && !at(19, 9));
+    }
 }

@@ -6,8 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::super::errors::{Coverage, inside};
 use super::super::pairs::default_settings;
-use super::super::runner::Runner;
-use super::super::section::{Case, Section};
+use super::super::section::{Case, Runner, Section};
 use super::scenes::{against_best, best_alpha};
 use crate::base::statistics::median;
 use crate::base::{Error, Frame, Homography, Kernel, Samples};

@@ -2,8 +2,7 @@
 
 use super::super::errors::Errors;
 use super::super::pairs::KnownPair;
-use super::super::runner::Runner;
-use super::super::section::{Case, Section};
+use super::super::section::{Case, Runner, Section};
 use crate::base::{Frame, Samples, Settings};
 use crate::lab::scene::{Preset, Scene, Shape};
 

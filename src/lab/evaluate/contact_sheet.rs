@@ -1,32 +1,17 @@
-//! Contact sheets: labelled panels in rows and columns.
-//!
-//! ```
-//! use parfocal::internals::contact_sheet::{Panel, Row, Sheet};
-//! use parfocal::export::{Nearer, Scale};
-//!
-//! let (without, with) = (vec![0.0; 64 * 48], vec![1.5; 64 * 48]);
-//! let scale = Scale::common([&without[..], &with], Nearer::First);
-//! let field = |v: &[f32]| Panel::relative_blur(64, 48, v, &scale);
-//! let panels = [field(&without), Panel::missing("too few key-points"), field(&with)];
-//! let row = Row::new("Cup").scale(scale).panels(panels);
-//! let sheet = Sheet::new("Relative blur").columns(["without registration", "SIFT", "unified"]).row(row);
-//! assert!(sheet.draw().width() > 3 * 260);
-//! ```
+//! Contact sheets: labelled panels in rows and columns, like the paper's Figures 4 and 6.
 //!
 //! V is red where near and blue where far, as in the paper, and grey where not valid. A panel that cannot be drawn
 //! shows the reason.
 
 use image::RgbImage;
 
-use crate::base::Frame;
 use crate::files::export::{Palette, Scale};
-use crate::files::image_io::preview;
 use crate::page::figure::{
     Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, bar_width, color_bar, resized, text_width, wrap_text,
 };
 
 /// The palette of the paper's figures.
-pub(crate) const PALETTE: Palette = Palette::RedBlue;
+pub(super) const PALETTE: Palette = Palette::RedBlue;
 
 /// Margin around the sheet, px.
 const MARGIN: f32 = 16.0;
@@ -43,99 +28,57 @@ const TALLEST: f32 = 1.6;
 /// Ratio of height to width of the panels of a row without a picture.
 const NO_PICTURE: f32 = 0.3;
 
-/// One panel of a [`Sheet`]: a picture or a reason, and a caption.
-#[derive(Clone, Debug)]
-pub struct Panel {
-    content: Content,
-    caption: String,
-}
-
-#[derive(Clone, Debug)]
-enum Content {
-    Picture(RgbImage),
-    Missing(String),
+/// One panel of a [`Sheet`].
+pub(super) struct Panel {
+    /// The picture, not empty, or the reason why there is none.
+    pub picture: Result<RgbImage, String>,
+    /// The text below the panel.
+    pub caption: String,
 }
 
 impl Panel {
-    /// A panel without a picture: a dash and a reason, such as "too few key-points".
-    pub fn missing(reason: impl Into<String>) -> Self {
-        Self { content: Content::Missing(reason.into()), caption: String::new() }
+    pub(super) fn new(picture: RgbImage) -> Self {
+        Self { picture: Ok(picture), caption: String::new() }
     }
 
-    /// A picture in its own colours.
-    pub fn image(picture: RgbImage) -> Self {
-        if picture.is_empty() {
-            return Self::missing("no pixels");
-        }
-        Self { content: Content::Picture(picture), caption: String::new() }
+    pub(super) fn missing(reason: &str) -> Self {
+        Self { picture: Err(reason.to_string()), caption: String::new() }
     }
 
-    /// A photograph, grey or colour, as stored.
-    pub fn photograph(frame: &Frame) -> Self {
-        Self::image(preview(frame))
-    }
-
-    /// V, px², `height` rows of `width`, in the colours of a scale; grey where not valid. Panels that are compared
-    /// share a scale.
-    pub fn relative_blur(width: u32, height: u32, values: &[f32], scale: &Scale) -> Self {
+    /// V, px², in the colours of a scale; grey where not valid. Panels that are compared share a scale.
+    pub(super) fn relative_blur(width: u32, height: u32, values: &[f32], scale: &Scale) -> Self {
         let color = |v: f32| -> Color { if v.is_finite() { PALETTE.color(scale.nearness(v)) } else { LIGHT } };
-        let bytes = values.iter().flat_map(|&v| color(v)).collect();
-        match RgbImage::from_raw(width, height, bytes) {
-            Some(picture) if values.len() == width as usize * height as usize => Self::image(picture),
-            _ => Self::missing(format!("{} values for {width}x{height} pixels", values.len())),
-        }
-    }
-
-    /// Sets the text below the panel.
-    pub fn caption(mut self, text: impl Into<String>) -> Self {
-        self.caption = text.into();
-        self
+        let picture = RgbImage::from_raw(width, height, values.iter().flat_map(|&v| color(v)).collect());
+        picture.map_or_else(|| Self::missing("too few values"), Self::new)
     }
 
     /// Ratio of height to width; `None` without a picture.
     fn aspect(&self) -> Option<f32> {
-        match &self.content {
-            Content::Picture(picture) => Some(picture.height() as f32 / picture.width() as f32),
-            Content::Missing(_) => None,
-        }
+        self.picture.as_ref().ok().map(|picture| picture.height() as f32 / picture.width() as f32)
     }
 }
 
-/// A grid of panels, like the paper's Figures 4 and 6; see [the module](self) for an example.
-#[derive(Clone, Debug)]
-pub struct Sheet {
-    title: String,
-    columns: Vec<String>,
-    rows: Vec<Row>,
-    footer: String,
-    panel_width: u32,
+/// A grid of panels.
+#[derive(Default)]
+pub(super) struct Sheet {
+    pub title: String,
+    /// The names above the columns.
+    pub columns: Vec<&'static str>,
+    pub rows: Vec<Row>,
+    /// The text below the rows.
+    pub footer: &'static str,
+    /// Width of all panels, px.
+    pub panel_width: u32,
 }
 
 /// One row of a [`Sheet`].
-#[derive(Clone, Debug)]
-pub struct Row {
-    name: String,
-    panels: Vec<Panel>,
-    scale: Option<Scale>,
-}
-
-impl Row {
-    /// Makes a row without panels, with a name to its left.
-    pub fn new(name: impl Into<String>) -> Self {
-        Self { name: name.into(), panels: Vec::new(), scale: None }
-    }
-
-    /// Adds panels from left to right.
-    pub fn panels(mut self, panels: impl IntoIterator<Item = Panel>) -> Self {
-        self.panels.extend(panels);
-        self
-    }
-
-    /// Draws the scale of V at the right of the row.
-    pub fn scale(mut self, scale: Scale) -> Self {
-        self.scale = Some(scale);
-        self
-    }
+#[derive(Default)]
+pub(super) struct Row {
+    /// The name to its left.
+    pub name: String,
+    pub panels: Vec<Panel>,
+    /// The scale of V, drawn at the right.
+    pub scale: Option<Scale>,
 }
 
 /// The positions of the parts of a sheet, px.
@@ -144,47 +87,13 @@ struct Layout {
     height: u32,
     left: f32,
     top: f32,
-    rows: Vec<RowLayout>,
-}
-
-struct RowLayout {
-    y: f32,
-    /// Height of the panels without their captions.
-    height: f32,
+    /// The top of each row, and the height of its panels without their captions.
+    rows: Vec<[f32; 2]>,
 }
 
 impl Sheet {
-    /// Makes a sheet without rows.
-    pub fn new(title: impl Into<String>) -> Self {
-        Self { title: title.into(), columns: Vec::new(), rows: Vec::new(), footer: String::new(), panel_width: 260 }
-    }
-
-    /// Sets the names above the columns.
-    pub fn columns<T: Into<String>>(mut self, names: impl IntoIterator<Item = T>) -> Self {
-        self.columns = names.into_iter().map(Into::into).collect();
-        self
-    }
-
-    /// Adds a row.
-    pub fn row(mut self, row: Row) -> Self {
-        self.rows.push(row);
-        self
-    }
-
-    /// Sets the text below the rows.
-    pub fn footer(mut self, text: impl Into<String>) -> Self {
-        self.footer = text.into();
-        self
-    }
-
-    /// Sets the width of all panels, px, clamped to 32 to 4096. The default is 260.
-    pub fn panel_width(mut self, width: u32) -> Self {
-        self.panel_width = width.clamp(32, 4096);
-        self
-    }
-
     /// Draws the sheet. Pictures are scaled to the width of the panel.
-    pub fn draw(&self) -> RgbImage {
+    pub(super) fn draw(&self) -> RgbImage {
         let layout = self.layout();
         let mut canvas = Canvas::new(layout.width, layout.height);
         canvas.text(&self.title, (MARGIN, MARGIN + TITLE), TITLE, Align::Left, BLACK);
@@ -192,8 +101,8 @@ impl Sheet {
             let middle = self.column(&layout, i) + self.panel_width as f32 / 2.0;
             canvas.text(name, (middle, layout.top - 0.5 * NAME), NAME, Align::Middle, BLACK);
         }
-        for (row, place) in self.rows.iter().zip(&layout.rows) {
-            self.draw_row(&mut canvas, &layout, row, place);
+        for (row, [y, height]) in self.rows.iter().zip(&layout.rows) {
+            self.draw_row(&mut canvas, &layout, row, *y, *height);
         }
         let lines = self.footer_lines(layout.width as f32);
         for (i, line) in lines.iter().enumerate() {
@@ -203,12 +112,11 @@ impl Sheet {
         canvas.into_image()
     }
 
-    fn draw_row(&self, canvas: &mut Canvas, layout: &Layout, row: &Row, place: &RowLayout) {
-        let middle = place.y + place.height / 2.0;
+    fn draw_row(&self, canvas: &mut Canvas, layout: &Layout, row: &Row, y: f32, height: f32) {
+        let middle = y + height / 2.0;
         canvas.text_up(&row.name, (MARGIN + NAME, middle), NAME, Align::Middle, BLACK);
         for (i, panel) in row.panels.iter().enumerate() {
-            let cell =
-                Area { x: self.column(layout, i), y: place.y, width: self.panel_width as f32, height: place.height };
+            let cell = Area { x: self.column(layout, i), y, width: self.panel_width as f32, height };
             draw_panel(canvas, cell, panel);
             for (k, line) in wrap_text(&panel.caption, CAPTION, cell.width).iter().enumerate() {
                 let y = cell.bottom() + (k as f32 + 1.0) * LINE * CAPTION;
@@ -217,9 +125,8 @@ impl Sheet {
         }
         if let Some(scale) = &row.scale {
             let x = self.column(layout, self.column_count()) + GAP;
-            canvas.text("V, px²", (x, place.y + CAPTION), CAPTION, Align::Left, GRAY);
-            let bar =
-                Area { x, y: place.y + 2.0 * CAPTION, width: bar_width(CAPTION), height: place.height - 2.0 * CAPTION };
+            canvas.text("V, px²", (x, y + CAPTION), CAPTION, Align::Left, GRAY);
+            let bar = Area { x, y: y + 2.0 * CAPTION, width: bar_width(CAPTION), height: height - 2.0 * CAPTION };
             color_bar(canvas, bar, scale, PALETTE, CAPTION);
         }
     }
@@ -246,7 +153,7 @@ impl Sheet {
         let mut rows = Vec::with_capacity(self.rows.len());
         for row in &self.rows {
             let height = self.panel_height(row);
-            rows.push(RowLayout { y, height });
+            rows.push([y, height]);
             let lines =
                 row.panels.iter().map(|panel| wrap_text(&panel.caption, CAPTION, self.panel_width as f32).len());
             y += (height + lines.max().unwrap_or(0) as f32 * LINE * CAPTION + 1.5 * GAP).ceil();
@@ -270,14 +177,14 @@ impl Sheet {
     }
 
     fn footer_lines(&self, width: f32) -> Vec<String> {
-        wrap_text(&self.footer, CAPTION, width - 2.0 * MARGIN)
+        wrap_text(self.footer, CAPTION, width - 2.0 * MARGIN)
     }
 }
 
 fn draw_panel(canvas: &mut Canvas, cell: Area, panel: &Panel) {
-    let picture = match &panel.content {
-        Content::Picture(picture) => picture,
-        Content::Missing(reason) => return draw_missing(canvas, cell, reason),
+    let picture = match &panel.picture {
+        Ok(picture) => picture,
+        Err(reason) => return draw_missing(canvas, cell, reason),
     };
     let (width, height) = (picture.width() as f32, picture.height() as f32);
     let scale = (cell.width / width).min(cell.height / height);
@@ -303,10 +210,15 @@ fn draw_missing(canvas: &mut Canvas, cell: Area, reason: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::files::export::Nearer;
     use image::Rgb;
 
     fn plain(width: u32, height: u32, color: [u8; 3]) -> Panel {
-        Panel::image(RgbImage::from_pixel(width, height, Rgb(color)))
+        Panel::new(RgbImage::from_pixel(width, height, Rgb(color)))
+    }
+
+    fn row(panels: Vec<Panel>) -> Row {
+        Row { panels, ..Row::default() }
     }
 
     /// The least and greatest x and y of the pixels of a colour.
@@ -318,11 +230,9 @@ mod tests {
     #[test]
     fn panels_are_in_rows_and_columns_of_one_width() {
         let (red, blue, green) = ([250, 0, 0], [0, 0, 250], [0, 250, 0]);
-        let sheet = Sheet::new("")
-            .panel_width(100)
-            .row(Row::new("").panels([plain(200, 100, red), plain(50, 25, blue)]))
-            .row(Row::new("").panels([Panel::missing("none"), plain(100, 100, green)]))
-            .draw();
+        let first = row(vec![plain(200, 100, red), plain(50, 25, blue)]);
+        let second = row(vec![Panel::missing("none"), plain(100, 100, green)]);
+        let sheet = Sheet { rows: vec![first, second], panel_width: 100, ..Sheet::default() }.draw();
         assert_eq!(extent(&sheet, red), Some([16, 16, 115, 65]));
         assert_eq!(extent(&sheet, blue), Some([124, 16, 223, 65]));
         assert_eq!(extent(&sheet, green), Some([124, 78, 223, 177]));
@@ -332,47 +242,27 @@ mod tests {
     #[test]
     fn names_captions_and_keys_do_not_cover_panels() {
         let red = [250, 0, 0];
-        let scale = Scale { low: -4.0, high: 4.0, nearer: crate::files::export::Nearer::First };
-        let row = Row::new("Cup").scale(scale).panels([plain(80, 80, red).caption("a caption of several words")]);
-        let sheet = Sheet::new("Title").columns(["ours"]).panel_width(80).row(row).footer("a footer").draw();
+        let scale = Some(Scale { low: -4.0, high: 4.0, nearer: Nearer::First });
+        let panel = Panel { caption: "a caption of several words".to_string(), ..plain(80, 80, red) };
+        let rows = vec![Row { name: "Cup".to_string(), panels: vec![panel], scale }];
+        let (title, columns) = ("Title".to_string(), vec!["ours"]);
+        let sheet = Sheet { title, columns, rows, footer: "a footer", panel_width: 80 }.draw();
         let [left, top, right, bottom] = extent(&sheet, red).unwrap();
         assert_eq!((right - left, bottom - top), (79, 79));
         assert!(top > 60 && left > 30 && sheet.width() > right + 50 && sheet.height() > bottom + 40);
     }
 
     #[test]
-    fn empty_sheets_are_drawn() {
-        for sheet in [Sheet::new(""), Sheet::new("").row(Row::new("r")), Sheet::new("t").columns(["a", "b"])] {
-            let image = sheet.draw();
-            assert!(image.width() >= 1 && image.height() >= 1);
-        }
-    }
-
-    #[test]
     fn a_tall_picture_does_not_stretch_its_row() {
-        let image = Sheet::new("").panel_width(50).row(Row::new("").panels([plain(2, 400, [9, 9, 9])])).draw();
-        assert_eq!(image.height(), 80 + 32);
+        let rows = vec![row(vec![plain(2, 400, [9, 9, 9])])];
+        assert_eq!(Sheet { rows, panel_width: 50, ..Sheet::default() }.draw().height(), 80 + 32);
     }
 
     #[test]
     fn v_has_the_colours_of_its_scale_and_is_grey_where_not_valid() {
-        let scale = Scale { low: -1.0, high: 1.0, nearer: crate::files::export::Nearer::Second };
-        let panel = Panel::relative_blur(3, 1, &[-1.0, f32::NAN, 1.0], &scale);
-        let Content::Picture(picture) = panel.content else { panic!("no picture") };
+        let scale = Scale { low: -1.0, high: 1.0, nearer: Nearer::Second };
+        let picture = Panel::relative_blur(3, 1, &[-1.0, f32::NAN, 1.0], &scale).picture.unwrap();
         let pixels: Vec<Color> = picture.pixels().map(|p| p.0).collect();
         assert_eq!(pixels, [PALETTE.color(1.0), LIGHT, PALETTE.color(0.0)]);
-    }
-
-    #[test]
-    fn too_few_values_give_a_reason_instead_of_a_picture() {
-        let scale = Scale { low: -1.0, high: 1.0, nearer: crate::files::export::Nearer::First };
-        let reason = |width, height, values: &[f32]| match Panel::relative_blur(width, height, values, &scale).content {
-            Content::Missing(why) => why,
-            Content::Picture(_) => panic!("a picture"),
-        };
-        assert_eq!(reason(2, 2, &[0.0]), "1 values for 2x2 pixels");
-        assert_eq!(reason(2, 2, &[0.0; 5]), "5 values for 2x2 pixels");
-        assert_eq!(reason(0, 0, &[]), "no pixels");
-        assert_eq!(reason(u32::MAX, u32::MAX, &[]), "0 values for 4294967295x4294967295 pixels");
     }
 }
