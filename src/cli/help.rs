@@ -1,8 +1,9 @@
 //! The layout of help: headings, groups of subcommands, and one screen of the most used options for `-h`.
 
+use std::any::TypeId;
 use std::fmt::Write;
 
-use clap::Command;
+use clap::{Arg, Command};
 
 // Headings of the options, the same in every subcommand.
 pub(crate) const INPUT: &str = "Input";
@@ -63,7 +64,7 @@ const MOST_USED: [&str; 23] = [
 /// Width of `--help`, columns.
 pub(crate) const WIDTH: usize = 100;
 
-/// Hides rarely used options from `-h`, and wraps the lines of `--help`.
+/// Hides rarely used options from `-h`, wraps the lines of `--help`, and accepts negative numbers.
 pub(crate) fn with_layout(command: Command) -> Command {
     let has_many = takes_config(&command);
     command.mut_args(|option| {
@@ -71,6 +72,8 @@ pub(crate) fn with_layout(command: Command) -> Command {
         let long = option.get_long_help().or(option.get_help().filter(|_| has_many));
         let long = long.map(|text| wrapped(&text.to_string(), WIDTH - 10));
         let option = if is_rare { option.hide_short_help(true) } else { option };
+        let is_signed = is_number(&option);
+        let option = option.allow_negative_numbers(is_signed);
         match long {
             Some(long) => option.long_help(long),
             None => option,
@@ -117,14 +120,30 @@ pub(crate) fn takes_config(command: &Command) -> bool {
     command.get_arguments().any(|option| option.get_long() == Some("config"))
 }
 
+/// Whether an option takes a number.
+pub(crate) fn is_number(option: &Arg) -> bool {
+    let parsed = option.get_value_parser().type_id();
+    let numbers = [
+        TypeId::of::<f64>(),
+        TypeId::of::<f32>(),
+        TypeId::of::<u64>(),
+        TypeId::of::<u32>(),
+        TypeId::of::<u8>(),
+        TypeId::of::<usize>(),
+    ];
+    numbers.iter().any(|number| parsed == *number)
+}
+
+/// Whether an option takes true or false.
+pub(crate) fn is_bool(option: &Arg) -> bool {
+    option.get_value_parser().type_id() == TypeId::of::<bool>()
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::{BTreeMap, BTreeSet};
 
-    use clap::Arg;
-
     use super::*;
-    use crate::cli::options::config_file::is_bool;
 
     fn program() -> Command {
         let mut command = crate::cli::command();

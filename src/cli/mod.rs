@@ -3,7 +3,6 @@
 #[cfg(all(test, target_os = "linux"))]
 mod fuzz;
 mod help;
-mod signals;
 
 /// The subcommands, one per file: their options and actions.
 mod commands {
@@ -12,15 +11,11 @@ mod commands {
     pub mod bench;
     pub mod calibrate;
     pub mod compare;
-    pub mod config;
     pub mod depth;
-    pub mod devices;
-    pub mod evaluate;
     pub mod inspect;
     pub mod measure;
-    pub mod open;
     pub mod register;
-    pub mod shell;
+    pub mod setup;
     pub mod simulate;
     pub mod solve;
     pub mod stack;
@@ -31,19 +26,17 @@ mod commands {
 /// The options that subcommands share, and the file of options.
 mod options {
     pub mod config_file;
-    pub mod device;
     pub mod exports;
     pub mod lens;
-    pub mod output;
     pub mod part;
     pub mod photographs;
+    pub mod run;
     pub mod settings;
     pub mod solve;
 }
 
 /// Results, progress, summaries and errors.
 mod output {
-    pub mod derived_outputs;
     pub mod destination;
     pub mod failure;
     pub mod progress;
@@ -53,26 +46,19 @@ mod output {
 /// Batches of pairs and sweeps: how they are found and solved, and their summary.
 mod batch {
     pub mod pairs;
-    pub mod progress;
     pub mod summary;
     pub mod tasks;
-}
-
-/// Jobs of one pair or one sweep, from its files to its results.
-mod jobs {
-    pub mod pair;
-    pub mod sweep;
 }
 
 use std::fs;
 use std::path::Path;
 use std::process::ExitCode;
+use std::thread;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use self::commands::{
-    apply, bench, calibrate, compare, config, depth, devices, evaluate, inspect, measure, open, register, shell,
-    simulate, solve, stack, view, watch,
+    apply, bench, calibrate, compare, depth, inspect, measure, register, setup, simulate, solve, stack, view, watch,
 };
 use self::options::config_file;
 use self::output::failure::{self, Failure};
@@ -99,17 +85,17 @@ enum Command {
     Calibrate(Box<calibrate::Arguments>),
     Measure(measure::Arguments),
     View(view::Arguments),
-    Open(open::Arguments),
+    Open(view::PageArguments),
     Compare(compare::Arguments),
     Inspect(inspect::Arguments),
     Register(Box<register::Arguments>),
     Apply(apply::Arguments),
-    Evaluate(evaluate::Arguments),
+    Evaluate(bench::EvaluateArguments),
     Bench(Box<bench::Arguments>),
-    Devices(devices::Arguments),
-    Config(config::Arguments),
-    Completions(shell::Completions),
-    Man(shell::Manual),
+    Devices(setup::Devices),
+    Config(setup::Config),
+    Completions(setup::Completions),
+    Man(setup::Manual),
 }
 
 /// Runs the program.
@@ -133,7 +119,7 @@ fn command() -> clap::Command {
 fn run(command: Command) -> Result<(), Failure> {
     // These subcommands finish the current pair on a signal.
     if !matches!(command, Command::Batch(_) | Command::Watch(_)) {
-        signals::listen(|status| {
+        listen(|status| {
             parfocal::export::abandon();
             std::process::exit(status);
         });
@@ -148,17 +134,55 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
-        Command::Open(arguments) => open::run(&arguments),
+        Command::Open(arguments) => view::open(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Apply(arguments) => apply::run(&arguments),
-        Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Evaluate(arguments) => bench::evaluate(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
-        Command::Devices(arguments) => devices::run(&arguments),
-        Command::Config(arguments) => config::run(&arguments),
-        Command::Completions(arguments) => shell::completions(&arguments),
-        Command::Man(arguments) => shell::manual(&arguments),
+        Command::Devices(arguments) => setup::devices(&arguments),
+        Command::Config(arguments) => setup::config(&arguments),
+        Command::Completions(arguments) => setup::completions(&arguments),
+        Command::Man(arguments) => setup::manual(&arguments),
+    }
+}
+
+/// Exit status after Ctrl-C.
+const INTERRUPTED: i32 = 130;
+/// Exit status after SIGTERM.
+const TERMINATED: i32 = 143;
+
+/// Calls `end` with the exit status on each Ctrl-C and SIGTERM. If no listening thread can be started, the signals end
+/// the program as usual, and the next run removes temporary files. SIGHUP keeps its default action, so that nohup
+/// works.
+fn listen(end: impl Fn(i32) + Clone + Send + 'static) {
+    // The crate `ctrlc` installs its handler before it fails to start its thread.
+    if thread::Builder::new().spawn(|| ()).is_err() {
+        return;
+    }
+    #[cfg(unix)]
+    listen_for_term(end.clone());
+    // A signal that is ignored, as for background jobs of a script, stays ignored.
+    let _ = ctrlc::try_set_handler(move || end(INTERRUPTED));
+}
+
+/// Blocks SIGTERM in all threads except one, which waits for it.
+#[cfg(unix)]
+fn listen_for_term(end: impl Fn(i32) + Send + 'static) {
+    use nix::sys::signal::{SigSet, Signal};
+
+    let term = SigSet::from(Signal::SIGTERM);
+    if term.thread_block().is_err() {
+        return;
+    }
+    let wait = move || {
+        while term.wait().is_ok() {
+            end(TERMINATED);
+        }
+    };
+    if thread::Builder::new().name("signals".to_string()).spawn(wait).is_err() {
+        let _ = term.thread_unblock();
     }
 }
 

@@ -155,6 +155,12 @@ fn devices_are_listed() {
     let output = desk.command().args(["devices", "--json"]).output().unwrap();
     let devices: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(devices[0]["name"].is_string() && devices[0]["uuid"].as_str().unwrap().len() == 36, "{devices}");
+    let text = String::from_utf8(desk.command().arg("devices").output().unwrap().stdout).unwrap();
+    let name = devices[0]["name"].as_str().unwrap();
+    assert!(
+        text.starts_with(&format!("0  {name} (")) && text.contains("\n   usable") && text.contains("GiB"),
+        "{text}"
+    );
 }
 
 #[track_caller]

@@ -53,23 +53,20 @@ pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Resul
 /// The pairs and sweeps of a folder or a manifest. Leaves out results in `out`.
 pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
-    let mut left_over = Vec::new();
-    let pairs: Vec<Candidate> = if source.is_dir() {
-        let found = of_folder(source, out, raw)?;
-        left_over = found.left_over;
-        found.groups.into_iter().map(Candidate::of_folder).collect()
+    let found = if source.is_dir() {
+        so_far(source, out, raw)?
     } else if source.exists() {
-        of_manifest(source, raw)?
+        Grouped { groups: settled(of_manifest(source, raw)?, raw).map_err(failed)?, left_over: Vec::new() }
     } else {
         let hint = crate::cli::output::failure::did_you_mean(source);
         return Err(failed(format!("there is no such folder or manifest{hint}")));
     };
-    if pairs.is_empty() {
+    if found.groups.is_empty() {
         let problem = "holds no pair of photographs; see `parfocal batch --help` for how they are named";
-        let left_over = left_over.iter().map(|problem| format!("; {problem}"));
+        let left_over = found.left_over.iter().map(|problem| format!("; {problem}"));
         return Err(failed(left_over.fold(problem.to_string(), |all, one| all + &one)));
     }
-    Ok(Grouped { groups: settled(pairs, raw).map_err(failed)?, left_over })
+    Ok(found)
 }
 
 /// Gives each pair or sweep a unique name, and adds the format to its files without a header.
@@ -273,7 +270,7 @@ fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
 /// A line of a manifest.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Line {
+struct Line {
     #[serde(default)]
     i1: Option<PathBuf>,
     #[serde(default)]
@@ -281,7 +278,7 @@ pub(crate) struct Line {
     #[serde(default)]
     sweep: Option<Sweep>,
     #[serde(default)]
-    pub(crate) name: Option<String>,
+    name: Option<String>,
 }
 
 /// The frames of a sweep in order, or their folder.
@@ -293,12 +290,8 @@ enum Sweep {
 }
 
 impl Line {
-    fn of_pair(i1: &str, i2: &str, name: Option<&str>) -> Self {
-        Self { i1: Some(i1.into()), i2: Some(i2.into()), sweep: None, name: name.map(String::from) }
-    }
-
     /// The files, and the default name. `folder` is the folder of the manifest.
-    pub(crate) fn files(self, folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, String), String> {
+    fn files(self, folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, String), String> {
         let is_pair = self.sweep.is_none();
         let (files, name): (Vec<PathBuf>, _) = match (self.i1, self.i2, self.sweep) {
             (Some(i1), Some(i2), None) => (vec![folder.join(&i1), folder.join(i2)], stem(&i1)),
@@ -309,16 +302,11 @@ impl Line {
             (None, None, Some(Sweep::Folder(path))) => {
                 let path = folder.join(path);
                 if !path.is_dir() {
-                    return Err(format!(
-                        "there is no folder {}; give that of the frames, or a list of them",
-                        path.display()
-                    ));
+                    let folder = path.display();
+                    return Err(format!("there is no folder {folder}; give that of the frames, or a list of them"));
                 }
-                (
-                    photographs::sweep_frames(std::slice::from_ref(&path), true, raw)
-                        .map_err(|failure| failure.message())?,
-                    file_name(&path),
-                )
+                let frames = photographs::sweep_frames(std::slice::from_ref(&path), true, raw);
+                (frames.map_err(|failure| failure.message())?, file_name(&path))
             }
             _ => return Err(format!("is not {JSON}")),
         };
@@ -333,10 +321,10 @@ impl Line {
 const JSON: &str = "{\"i1\": FILE, \"i2\": FILE, \"name\": NAME} or {\"sweep\": FOLDER, \"name\": NAME}";
 
 /// The lines of a manifest with their numbers, or the number and problem of the first invalid line.
-pub(crate) type Lines = Result<Vec<(usize, Line)>, (usize, String)>;
+type Lines = Result<Vec<(usize, Line)>, (usize, String)>;
 
 /// Parses a manifest. Its files are relative to `folder`.
-pub(crate) fn lines(text: &str, folder: &Path) -> Lines {
+fn lines(text: &str, folder: &Path) -> Lines {
     if text.trim_start().starts_with('{') { json_lines(text) } else { csv_lines(text, folder) }
 }
 
@@ -374,11 +362,9 @@ fn csv_lines(text: &str, folder: &Path) -> Lines {
         let is_header = place == 0 && cells.len() > 1 && cells.iter().take(2).all(is_word);
         match cells.as_slice() {
             _ if is_header => {}
-            [i1, i2] | [i1, i2, ""] if !i1.is_empty() && !i2.is_empty() => {
-                lines.push((number, Line::of_pair(i1, i2, None)));
-            }
-            [i1, i2, name] if !i1.is_empty() && !i2.is_empty() => {
-                lines.push((number, Line::of_pair(i1, i2, Some(name))));
+            [i1, i2, rest @ ..] if !i1.is_empty() && !i2.is_empty() && rest.len() <= 1 => {
+                let name = rest.first().filter(|name| !name.is_empty()).map(ToString::to_string);
+                lines.push((number, Line { i1: Some(i1.into()), i2: Some(i2.into()), sweep: None, name }));
             }
             _ => return Err((number, "is not I1,I2 or I1,I2,NAME".to_string())),
         }

@@ -125,12 +125,13 @@ impl Outcome {
 /// A row of the summary: a pair or a sweep.
 #[derive(Debug, Serialize)]
 pub(crate) struct Row {
-    name: String,
+    pub(crate) name: String,
     #[serde(flatten)]
     files: Files,
-    output: String,
+    /// The folder of results.
+    pub(crate) output: String,
     #[serde(flatten)]
-    outcome: Outcome,
+    pub(crate) outcome: Outcome,
 }
 
 /// The photographs of a row.
@@ -149,19 +150,6 @@ impl Row {
             frames => Files::Sweep { frames: frames.iter().map(shown).collect() },
         };
         Self { name: name.to_string(), files, output: output.display().to_string(), outcome }
-    }
-
-    pub(crate) fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// The folder of results.
-    pub(crate) fn output(&self) -> &str {
-        &self.output
-    }
-
-    pub(crate) fn outcome(&self) -> &Outcome {
-        &self.outcome
     }
 
     /// The rank on the index page: first failures, then solves that did not converge, then warnings, then fewer valid
@@ -357,8 +345,8 @@ impl BatchSummary {
             return Err(Failure::Interrupted(format!("interrupted after {done} of {all} pairs; --resume goes on")));
         }
         if self.failed > 0 {
-            let names: Vec<&str> =
-                self.pairs.iter().filter(|r| matches!(r.outcome, Outcome::Failed { .. })).map(Row::name).collect();
+            let failed = self.pairs.iter().filter(|row| matches!(row.outcome, Outcome::Failed { .. }));
+            let names: Vec<&str> = failed.map(|row| row.name.as_str()).collect();
             return Err(Failure::Failed(format!("{} of {all} pairs failed: {}", self.failed, names.join(", "))));
         }
         if strict && !self.left_over.is_empty() {

@@ -1,24 +1,26 @@
-//! The tasks of a batch, each a pair or a sweep, and their devices as workers of a [`Stream`].
+//! The tasks of a batch, each a pair or a sweep, their devices as workers of a [`Stream`], and their progress.
 
 use std::ffi::OsString;
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{REPORT_FILE, is_whole};
 use parfocal::image_io::Input;
 use parfocal::settings::DeviceInfo;
 use parfocal::sweep::Positions;
 use parfocal::{Engine, Error, PairSolver, Solution, Stream};
+use serde_json::json;
 
 use crate::cli::batch::pairs::Group;
 use crate::cli::batch::summary::{Outcome, Row};
-use crate::cli::jobs::pair::{self, PairJob, Photographs};
-use crate::cli::jobs::sweep::{self, SweepJob};
-use crate::cli::options::device::EngineArguments;
+use crate::cli::commands::solve::{PairJob, Photographs};
+use crate::cli::commands::stack::SweepJob;
+use crate::cli::options::run::{EngineArguments, RunArguments};
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
 
@@ -180,8 +182,8 @@ impl Task {
     /// Refuses a task that cannot be solved or written, before any work.
     pub(crate) fn check(&self, request: &Request) -> Result<(), Failure> {
         match &self.job {
-            Job::Pair(job) => pair::check(request, job),
-            Job::Sweep(job) => sweep::check(request, job),
+            Job::Pair(job) => job.check(request),
+            Job::Sweep(job) => job.check(request),
         }
     }
 
@@ -209,20 +211,19 @@ impl Task {
         let info = || Ok(context.device.clone());
         match &self.job {
             Job::Pair(job) => {
-                let Some(read) = pair::read(request, job, is_current, info)? else {
+                let Some(read) = job.read(request, is_current, info)? else {
                     return Ok(Outcome::kept(&job.out)?);
                 };
                 let (solution, device) =
                     lock(device).solve(context, first, |engine, cached| solve_pair(engine, cached, &read))?;
-                Ok(Outcome::solved(&pair::write(request, job, &device, &read, &solution)?)?)
+                Ok(Outcome::solved(&job.write(request, &device, &read, &solution)?)?)
             }
             Job::Sweep(job) => {
-                let Some(read) = sweep::read(request, job, is_current, info)? else {
+                let Some(read) = job.read(request, is_current, info)? else {
                     return Ok(Outcome::kept(&job.out)?);
                 };
-                let (solved, device) =
-                    lock(device).solve(context, first, |engine, _| sweep::solve(engine, &read, None))?;
-                Ok(Outcome::solved(&sweep::write(request, job, &device, &read, &solved)?)?)
+                let (solved, device) = lock(device).solve(context, first, |engine, _| read.solve(engine, None))?;
+                Ok(Outcome::solved(&job.write(request, &device, &read, &solved)?)?)
             }
         }
     }
@@ -272,19 +273,94 @@ pub(crate) struct OnDone(pub(crate) OsString);
 impl OnDone {
     /// Runs the program for a task that was solved or failed. A failure of the program gives a warning.
     pub(crate) fn run(&self, row: &Row) {
-        if matches!(row.outcome(), Outcome::Kept(_) | Outcome::NotDone) {
+        if matches!(row.outcome, Outcome::Kept(_) | Outcome::NotDone) {
             return;
         }
         let mut command = Command::new(&self.0);
-        command.arg(row.output()).stdin(Stdio::null());
-        command.env("PARFOCAL_NAME", row.name()).env("PARFOCAL_OUTPUT", row.output());
-        command.env("PARFOCAL_STATUS", row.outcome().status());
+        command.arg(&row.output).stdin(Stdio::null());
+        command.env("PARFOCAL_NAME", &row.name).env("PARFOCAL_OUTPUT", &row.output);
+        command.env("PARFOCAL_STATUS", row.outcome.status());
         let problem = match command.status() {
             Ok(status) if status.success() => return,
             Ok(status) => status.to_string(),
             Err(error) => error.to_string(),
         };
-        let (program, name) = (plain(&self.0.to_string_lossy()), plain(row.name()));
+        let (program, name) = (plain(&self.0.to_string_lossy()), plain(&row.name));
         let _ = writeln!(io::stderr(), "warning: --on-done {program} of {name}: {problem}");
+    }
+}
+
+/// Progress of a batch: a bar on a terminal, elsewhere a line for each pair.
+pub(crate) struct BatchProgress {
+    bar: ProgressBar,
+    lines: bool,
+    /// Whether to print a line of JSON for each pair.
+    json: bool,
+    /// Number of pairs; 0 if unknown.
+    pairs: usize,
+    done: AtomicUsize,
+}
+
+impl BatchProgress {
+    /// Makes the progress of an unknown number of pairs: a line for each.
+    pub(crate) fn endless(run: &RunArguments) -> Self {
+        let (quiet, json) = (run.report.is_quiet(), run.is_json());
+        Self { bar: ProgressBar::hidden(), lines: !quiet && !json, json, pairs: 0, done: AtomicUsize::new(0) }
+    }
+
+    /// Makes the progress of a number of pairs.
+    pub(crate) fn new(pairs: usize, run: &RunArguments) -> Self {
+        let (quiet, json) = (run.report.is_quiet() || run.is_json(), run.is_json());
+        let terminal = io::stderr().is_terminal();
+        let bar = if terminal && !quiet { ProgressBar::new(pairs as u64) } else { ProgressBar::hidden() };
+        let template = "{pos}/{len} {bar:24} {elapsed}, {rate}, {eta} left  {msg}";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style.with_key(
+                "rate",
+                |state: &indicatif::ProgressState, text: &mut dyn std::fmt::Write| {
+                    let _ = match state.per_sec() {
+                        rate if rate > 0.0 => write!(text, "{:.1} s a pair", 1.0 / rate),
+                        _ => write!(text, "- s a pair"),
+                    };
+                },
+            ));
+        }
+        bar.tick();
+        Self { bar, lines: !terminal && !quiet, json, pairs, done: AtomicUsize::new(0) }
+    }
+
+    /// Counts and displays the outcome of a pair.
+    pub(crate) fn show(&self, row: &Row) {
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        if matches!(row.outcome, Outcome::Kept(_)) {
+            // Kept results take no time, so they must not change the estimate.
+            self.bar.dec_length(1);
+        } else {
+            self.bar.inc(1);
+        }
+        self.bar.set_message(plain(&row.name));
+        if self.json {
+            let mut line = json!({ "name": row.name, "status": row.outcome.status() });
+            if self.pairs > 0 {
+                (line["done"], line["of"]) = (done.into(), self.pairs.into());
+            }
+            let _ = writeln!(io::stderr(), "{line}");
+            return;
+        }
+        let line = match self.pairs {
+            0 => row.line(),
+            pairs => format!("{done}/{pairs} {}", row.line()),
+        };
+        if self.lines {
+            let _ = writeln!(io::stderr(), "{line}");
+        } else if matches!(row.outcome, Outcome::Failed { .. }) {
+            self.bar.println(line);
+        }
+    }
+}
+
+impl Drop for BatchProgress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
     }
 }

@@ -6,8 +6,8 @@ use parfocal::export::{FrameRegistration, Registration, registered_ending, regis
 use parfocal::image_io::Photograph;
 use parfocal::{Frame, frame::Depth, image_io, resample, transform::Brightness};
 
-use crate::cli::options::output::ReportArguments;
 use crate::cli::options::photographs;
+use crate::cli::options::run::ReportArguments;
 use crate::cli::options::settings::registration_file;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;

@@ -10,14 +10,12 @@ use std::time::Instant;
 use parfocal::export::{FileKind, abandon};
 
 use crate::cli::batch::pairs;
-use crate::cli::batch::progress::BatchProgress;
 use crate::cli::batch::summary::{BatchSummary, INDEX, Outcome, SUMMARY};
-use crate::cli::batch::tasks::{Context, Devices, Task};
+use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task};
 use crate::cli::help::{self, OUTPUT};
 use crate::cli::options::solve::{Request, SolveArguments};
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
-use crate::cli::signals;
 
 /// Solve many pairs and focus sweeps: those of a folder, or of a list.
 #[derive(clap::Args, Debug)]
@@ -71,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let progress = BatchProgress::new(tasks.len(), &request.run);
     let rows = tasks.iter().zip(stream.map(tasks.iter().cloned())).map(|(task, result)| {
         let row = result.unwrap_or_else(|_| task.row(Outcome::NotDone));
-        if !matches!(row.outcome(), Outcome::NotDone) {
+        if !matches!(row.outcome, Outcome::NotDone) {
             progress.show(&row);
         }
         row
@@ -100,7 +98,7 @@ pub(crate) fn check_output(request: &Request, out: &Path, summary: &str, has_pag
 pub(crate) fn stop_on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
-    signals::listen(move |status| {
+    crate::cli::listen(move |status| {
         if flag.swap(true, Ordering::Relaxed) {
             abandon();
             std::process::exit(status);

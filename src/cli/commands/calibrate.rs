@@ -1,7 +1,6 @@
 //! `parfocal calibrate`: finds constants of a lens from a target of known depth.
 
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use clap::ValueEnum;
 use parfocal::Region;
@@ -16,8 +15,8 @@ use serde::Deserialize;
 
 use crate::cli::commands::depth::decimals;
 use crate::cli::options::lens::LensArguments;
-use crate::cli::options::output::ResultsArguments;
-use crate::cli::options::part::RegionAtDepth;
+use crate::cli::options::part::{numbers, region_at_depth};
+use crate::cli::options::run::ResultsArguments;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
@@ -30,12 +29,12 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     lens: LensArguments,
     /// Depths of a plane that fills the image, at its corners top left, top right, bottom left (mm)
-    #[arg(long, value_name = "Z00,Z10,Z01", required_unless_present_any = ["known", "known_from"],
+    #[arg(long, value_name = "Z00,Z10,Z01", value_parser = corners, required_unless_present_any = ["known", "known_from"],
           conflicts_with_all = ["known", "known_from"])]
-    plane: Option<Corners>,
+    plane: Option<[f64; 3]>,
     /// Region of the target and its depth (px, mm); can be repeated
-    #[arg(long, value_name = "X,Y,W,H=Z")]
-    known: Vec<RegionAtDepth>,
+    #[arg(long, value_name = "X,Y,W,H=Z", value_parser = region_at_depth)]
+    known: Vec<(Region, f64)>,
     /// File with regions and depths, JSON: [{"region": [X, Y, W, H], "depth_mm": Z}, ...]
     #[arg(long, value_name = "FILE")]
     known_from: Option<PathBuf>,
@@ -76,18 +75,8 @@ impl From<UnknownName> for LensParameter {
     }
 }
 
-/// Three depths, mm.
-#[derive(Clone, Copy, Debug)]
-struct Corners([f64; 3]);
-
-impl FromStr for Corners {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-        let corners = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
-        corners.map(Self).ok_or_else(|| "give three depths in mm, as in 227,233,227".to_string())
-    }
+fn corners(text: &str) -> Result<[f64; 3], String> {
+    numbers(text).ok_or_else(|| "give three depths in mm, as in 227,233,227".to_string())
 }
 
 /// An entry of --known-from.
@@ -143,10 +132,10 @@ fn unknowns(names: &[UnknownName]) -> Result<Vec<LensParameter>, Failure> {
 }
 
 fn target(arguments: &Arguments) -> Result<Target, Failure> {
-    if let Some(Corners(corners)) = arguments.plane {
+    if let Some(corners) = arguments.plane {
         return Ok(Target::Plane(corners));
     }
-    let mut steps: Vec<(Region, f64)> = arguments.known.iter().map(|&RegionAtDepth(region, z)| (region, z)).collect();
+    let mut steps = arguments.known.clone();
     if let Some(file) = &arguments.known_from {
         steps.extend(read_steps(file)?);
     }

@@ -6,12 +6,12 @@ use parfocal::export::{DEPTH_FILE, DEPTH_PICTURE_FILE, DepthReport, Kind, REPORT
 
 use crate::cli::commands::view::VIEW;
 use crate::cli::help::INPUT;
+use crate::cli::options::exports::DerivedOutputs;
 use crate::cli::options::lens::LensArguments;
-use crate::cli::options::output::ColorsArgument;
-use crate::cli::options::output::ResultsArguments;
 use crate::cli::options::photographs::{self, FocusPositionArguments};
+use crate::cli::options::run::ColorsArgument;
+use crate::cli::options::run::ResultsArguments;
 use crate::cli::options::settings::one_or_two;
-use crate::cli::output::derived_outputs::DerivedOutputs;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 

@@ -13,7 +13,8 @@ use parfocal::{
     transform::{Brightness, Similarity},
 };
 
-use crate::cli::options::output::ReportArguments;
+use crate::cli::options::part::within;
+use crate::cli::options::run::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
@@ -36,7 +37,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "COUNT", default_value_t = Limits::new(0.0).min_area_px)]
     min_area: usize,
     /// The allowed share of the golden part's pixels without a height of the part, 0 to 1
-    #[arg(long, value_name = "SHARE", default_value_t = Limits::new(0.0).max_unjudged, value_parser = share)]
+    #[arg(long, value_name = "SHARE", default_value_t = Limits::new(0.0).max_unjudged,
+          value_parser = within(0.0..=1.0, "give a share from 0 to 1"))]
     max_unjudged: f64,
     /// Do not register the pictures: the fixture holds every part in the same position
     #[arg(long)]
@@ -66,13 +68,7 @@ Example:
 Exit status: 0 go, 3 no-go, 1 failed, 2 wrong usage.";
 
 fn from_zero(text: &str) -> Result<f64, String> {
-    let good = |value: &f64| (0.0..=1e6).contains(value);
-    text.parse().ok().filter(good).ok_or_else(|| "give a number from 0 to 1e6".to_string())
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    let good = |value: &f64| (0.0..=1.0).contains(value);
-    text.parse().ok().filter(good).ok_or_else(|| "give a share from 0 to 1".to_string())
+    within(0.0..=1e6, "give a number from 0 to 1e6")(text)
 }
 
 /// A part that was read from its folder.

@@ -1,13 +1,12 @@
 //! `parfocal measure`: step heights and profiles of results.
 
-use parfocal::export::{MeasurementRequest, Measurements, Results, StepReport};
+use parfocal::export::{Measurements, Results, StepReport};
 use parfocal::metric::Estimate;
 
 use crate::cli::commands::depth::decimals;
-use crate::cli::help::MEASUREMENTS;
-use crate::cli::options::output::ResultsArguments;
-use crate::cli::options::part::{LineArgument, RegionArgument};
-use crate::cli::output::derived_outputs::DerivedOutputs;
+use crate::cli::options::exports::DerivedOutputs;
+use crate::cli::options::part::MeasureArguments;
+use crate::cli::options::run::ResultsArguments;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
@@ -19,33 +18,6 @@ pub(crate) struct Arguments {
     of: ResultsArguments,
     #[command(flatten)]
     measure: MeasureArguments,
-}
-
-/// Regions and lines to measure.
-#[derive(clap::Args, Clone, Debug)]
-pub(crate) struct MeasureArguments {
-    /// Step height from the first region to the second; may be repeated
-    ///
-    /// Rectangles in pixels of the results. The height is the difference of their levels, which are medians after
-    /// removing the tilt. It is in px², or settings of a sweep, and also in mm if the lens or the focus positions are
-    /// known.
-    #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = MEASUREMENTS)]
-    step: Vec<RegionArgument>,
-    /// Profile from one pixel of the results to another; may be repeated
-    ///
-    /// The mean over WIDTH px across the line, 1 if not given.
-    #[arg(long, value_name = "X1,Y1,X2,Y2[,WIDTH]", help_heading = MEASUREMENTS)]
-    profile: Vec<LineArgument>,
-}
-
-impl MeasureArguments {
-    pub(crate) fn request(&self) -> MeasurementRequest {
-        MeasurementRequest {
-            // clap passes the values in pairs.
-            steps: self.step.chunks_exact(2).map(|pair| [pair[0].0, pair[1].0]).collect(),
-            lines: self.profile.iter().map(|line| line.0).collect(),
-        }
-    }
 }
 
 const AFTER_HELP: &str = "\

@@ -9,11 +9,10 @@ use parfocal::image_io::{Photograph, Values};
 use parfocal::sweep::SweepOptions;
 use parfocal::{PairSolver, Settings, SolveOptions, settings::Method};
 
-use crate::cli::help::AFTER_HELP;
-use crate::cli::help::{INPUT, OUTPUT, REGISTRATION};
-use crate::cli::jobs::sweep;
-use crate::cli::options::output::RunArguments;
+use crate::cli::commands::stack;
+use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
 use crate::cli::options::photographs;
+use crate::cli::options::run::RunArguments;
 use crate::cli::options::settings::SettingsArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
@@ -97,7 +96,7 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
     check_output(arguments, &files)?;
     let run = &arguments.run;
-    let found = sweep::register(run, settings, &files, reference)?;
+    let found = stack::register(run, settings, &files, reference)?;
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &found)?;
     }

@@ -1,15 +1,19 @@
-//! `parfocal view`: the surface of a solve in three dimensions.
+//! `parfocal view`: the surface of a solve in three dimensions. `parfocal open`: the page of results in a browser.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
 
-use parfocal::export::{Destination, FileKind, Results, result_files};
+use parfocal::export::{Destination, FileKind, PAGE_FILE, Results, result_files};
 use parfocal::page::figure;
 use parfocal::page::view::{Surface, View};
 
-use crate::cli::options::output::ColorsArgument;
+use crate::cli::batch::summary::{INDEX, SUMMARY};
+use crate::cli::options::run::ColorsArgument;
 use crate::cli::output::destination::{self, ForceArgument};
-use crate::cli::output::failure::Failure;
+use crate::cli::output::failure::{Failure, print};
 
 /// Show the surface of a solve or a sweep in three dimensions, textured and colour-coded.
 #[derive(clap::Args, Debug)]
@@ -24,14 +28,14 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     turntable: Option<PathBuf>,
     /// Height of the camera over the plane of the image, degrees, 10 to 90; 90 sees it as photographed
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, default_value_t = View::default().elevation)]
+    #[arg(long, value_name = "DEG", default_value_t = View::default().elevation)]
     elevation: f64,
     /// How far the camera goes around to the right, degrees, -180 to 180 [default: -20, of the animation 0]
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG")]
     azimuth: Option<f64>,
     /// Height from far to near over the longer side of the image, 0 to 2 [default: true to scale with a lens, else
     /// 0.15]
-    #[arg(long, value_name = "R", allow_negative_numbers = true)]
+    #[arg(long, value_name = "R")]
     relief: Option<f64>,
     /// Radius of the median that takes spikes off the surface, px of a panel, 0 (none) to 16
     #[arg(long, value_name = "PX", default_value_t = View::default().smoothing)]
@@ -113,4 +117,58 @@ fn check_output(file: Destination<'_>, extension: &str, kind: FileKind, results:
         return Err(Failure::Usage(format!("{}: is a result of the solve; give another name", path.display())));
     }
     destination::check_file(file, kind, "", &[])
+}
+
+/// Open the page of results in a browser: report.html, or the index of a batch.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
+pub(crate) struct PageArguments {
+    /// Folder that `parfocal solve -o`, `stack -o` or `batch -o` wrote
+    results: PathBuf,
+    /// Print the path of the page, and do not open it
+    #[arg(long)]
+    print: bool,
+}
+
+/// The program that opens a file in the user's preferred application.
+const OPENER: &str = if cfg!(target_os = "macos") {
+    "open"
+} else if cfg!(windows) {
+    "explorer"
+} else {
+    "xdg-open"
+};
+
+/// Longest wait for an error of this program, in tenths of a second.
+const MAX_WAIT: u32 = 50;
+
+/// Finds and opens the page.
+pub(crate) fn open(arguments: &PageArguments) -> Result<(), Failure> {
+    let results = &arguments.results;
+    let failed = |problem: &str| Failure::Failed(format!("{}: {problem}", results.display()));
+    if !results.is_dir() {
+        return Err(failed("is no folder; give the one that parfocal solve, stack or batch wrote"));
+    }
+    let names = if results.join(SUMMARY).is_file() { [INDEX, PAGE_FILE] } else { [PAGE_FILE, INDEX] };
+    let page = names.map(|name| results.join(name)).into_iter().find(|page| page.is_file());
+    let page = page.ok_or_else(|| {
+        failed("has no page: it is of a run with --no-html, or holds no results; run it again without")
+    })?;
+    if arguments.print {
+        return print(&page.display().to_string());
+    }
+    let failed = |problem: String| Failure::Failed(format!("{OPENER} {problem}; open {} in a browser", page.display()));
+    let null = Stdio::null;
+    let started = Command::new(OPENER).arg(&page).stdin(null()).stdout(null()).stderr(null()).spawn();
+    let mut opener = started.map_err(|e| failed(format!("cannot be run ({e})")))?;
+    // If the program is the browser itself, it keeps running, and the page is open.
+    for _ in 0..MAX_WAIT {
+        match opener.try_wait() {
+            Ok(Some(status)) if status.success() => return Ok(()),
+            Ok(Some(status)) => return Err(failed(format!("opened nothing ({status})"))),
+            Ok(None) => thread::sleep(Duration::from_millis(100)),
+            Err(e) => return Err(failed(format!("cannot be waited for ({e})"))),
+        }
+    }
+    Ok(())
 }

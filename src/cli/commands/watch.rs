@@ -11,11 +11,11 @@ use std::time::{Duration, Instant, SystemTime};
 use parfocal::image_io::RawFormat;
 
 use crate::cli::batch::pairs::{self, Group};
-use crate::cli::batch::progress::BatchProgress;
 use crate::cli::batch::summary::{BatchSummary, Outcome, Row, SUMMARY};
-use crate::cli::batch::tasks::{Context, Devices, OnDone, Task};
+use crate::cli::batch::tasks::{BatchProgress, Context, Devices, OnDone, Task};
 use crate::cli::commands::batch;
 use crate::cli::help::{self, INPUT, OUTPUT};
+use crate::cli::options::part::within;
 use crate::cli::options::solve::SolveArguments;
 use crate::cli::output::failure::Failure;
 
@@ -46,8 +46,7 @@ pub(crate) struct Arguments {
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
-    let in_range = |seconds: &f64| (0.0..=86_400.0).contains(seconds);
-    text.parse().ok().filter(in_range).ok_or_else(|| "give seconds, 0 to 86400".to_string())
+    within(0.0..=86_400.0, "give seconds, 0 to 86400")(text)
 }
 
 fn after_help() -> String {
@@ -114,7 +113,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             }
             limit = Duration::ZERO;
         }
-        new.retain(|row| !matches!(row.outcome(), Outcome::NotDone));
+        new.retain(|row| !matches!(row.outcome, Outcome::NotDone));
         if new.is_empty() {
             continue;
         }
@@ -122,7 +121,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             progress.show(row);
             on_done.iter().for_each(|program| program.run(row));
         }
-        rows.retain(|old| new.iter().all(|row| row.name() != old.name()));
+        rows.retain(|old| new.iter().all(|row| row.name != old.name));
         rows.extend(new);
         let so_far = summary(rows, &watched);
         so_far.write(request, out, SUMMARY, request.page)?;

@@ -3,7 +3,6 @@
 //! Options of the file are inserted before the arguments of the command line. So the same parser checks both, and each
 //! option is a key.
 
-use std::any::TypeId;
 use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
 use std::io::ErrorKind;
@@ -15,7 +14,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use parfocal::internals::bounded_read;
 use toml::{Spanned, Value};
 
-use crate::cli::help::{INPUT, takes_config};
+use crate::cli::help::{INPUT, is_bool, is_number, takes_config};
 use crate::cli::output::failure::{self, Failure, nearest};
 
 /// Greatest number of bytes that are read, 1 MiB.
@@ -194,20 +193,6 @@ fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<
     Err(format!("there is no option '{key}'; {hint}"))
 }
 
-/// Whether an option takes a number.
-pub(crate) fn is_number(option: &Arg) -> bool {
-    let parsed = option.get_value_parser().type_id();
-    [TypeId::of::<f64>(), TypeId::of::<f32>(), TypeId::of::<u64>(), TypeId::of::<u32>(), TypeId::of::<u8>()]
-        .iter()
-        .any(|number| parsed == *number)
-        || parsed == TypeId::of::<usize>()
-}
-
-/// Whether an option takes true or false.
-pub(crate) fn is_bool(option: &Arg) -> bool {
-    option.get_value_parser().type_id() == TypeId::of::<bool>()
-}
-
 /// The arguments for a key and its value.
 fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
     let (key, value) = (&entry.key, &entry.value);
@@ -310,14 +295,6 @@ mod tests {
             let message = solve(text, &["-o", "out"]).unwrap_err();
             assert!(message.starts_with(expected), "{text:?}: {message}");
         }
-    }
-
-    #[test]
-    fn a_value_out_of_range_is_reported_with_file_and_line() {
-        let origin = Origin { file: "c.toml".into(), used: vec![("outer-iterations".to_string(), 4)] };
-        let failure = Failure::Usage("--outer-iterations is 1, and must be 5 to 1000".to_string());
-        let Failure::Usage(message) = origin.locate(failure) else { panic!("another kind") };
-        assert_eq!(message, "c.toml:4: --outer-iterations is 1, and must be 5 to 1000");
     }
 
     #[test]

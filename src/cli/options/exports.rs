@@ -1,17 +1,21 @@
-//! The option `--export`: the surface and its depth for other programs.
+//! The option `--export`: the surface and its depth for other programs. Also the files that are derived from results.
+
+use std::ops::RangeInclusive;
 
 use clap::ValueEnum;
-use parfocal::export::{self, ArrayKind, Extra, Report, Results, SurfaceReport};
+use parfocal::export::{self, ArrayKind, Drawing, Extra, PAGE_FILE, Palette, Report, Results, SurfaceReport};
 use parfocal::model::{Model, Points};
+use parfocal::page::{figure::PLOTTER, report_html::ExistingPage};
 use parfocal::{Error, Frame};
 use serde::Serialize;
 
 use crate::cli::help::OUTPUT;
+use crate::cli::options::part::within;
 use crate::cli::output::failure::Failure;
 
-/// The options of additional files.
-#[derive(clap::Args, Clone, Debug)]
-pub(crate) struct ExportArguments {
+/// The requested additional files.
+#[derive(clap::Args, Clone, Debug, Default, Serialize)]
+pub(crate) struct Exports {
     /// Write also (comma-separated): ply, cloud, glb, stl, obj, depth16, npy, tiff, zarr, labels
     ///
     /// The surface, in mm if the lens is known: ply (surface.ply, a mesh with colour and normals), cloud (points.ply,
@@ -25,29 +29,15 @@ pub(crate) struct ExportArguments {
     ///
     /// labels (labels.png): 1 where I1 is sharper, 2 where I2 is sharper, 3 where V is within its standard deviation of
     /// 0, 0 where not valid; of a sweep the number of the frame whose focus is nearest to the pixel.
-    #[arg(long, value_name = "KIND,...", help_heading = OUTPUT, value_enum, value_delimiter = ',', hide_possible_values = true)]
-    export: Vec<Kind>,
+    #[arg(long = "export", value_name = "KIND,...", help_heading = OUTPUT, value_enum, value_delimiter = ',', hide_possible_values = true)]
+    kinds: Vec<Kind>,
     /// Vertices of a mesh along its longer side, at most (2 to 65536) [default: one for each pixel]
     #[arg(long, value_name = "N", help_heading = OUTPUT, value_parser = clap::value_parser!(u32).range(2..=65536))]
     mesh_cells: Option<u32>,
     /// Height of the surface for each px² of V or each setting of a sweep (px, 1e-6 to 1e6)
     ///
     /// Without it, the surface is in mm from the lens if the lens is known; else its relief is 15 % of the longer side.
-    #[arg(long, value_name = "PX", help_heading = OUTPUT, value_parser = positive)]
-    z_scale: Option<f64>,
-}
-
-impl ExportArguments {
-    pub(crate) fn models(&self) -> Exports {
-        Exports { kinds: self.export.clone(), mesh_cells: self.mesh_cells, z_scale: self.z_scale }
-    }
-}
-
-/// The requested additional files.
-#[derive(Clone, Debug, Default, Serialize)]
-pub(crate) struct Exports {
-    kinds: Vec<Kind>,
-    mesh_cells: Option<u32>,
+    #[arg(long, value_name = "PX", help_heading = OUTPUT, value_parser = within(Z_SCALES, "give a number from 1e-6 to 1e6"))]
     z_scale: Option<f64>,
 }
 
@@ -96,15 +86,13 @@ const MODELS: [(Kind, Model); 5] = [
     (Kind::Obj, Model::Obj),
 ];
 
-fn positive_number(value: f64) -> bool {
-    (1e-6..=1e6).contains(&value)
-}
+/// The range of `--z-scale`.
+const Z_SCALES: RangeInclusive<f64> = 1e-6..=1e6;
 
-fn positive(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|value| positive_number(*value))
-        .ok_or_else(|| "give a number from 1e-6 to 1e6".to_string())
+/// The fused image and the points of a surface.
+pub(crate) struct Surface {
+    fused: Frame,
+    points: Points,
 }
 
 impl Exports {
@@ -118,19 +106,24 @@ impl Exports {
         Self {
             kinds,
             mesh_cells: mesh_cells.map(|cells| cells.max(2)),
-            z_scale: z_scale.filter(|z| positive_number(*z)),
+            z_scale: z_scale.filter(|z| Z_SCALES.contains(z)),
         }
     }
 
-    /// The points of the surface, if a file of it is requested.
-    pub(crate) fn points(&self, results: &Results<'_>, fused: &Frame) -> Result<Option<Points>, Error> {
-        self.show_the_surface().then(|| Points::of(results, fused, self.z_scale)).transpose()
+    /// The surface, if a file of it is requested.
+    pub(crate) fn surface(&self, results: &Results<'_>) -> Result<Option<Surface>, Error> {
+        if self.models().next().is_none() {
+            return Ok(None);
+        }
+        let fused = results.fused()?;
+        let points = Points::of(results, &fused, self.z_scale)?;
+        Ok(Some(Surface { fused, points }))
     }
 
-    /// The entry of the report for these points.
-    pub(crate) fn report(&self, points: Option<&Points>) -> Option<SurfaceReport> {
+    /// The entry of the report for a surface.
+    pub(crate) fn report(&self, surface: Option<&Surface>) -> Option<SurfaceReport> {
         let (mesh_cells, z_scale) = (self.mesh_cells, self.z_scale);
-        points.map(|points| SurfaceReport { unit: points.unit.clone(), mesh_cells, z_scale })
+        surface.map(|surface| SurfaceReport { unit: surface.points.unit.clone(), mesh_cells, z_scale })
     }
 
     /// Whether depth in 16 bits is requested.
@@ -139,10 +132,10 @@ impl Exports {
     }
 
     /// The requested files of the surface.
-    pub(crate) fn files<'a>(&self, points: Option<&'a Points>, fused: &'a Frame) -> Vec<Extra<'a>> {
-        let Some(points) = points else { return Vec::new() };
+    pub(crate) fn surface_files<'a>(&self, surface: Option<&'a Surface>) -> Vec<Extra<'a>> {
+        let Some(Surface { fused, points }) = surface else { return Vec::new() };
         let nodes = self.mesh_cells.map(|n| n as usize);
-        self.shown().map(|model| points.file(model, fused, nodes)).collect()
+        self.models().map(|model| points.file(model, fused, nodes)).collect()
     }
 
     /// The requested files of depth in floats.
@@ -172,13 +165,56 @@ impl Exports {
         self.kinds.iter().flat_map(Kind::files).copied().collect()
     }
 
-    /// Whether a file of the surface is requested.
-    pub(crate) fn show_the_surface(&self) -> bool {
-        self.shown().next().is_some()
+    /// The requested kinds of surfaces.
+    fn models(&self) -> impl Iterator<Item = Model> {
+        MODELS.into_iter().filter(|(name, _)| self.kinds.contains(name)).map(|(_, model)| model)
+    }
+}
+
+/// The files of a folder that are regenerated when its results change: the page, the surface and the arrays.
+pub(crate) struct DerivedOutputs {
+    page: Option<ExistingPage>,
+    models: Exports,
+    surface: Option<Surface>,
+    /// Whether there is a page that cannot be regenerated.
+    is_page_lost: bool,
+}
+
+impl DerivedOutputs {
+    /// The page alone.
+    pub(crate) fn page(results: &Results<'_>) -> Self {
+        let listed = results.report.has_file(PAGE_FILE);
+        let page = listed.then(|| ExistingPage::read(&results.folder)).flatten();
+        Self { is_page_lost: listed && page.is_none(), page, models: Exports::default(), surface: None }
     }
 
-    /// The requested kinds of surfaces.
-    fn shown(&self) -> impl Iterator<Item = Model> {
-        MODELS.into_iter().filter(|(name, _)| self.kinds.contains(name)).map(|(_, model)| model)
+    /// All derived files.
+    pub(crate) fn new(results: &Results<'_>) -> Result<Self, Failure> {
+        let models = Exports::of_report(&results.report);
+        let surface = models.surface(results)?;
+        Ok(Self { models, surface, ..Self::page(results) })
+    }
+
+    /// The files. The page keeps its colours unless others are passed.
+    pub(crate) fn files(&self, palette: Option<Palette>) -> Vec<Extra<'_>> {
+        let page = self.page.as_ref().map(|page| page.file(palette));
+        let surface = self.models.surface_files(self.surface.as_ref());
+        page.into_iter().chain(surface).chain(self.models.array_files()).collect()
+    }
+
+    /// The style of pictures.
+    pub(crate) fn drawing(&self, palette: Option<Palette>) -> Drawing {
+        Drawing { palette: palette.unwrap_or_default(), plotter: Some(PLOTTER) }
+    }
+
+    /// The entry of the surface in the report.
+    pub(crate) fn surface(&self) -> Option<SurfaceReport> {
+        self.models.report(self.surface.as_ref())
+    }
+
+    /// A warning that the page will be removed.
+    pub(crate) fn warning(&self) -> Option<String> {
+        let problem = "cannot be written again from the existing one and is removed; solve again for another";
+        self.is_page_lost.then(|| format!("warning        {PAGE_FILE} {problem}"))
     }
 }

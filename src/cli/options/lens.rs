@@ -1,7 +1,6 @@
 //! The options of the lens, from a file and from flags.
 
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use parfocal::export::{Nearer, Results};
 use parfocal::image_io::{Exif, Input};
@@ -10,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::cli::help::LENS;
+use crate::cli::options::part::numbers;
 use crate::cli::output::failure::Failure;
 
 /// Greatest size of a lens file, 16 MiB, like that of a report.
@@ -24,53 +24,40 @@ pub(crate) struct LensArguments {
     /// one as lens: the file of calibrate, truth.json of simulate, report.json. Flags override the file.
     #[arg(long, value_name = "FILE", help_heading = LENS)]
     lens: Option<PathBuf>,
+    #[command(flatten)]
+    flags: PartOfLens,
+}
+
+/// The known fields of a lens, as options and in a file.
+#[derive(clap::Args, Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PartOfLens {
     /// Focal length, mm
-    #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
-    focal_length: Option<f64>,
+    #[serde(rename = "focal_length_mm")]
+    #[arg(long, value_name = "MM", help_heading = LENS)]
+    pub(crate) focal_length: Option<f64>,
     /// f-number
-    #[arg(long, value_name = "N", help_heading = LENS, allow_negative_numbers = true)]
-    f_number: Option<f64>,
+    #[arg(long, value_name = "N", help_heading = LENS)]
+    pub(crate) f_number: Option<f64>,
     /// Distance between pixels on the sensor, mm
-    #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
-    pixel_pitch: Option<f64>,
+    #[serde(rename = "pixel_pitch_mm")]
+    #[arg(long, value_name = "MM", help_heading = LENS)]
+    pub(crate) pixel_pitch: Option<f64>,
     /// Distances from the lens at which I1 and I2 are focused, mm
-    #[arg(long, value_name = "MM,MM", help_heading = LENS, allow_hyphen_values = true)]
-    focus: Option<Distances>,
+    #[serde(rename = "focus_mm")]
+    #[arg(long, value_name = "MM,MM", help_heading = LENS, allow_hyphen_values = true, value_parser = distances)]
+    pub(crate) focus: Option<[f64; 2]>,
     /// Standard deviation of the blur over its radius; calibrate finds it [default: 0.5, a disk]
-    #[arg(long, value_name = "K", help_heading = LENS, allow_negative_numbers = true)]
-    kappa: Option<f64>,
+    #[arg(long, value_name = "K", help_heading = LENS)]
+    pub(crate) kappa: Option<f64>,
     /// Lens that is telecentric on the image side: focus does not change its magnification
     #[arg(long, value_name = "BOOL", help_heading = LENS, num_args = 0..=1, require_equals = true,
           default_missing_value = "true")]
-    telecentric: Option<bool>,
-}
-
-/// Two distances, mm.
-#[derive(Clone, Copy, Debug)]
-struct Distances([f64; 2]);
-
-impl FromStr for Distances {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parsed = text.split_once(',').and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
-        parsed.map(Self).ok_or_else(|| "give two distances in mm, as in 529,869".to_string())
-    }
-}
-
-/// The known fields of a lens.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct PartOfLens {
-    #[serde(rename = "focal_length_mm")]
-    pub(crate) focal_length: Option<f64>,
-    pub(crate) f_number: Option<f64>,
-    #[serde(rename = "pixel_pitch_mm")]
-    pub(crate) pixel_pitch: Option<f64>,
-    #[serde(rename = "focus_mm")]
-    pub(crate) focus: Option<[f64; 2]>,
-    pub(crate) kappa: Option<f64>,
     pub(crate) telecentric: Option<bool>,
+}
+
+fn distances(text: &str) -> Result<[f64; 2], String> {
+    numbers(text).ok_or_else(|| "give two distances in mm, as in 529,869".to_string())
 }
 
 impl From<Lens> for PartOfLens {
@@ -157,43 +144,29 @@ impl LensArguments {
     /// The fields of the file and the options; `None` if there are none.
     pub(crate) fn stated(&self) -> Result<Option<PartOfLens>, Failure> {
         let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
-        Ok(self.is_given().then(|| self.flags().or(file)))
+        Ok(self.is_given().then(|| self.flags.or(file)))
     }
 
     /// The lens for a command that needs one. Missing fields are taken from the report of the results.
     pub(crate) fn required(&self, results: &Results<'_>) -> Result<Lens, Failure> {
-        let none = || {
-            Failure::Usage(
-                "give the lens: --lens FILE, or --focal-length and the other options of the lens".to_string(),
-            )
-        };
         let known = results.lens().copied().map(PartOfLens::from);
-        match (self.stated()?, known) {
-            (Some(stated), known) => stated.or(known.unwrap_or_default()).whole(),
-            (None, Some(known)) => known.whole(),
-            (None, None) => Err(none()),
+        match self.stated()?.or(known) {
+            Some(stated) => stated.or(known.unwrap_or_default()).whole(),
+            None => {
+                let problem = "give the lens: --lens FILE, or --focal-length and the other options of the lens";
+                Err(Failure::Usage(problem.to_string()))
+            }
         }
     }
 
     /// Whether a file or an option of the lens was given.
     pub(crate) fn is_given(&self) -> bool {
-        self.lens.is_some() || self.flags() != PartOfLens::default()
+        self.lens.is_some() || self.flags != PartOfLens::default()
     }
 
     /// The lens file. No result may replace it.
     pub(crate) fn file(&self) -> Option<&PathBuf> {
         self.lens.as_ref()
-    }
-
-    fn flags(&self) -> PartOfLens {
-        PartOfLens {
-            focal_length: self.focal_length,
-            f_number: self.f_number,
-            pixel_pitch: self.pixel_pitch,
-            focus: self.focus.map(|Distances(focus)| focus),
-            kappa: self.kappa,
-            telecentric: self.telecentric,
-        }
     }
 }
 

@@ -1,14 +1,15 @@
-//! The part of the photographs that is solved: masks, regions, lines, and the flat reference.
+//! The part of the photographs that is solved and measured: masks, regions, lines, and the flat reference.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use parfocal::export::Results;
+use parfocal::export::{MeasurementRequest, Results};
 use parfocal::metric::measure::Line;
 use parfocal::{Mask, Region, SolveOptions, image_io, settings::FieldCurvature};
 use serde::Serialize;
 
-use crate::cli::help::REGION;
+use crate::cli::help::{MEASUREMENTS, REGION};
 use crate::cli::output::failure::Failure;
 
 /// The options of the part of the frame.
@@ -18,8 +19,8 @@ pub(crate) struct PartArguments {
     #[arg(long, value_name = "FILE", help_heading = REGION)]
     mask: Option<PathBuf>,
     /// Region of the results, px; a margin around it is solved too
-    #[arg(long, value_name = "X,Y,W,H", help_heading = REGION)]
-    roi: Option<RegionArgument>,
+    #[arg(long, value_name = "X,Y,W,H", help_heading = REGION, value_parser = region)]
+    roi: Option<Region>,
     /// Crop the results to the largest rectangle without invalid pixels
     #[arg(long, help_heading = REGION)]
     crop_valid: bool,
@@ -35,20 +36,16 @@ pub(crate) struct ScopeArguments {
     flat: Option<PathBuf>,
     /// Standard deviation of V above which a pixel counts as without texture (px², 1e-6 to 1e6) [default: half the
     /// range of V, at least 1]
-    #[arg(long, value_name = "PX2", help_heading = REGION, value_parser = positive)]
+    #[arg(long, value_name = "PX2", help_heading = REGION, 
+          value_parser = within(1e-6f32..=1e6, "give a number of px² from 1e-6 to 1e6"))]
     max_uncertainty: Option<f32>,
-}
-
-fn positive(text: &str) -> Result<f32, String> {
-    let good = |value: &f32| (1e-6..=1e6).contains(value);
-    text.parse().ok().filter(good).ok_or_else(|| "give a number of px² from 1e-6 to 1e6".to_string())
 }
 
 impl PartArguments {
     pub(crate) fn part(&self) -> Part {
         Part {
             mask: self.mask.clone(),
-            region: self.roi.map(|RegionArgument(region)| region),
+            region: self.roi,
             crop_valid: self.crop_valid,
             flat: None,
             max_uncertainty: None,
@@ -141,54 +138,66 @@ fn flat_reference(folder: &Path) -> Result<FieldCurvature, Failure> {
         .map_err(|e| Failure::Failed(format!("{}: {e}", folder.display())))
 }
 
-/// `X,Y,W,H`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct RegionArgument(pub(crate) Region);
+/// Regions and lines to measure.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct MeasureArguments {
+    /// Step height from the first region to the second; may be repeated
+    ///
+    /// Rectangles in pixels of the results. The height is the difference of their levels, which are medians after
+    /// removing the tilt. It is in px², or settings of a sweep, and also in mm if the lens or the focus positions are
+    /// known.
+    #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = MEASUREMENTS,
+          value_parser = region)]
+    step: Vec<Region>,
+    /// Profile from one pixel of the results to another; may be repeated
+    ///
+    /// The mean over WIDTH px across the line, 1 if not given.
+    #[arg(long, value_name = "X1,Y1,X2,Y2[,WIDTH]", help_heading = MEASUREMENTS, value_parser = line)]
+    profile: Vec<Line>,
+}
 
-impl FromStr for RegionArgument {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Option<Vec<u32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-        match numbers.as_deref() {
-            Some(&[x, y, width, height]) => Ok(Self(Region { x, y, width, height })),
-            _ => Err("give X,Y,WIDTH,HEIGHT in whole pixels, as in 40,60,32,32".to_string()),
+impl MeasureArguments {
+    pub(crate) fn request(&self) -> MeasurementRequest {
+        MeasurementRequest {
+            // clap passes the values in pairs.
+            steps: self.step.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect(),
+            lines: self.profile.clone(),
         }
     }
 }
 
-/// `X,Y,W,H=Z`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct RegionAtDepth(pub(crate) Region, pub(crate) f64);
-
-impl FromStr for RegionAtDepth {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parsed = text.split_once('=').and_then(|(region, z)| {
-            let RegionArgument(region) = region.parse().ok()?;
-            Some(Self(region, z.trim().parse().ok()?))
-        });
-        parsed.ok_or_else(|| "give X,Y,WIDTH,HEIGHT=DEPTH in pixels and mm, as in 40,60,32,32=529".to_string())
-    }
+/// Parses numbers that are separated by commas; `None` unless there are N.
+pub(crate) fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
+    let all: Option<Vec<T>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    all?.try_into().ok()
 }
 
-/// `X1,Y1,X2,Y2` or `X1,Y1,X2,Y2,WIDTH`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct LineArgument(pub(crate) Line);
+/// A parser of a number in a range. The error is `hint`.
+pub(crate) fn within<T: FromStr + PartialOrd + Clone>(
+    range: RangeInclusive<T>,
+    hint: &str,
+) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| text.parse().ok().filter(|value| range.contains(value)).ok_or_else(|| hint.to_string())
+}
 
-impl FromStr for LineArgument {
-    type Err = String;
+/// Parses `X,Y,W,H`.
+pub(crate) fn region(text: &str) -> Result<Region, String> {
+    let region = numbers(text).map(|[x, y, width, height]| Region { x, y, width, height });
+    region.ok_or_else(|| "give X,Y,WIDTH,HEIGHT in whole pixels, as in 40,60,32,32".to_string())
+}
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-        let line = |x1, y1, x2, y2, width| Ok(Self(Line { from: [x1, y1], to: [x2, y2], width }));
-        match numbers.as_deref() {
-            Some(&[x1, y1, x2, y2]) => line(x1, y1, x2, y2, 1.0),
-            Some(&[x1, y1, x2, y2, width]) => line(x1, y1, x2, y2, width),
-            _ => Err("give X1,Y1,X2,Y2 in pixels and perhaps the width, as in 10,40,300,40,9".to_string()),
-        }
-    }
+/// Parses `X,Y,W,H=Z`.
+pub(crate) fn region_at_depth(text: &str) -> Result<(Region, f64), String> {
+    let parsed = text.split_once('=').and_then(|(part, z)| Some((region(part).ok()?, z.trim().parse().ok()?)));
+    parsed.ok_or_else(|| "give X,Y,WIDTH,HEIGHT=DEPTH in pixels and mm, as in 40,60,32,32=529".to_string())
+}
+
+/// Parses `X1,Y1,X2,Y2` or `X1,Y1,X2,Y2,WIDTH`.
+pub(crate) fn line(text: &str) -> Result<Line, String> {
+    let with_width = || numbers(text).map(|[x1, y1, x2, y2]| [x1, y1, x2, y2, 1.0]);
+    let line = numbers(text).or_else(with_width);
+    line.map(|[x1, y1, x2, y2, width]| Line { from: [x1, y1], to: [x2, y2], width })
+        .ok_or_else(|| "give X1,Y1,X2,Y2 in pixels and perhaps the width, as in 10,40,300,40,9".to_string())
 }
 
 #[cfg(test)]
@@ -197,14 +206,14 @@ mod tests {
 
     #[test]
     fn a_wrong_region_is_refused_with_an_example() {
-        let RegionAtDepth(region, z) = "1,2, 3,4 = 52.5".parse().unwrap();
-        assert_eq!((region.x, region.y, region.width, region.height, z), (1, 2, 3, 4, 52.5));
-        let LineArgument(line) = "0,1.5,20,1.5,7".parse().unwrap();
-        assert_eq!((line.from, line.to, line.width), ([0.0, 1.5], [20.0, 1.5], 7.0));
-        assert_eq!("0,1,20,1".parse::<LineArgument>().unwrap().0.width, 1.0);
+        let (at, z) = region_at_depth("1,2, 3,4 = 52.5").unwrap();
+        assert_eq!((at.x, at.y, at.width, at.height, z), (1, 2, 3, 4, 52.5));
+        let wide = line("0,1.5,20,1.5,7").unwrap();
+        assert_eq!((wide.from, wide.to, wide.width), ([0.0, 1.5], [20.0, 1.5], 7.0));
+        assert_eq!(line("0,1,20,1").unwrap().width, 1.0);
         for bad in ["1,2,3", "1,2,3,x", "", "1,2,3,-4"] {
-            assert!(bad.parse::<RegionArgument>().unwrap_err().contains("as in"), "{bad}");
+            assert!(region(bad).unwrap_err().contains("as in"), "{bad}");
         }
-        assert!("1,2,3,4".parse::<RegionAtDepth>().is_err() && "1,2,3".parse::<LineArgument>().is_err());
+        assert!(region_at_depth("1,2,3,4").is_err() && line("1,2,3").is_err());
     }
 }

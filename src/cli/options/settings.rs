@@ -41,10 +41,10 @@ pub(crate) struct SettingsArguments {
     #[arg(long, help_heading = REGISTRATION)]
     no_photometric: bool,
     /// Hold the gain, the factor on I2 that matches I1 (0.001 to 1000); with --offset, which is 0 if not given
-    #[arg(long, value_name = "G", help_heading = REGISTRATION, allow_negative_numbers = true)]
+    #[arg(long, value_name = "G", help_heading = REGISTRATION)]
     gain: Option<f64>,
     /// Hold the offset that is added after the gain, where white is 1
-    #[arg(long, value_name = "O", help_heading = REGISTRATION, allow_negative_numbers = true)]
+    #[arg(long, value_name = "O", help_heading = REGISTRATION)]
     offset: Option<f64>,
     /// Shape of the blur: auto, gaussian, pillbox, half-gaussian, or a picture
     ///

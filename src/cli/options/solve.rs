@@ -9,12 +9,11 @@ use parfocal::{Lens, Settings, internals::bounded_read};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::cli::commands::measure::MeasureArguments;
 use crate::cli::help::{INPUT, OUTPUT, REGISTRATION};
-use crate::cli::options::exports::{ExportArguments, Exports};
+use crate::cli::options::exports::Exports;
 use crate::cli::options::lens::{self, LensArguments, PartOfLens};
-use crate::cli::options::output::{ColorsArgument, RunArguments};
-use crate::cli::options::part::{Part, ScopeArguments};
+use crate::cli::options::part::{MeasureArguments, Part, ScopeArguments};
+use crate::cli::options::run::{ColorsArgument, RunArguments};
 use crate::cli::options::settings::{SettingsArguments, one_or_two};
 use crate::cli::output::destination::ForceArgument;
 use crate::cli::output::failure::Failure;
@@ -41,6 +40,13 @@ pub(crate) struct SolveArguments {
     #[command(flatten)]
     lens: LensArguments,
     #[command(flatten)]
+    results: ResultArguments,
+}
+
+/// The options of measurements, files and the run, which a pair and a sweep have in common.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct ResultArguments {
+    #[command(flatten)]
     measure: MeasureArguments,
     #[command(flatten)]
     colors: ColorsArgument,
@@ -48,7 +54,7 @@ pub(crate) struct SolveArguments {
     #[arg(long, help_heading = OUTPUT)]
     no_html: bool,
     #[command(flatten)]
-    models: ExportArguments,
+    models: Exports,
     #[command(flatten)]
     force: ForceArgument,
     #[command(flatten)]
@@ -63,19 +69,36 @@ impl SolveArguments {
 
     /// The request, or an error if options contradict each other.
     pub(crate) fn request(&self) -> Result<Request, Failure> {
-        let part = self.scope.part();
-        let files = self.settings.inputs().chain(self.lens.file()).chain(part.mask());
+        let mut request =
+            self.results.request(&self.settings, self.method, self.hold, self.scope.part(), self.nearer)?;
+        request.files.extend(self.lens.file().cloned());
+        request.lens = self.lens.stated()?;
+        request.check()?;
+        Ok(request)
+    }
+}
+
+impl ResultArguments {
+    /// The request without a lens, or an error if options contradict each other.
+    pub(crate) fn request(
+        &self,
+        settings: &SettingsArguments,
+        method: Method,
+        hold: bool,
+        part: Part,
+        nearer: Option<u8>,
+    ) -> Result<Request, Failure> {
         let request = Request {
-            files: files.cloned().collect(),
-            settings: self.settings.settings(self.method, self.hold)?,
-            raw: self.settings.raw().map(|raw| raw.to_string()),
-            nearer: self.nearer,
+            files: settings.inputs().chain(part.mask()).cloned().collect(),
+            settings: settings.settings(method, hold)?,
+            raw: settings.raw().map(|raw| raw.to_string()),
+            nearer,
             part,
-            lens: self.lens.stated()?,
+            lens: None,
             wanted: self.measure.request(),
             palette: self.colors.palette(),
             page: !self.no_html,
-            models: self.models.models(),
+            models: self.models.clone(),
             force: self.force,
             run: self.run.clone(),
         };
@@ -213,7 +236,7 @@ mod tests {
     fn an_exposure_option_is_held_and_overrides_a_file() {
         let found = settings(&["--gain", "1.1"]);
         assert_eq!((found.photometric, found.start_photometric), (false, Photometric { gain: 1.1, offset: 0.0 }));
-        let found = with_file(&["--offset", "-0.02"], &with_exposure());
+        let found = with_file(&["--offset=-0.02"], &with_exposure());
         assert_eq!((found.photometric, found.start_photometric), (false, Photometric { gain: 1.0, offset: -0.02 }));
         assert!(request(&["--gain", "0"]).is_err());
     }

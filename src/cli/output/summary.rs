@@ -18,8 +18,9 @@ type Row = (&'static str, String);
 /// The summary of a solve, without a newline at the end.
 pub(crate) fn summary(report: &Report, palette: Palette, out: &Path) -> String {
     let mut rows = found(report);
-    rows.extend(kernel(report.kernel_shape));
-    rows.extend(smoothness(report));
+    rows.extend(report.kernel_shape.map(|shape| ("blur", kernel(shape))));
+    let by = if report.settings.regularization.is_some() { "as stated" } else { "found" };
+    rows.extend(report.regularization.map(|alpha| ("smoothness", format!("α {}, {by}", rounded(alpha)))));
     rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
     rows.extend(report.measurements.iter().flat_map(measure::rows));
@@ -48,8 +49,11 @@ fn found(report: &Report) -> Vec<Row> {
         ("method", format!("{}, levels: {levels}", report.method.name())),
     ];
     rows.extend(report.frames.get(1).into_iter().flat_map(registration));
-    rows.extend(motion(report.other_motion));
-    rows.extend(values(&report.inputs, report.values));
+    let motion = |other: OtherMotion| ("motion", format!("{other} (--motion {})", other.motion.name()));
+    rows.extend(report.other_motion.map(motion));
+    if !report.inputs.is_empty() {
+        rows.push(("values", values_in_words(&report.inputs, report.values)));
+    }
     rows
 }
 
@@ -67,19 +71,12 @@ fn registration(frame: &FrameReport) -> [Row; 2] {
     [("transform", transform), ("exposure", format!("gain {gain:.4}, offset {offset:+.4}{shading}"))]
 }
 
-/// The smoothness α, and whether it was stated.
-fn smoothness(report: &Report) -> Option<Row> {
-    let by = if report.settings.regularization.is_some() { "as stated" } else { "found" };
-    report.regularization.map(|alpha| ("smoothness", format!("α {}, {by}", rounded(alpha))))
-}
-
 /// The estimated shape of the kernel.
-fn kernel(shape: Option<f64>) -> Option<Row> {
-    let describe = |shape: f64| match shape {
+fn kernel(shape: f64) -> String {
+    match shape {
         0.0 => "a Gaussian, found".to_string(),
         _ => format!("{shape:.2} of the way from a Gaussian to a disk, found"),
-    };
-    shape.map(|shape| ("blur", describe(shape)))
+    }
 }
 
 /// Rounds to two significant digits.
@@ -87,17 +84,7 @@ fn rounded(value: f64) -> f64 {
     format!("{value:.1e}").parse().unwrap_or(value)
 }
 
-/// A better motion model, if one was found.
-fn motion(other: Option<OtherMotion>) -> Option<Row> {
-    other.map(|other| ("motion", format!("{other} (--motion {})", other.motion.name())))
-}
-
 /// The decoding of the files, and its reason.
-fn values(inputs: &[Input], values: Values) -> Option<Row> {
-    (!inputs.is_empty()).then(|| ("values", values_in_words(inputs, values)))
-}
-
-/// The decoding of the files, and its reason, without a label.
 pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -> String {
     let mut said: Vec<&str> = inputs.iter().filter_map(|input| input.encoding.as_deref()).collect();
     said.sort_unstable();

@@ -1,18 +1,87 @@
-//! `parfocal config`: prints a file for `--config` with all options and defaults.
+//! The subcommands of set-up: `devices`, `config`, `completions` and `man`.
 
 use std::fmt::Write;
+use std::path::PathBuf;
 
 use clap::Arg;
 use clap::builder::PossibleValue;
+use clap_complete::Shell;
+use clap_mangen::Man;
+use parfocal::export::{FileKind, write_named};
+use parfocal::{Engine, Error, settings::DeviceInfo};
+use serde_json::json;
 
-use crate::cli::help::takes_config;
-use crate::cli::help::wrapped;
-use crate::cli::options::config_file::{is_bool, is_key, is_number};
-use crate::cli::output::failure::{Failure, nearest, print};
+use crate::cli::help::{is_bool, is_number, takes_config, wrapped};
+use crate::cli::options::config_file::is_key;
+use crate::cli::output::destination::{self, ForceArgument};
+use crate::cli::output::failure::{Failure, nearest, print, print_bytes};
+
+/// List the Vulkan devices and the reasons why some cannot be used
+#[derive(clap::Args, Debug)]
+pub(crate) struct Devices {
+    /// Print the list as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// A device as the JSON list states it.
+fn entry(info: &DeviceInfo) -> serde_json::Value {
+    json!({
+        "index": info.index,
+        "name": info.name,
+        "driver": info.driver,
+        "uuid": info.uuid,
+        "kind": info.kind,
+        "vulkan": info.api_version,
+        "subgroup_size": info.subgroup_size,
+        "memory_bytes": info.memory_bytes,
+        "max_image_size": info.max_image_size,
+        "max_storage_buffer_bytes": info.max_storage_buffer,
+        "usable": info.unusable.is_none(),
+        "why_not": info.unusable,
+    })
+}
+
+/// Prints the devices. Without a device, prints an empty JSON list and fails.
+pub(crate) fn devices(arguments: &Devices) -> Result<(), Failure> {
+    let devices = match Engine::devices() {
+        Ok(devices) if !devices.is_empty() => devices,
+        none => {
+            if arguments.json {
+                print("[]")?;
+            }
+            return Err(none.err().unwrap_or_else(|| Error::NoDevice(String::new())).into());
+        }
+    };
+    if arguments.json {
+        let entries: Vec<_> = devices.iter().map(entry).collect();
+        let text = serde_json::to_string_pretty(&entries).map_err(|e| Failure::Failed(e.to_string()))?;
+        return print(&text);
+    }
+    print(&devices.iter().map(describe).collect::<Vec<_>>().join("\n"))
+}
+
+fn describe(info: &DeviceInfo) -> String {
+    let usable = match &info.unusable {
+        None => "usable".to_string(),
+        Some(why) => format!("not usable: {why}"),
+    };
+    let gibibytes = info.memory_bytes as f64 / f64::from(1 << 30);
+    [
+        format!("{}  {} ({})", info.index, info.name, info.kind),
+        format!("driver {}, Vulkan {}, UUID {}", info.driver, info.api_version, info.uuid),
+        format!(
+            "{gibibytes:.1} GiB, subgroups of {}, images up to {} px a side",
+            info.subgroup_size, info.max_image_size
+        ),
+        usable,
+    ]
+    .join("\n   ")
+}
 
 /// Print the options of a subcommand with their defaults as TOML, for --config.
 #[derive(clap::Args, Debug)]
-pub(crate) struct Arguments {
+pub(crate) struct Config {
     /// The subcommand: solve, batch, stack or register
     #[arg(value_name = "COMMAND", default_value = "solve")]
     command: String,
@@ -27,7 +96,7 @@ const HEADER: &str = "\
 const WIDTH: usize = 110;
 
 /// Prints the configuration file.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(crate) fn config(arguments: &Config) -> Result<(), Failure> {
     let command = crate::cli::command();
     let names: Vec<&str> = command.get_subcommands().filter(|c| takes_config(c)).map(clap::Command::get_name).collect();
     let name = arguments.command.as_str();
@@ -91,6 +160,69 @@ fn placeholder(option: &Arg) -> String {
 
 fn literal(option: &Arg, value: &str) -> String {
     if is_number(option) || is_bool(option) { value.to_string() } else { toml::Value::from(value).to_string() }
+}
+
+/// Print a completion script for a shell
+#[derive(clap::Args, Debug)]
+#[command(after_help = COMPLETIONS_HELP)]
+pub(crate) struct Completions {
+    shell: Shell,
+}
+
+const COMPLETIONS_HELP: &str = "\
+Examples:
+  parfocal completions bash > ~/.local/share/bash-completion/completions/parfocal
+  parfocal completions zsh > ~/.zfunc/_parfocal      # with fpath+=~/.zfunc before compinit
+  parfocal completions fish > ~/.config/fish/completions/parfocal.fish";
+
+/// Prints the script.
+pub(crate) fn completions(arguments: &Completions) -> Result<(), Failure> {
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, &mut crate::cli::command(), "parfocal", &mut script);
+    print_bytes(&script)
+}
+
+/// Print the manual page, or write a page for each subcommand
+#[derive(clap::Args, Debug)]
+#[command(after_help = MAN_HELP)]
+pub(crate) struct Manual {
+    /// Folder for parfocal.1, parfocal-solve.1 and so on; without it the main page is printed
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgument,
+}
+
+const MAN_HELP: &str = "\
+Examples:
+  parfocal man -o ~/.local/share/man/man1
+  parfocal man | man -l -";
+
+/// Prints or writes the pages.
+pub(crate) fn manual(arguments: &Manual) -> Result<(), Failure> {
+    let mut command = crate::cli::command().disable_help_subcommand(true);
+    command.build();
+    let Some(folder) = &arguments.output else { return print_bytes(&page(command)?) };
+    let out = arguments.force.to(folder);
+    destination::check_folder(folder)?;
+    // After `build`, the display name of a subcommand is "parfocal-solve" and the like.
+    let pages = command.get_subcommands().cloned();
+    let pages = pages.map(|sub| (format!("{}.1", sub.get_display_name().unwrap_or(sub.get_name())), sub));
+    let all: Vec<_> = std::iter::once(("parfocal.1".to_string(), command.clone())).chain(pages).collect();
+    let names: Vec<&String> = all.iter().map(|(name, _)| name).collect();
+    out.check_named(FileKind::Manual, &names)?;
+    for (name, command) in &all {
+        write_named(out, name, FileKind::Manual, &page(command.clone())?)?;
+    }
+    print(&all.iter().map(|(name, _)| folder.join(name).display().to_string()).collect::<Vec<_>>().join("\n"))
+}
+
+fn page(command: clap::Command) -> Result<Vec<u8>, Failure> {
+    let mut page = Vec::new();
+    Man::new(command)
+        .render(&mut page)
+        .map_err(|e| Failure::Failed(format!("the manual page cannot be rendered ({e})")))?;
+    Ok(page)
 }
 
 #[cfg(test)]
