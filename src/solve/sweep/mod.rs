@@ -204,7 +204,8 @@ impl SweepSolver {
     }
 
     /// Solves a sweep, or the region of it that the options name. If no positions are stated, frames that are certainly
-    /// out of order are put in order, and repeated frames are left out. [`Sweep::order`] and a warning report this.
+    /// out of order are put in order, and repeated frames are left out. [`RegisteredSweep::order`] and a warning report
+    /// this.
     ///
     /// # Errors
     /// Those of [`SweepSolver::for_frames`] and [`SolveOptions::check`]; [`Error::Mismatch`] for a flat reference,

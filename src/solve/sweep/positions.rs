@@ -6,7 +6,8 @@ use crate::base::Error;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Positions {
     /// Unknown settings: counted from 0 in even steps. If the sweep shows that frames are missing or steps are uneven,
-    /// the settings found are used instead, and a warning states them ([`Sweep::positions`](super::Sweep::positions)).
+    /// the settings found are used instead, and a warning states them
+    /// ([`RegisteredSweep::positions`](super::RegisteredSweep::positions)).
     #[default]
     Counted,
     /// Settings in any unit that is even in 1/z.
