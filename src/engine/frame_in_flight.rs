@@ -77,7 +77,7 @@ pub(super) struct FrameInFlight {
     is_fetched: bool,
     /// What was recorded for the latest pair into a command buffer of the embedding program.
     encoded: Option<Recording>,
-    /// The word by which the device says that it has executed that.
+    /// The completion word, by which the device signals that it has executed `encoded`.
     completion: Arc<Buffer>,
     /// The value that the timeline of the current recording reaches when the submitted pair is solved.
     in_flight: Option<u64>,
@@ -246,7 +246,7 @@ impl FrameInFlight {
         Ok(self.completion.load_word(0)? == Recorder::COMPLETE)
     }
 
-    /// The results of the latest pair on the device, and the semaphores that say when they are there.
+    /// The results of the latest pair on the device, and the semaphores that signal when they are complete.
     pub(super) fn on_device(&self) -> DeviceSolution {
         let fetching = self.fetching.as_ref().filter(|_| self.is_fetched);
         DeviceSolution::new(self.workspace.buffer(Slot::EndMaps), &self.current.recording, fetching)
@@ -304,7 +304,7 @@ impl FrameInFlight {
         Ok(())
     }
 
-    /// What the latest solve did, dispatch by dispatch.
+    /// Returns the dispatches of the latest solve and their times.
     pub(super) fn profile(&self) -> Result<Profile, Error> {
         let [solved, registered] = [Slot::EndState, Slot::RegisteredState].map(|slot| self.state(slot));
         let done = [solved?.levels, registered?.levels];
@@ -385,7 +385,7 @@ impl FrameInFlight {
         Ok(registered)
     }
 
-    /// Another motion model that the last sums speak for.
+    /// Returns another motion model, if the last sums support it.
     fn other_motion(&self, state: &State) -> Result<Option<OtherMotion>, Error> {
         let (layout, finest) = (Layout::of(true), &self.shared.plan.pyramid[0]);
         let [columns, rows, _] = finest.tiles();
@@ -425,7 +425,7 @@ impl FrameInFlight {
     }
 }
 
-/// A byte for each pixel of I1, 0 where it is left out.
+/// A byte for each pixel of I1, 0 where the mask excludes it.
 fn mask_bytes(plan: &Plan, mask: Option<&Mask>) -> Vec<u8> {
     let mut bytes = mask.map_or_else(Vec::new, |mask| mask.bytes().to_vec());
     bytes.resize(plan.mask_bytes() as usize, 1);
@@ -447,7 +447,7 @@ impl CancelFlag {
         Arc::new(Self { words: Mutex::new(Some(words.clone())), offset, is_cancelled: AtomicBool::new(false) })
     }
 
-    /// Tells the device that the pair is wanted.
+    /// Resets the word for a new pair.
     fn clear(&self, words: &Buffer) -> Result<(), Error> {
         words.store_word(self.offset, arguments::NOT_CANCELLED)
     }

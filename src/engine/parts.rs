@@ -15,9 +15,11 @@ use crate::base::{
 
 /// The largest pair that is solved in parts: its results and photographs take some 8 GiB of the host.
 pub(crate) const MOST_PIXELS: u64 = 1 << 28;
-/// Px that a part reaches beyond its interior, besides the widest window of blur: smoothness is felt that far.
+/// The margin of a part around its interior, px, in addition to the widest blur window. The smoothness term acts over
+/// this distance.
 const HALO: u32 = 48;
-/// The same as a share of its side: T that scales or rotates moves the borders of a part against its middle.
+/// A further margin, as a share of the part's side. T that scales or rotates moves the borders of a part relative to
+/// its centre.
 const HALO_SHARE: f64 = 0.03;
 /// The least side of a part, px: smaller ones are mostly halo.
 const LEAST: u32 = 320;
@@ -109,7 +111,7 @@ impl Grid {
     }
 }
 
-/// The region of the other photograph that a part is solved with, where T puts its middle, and T between the two.
+/// The region of the other photograph for a part, centred where T maps the centre of the part, and T between the two.
 pub(super) fn matching_region(t: &Homography, part: Region, size: [u32; 2]) -> (Region, Homography) {
     let (whole, middle) = (centre(size[0], size[1]), part.centre());
     let d = t.displacement([middle[0] - whole[0], middle[1] - whole[1]]);
@@ -122,13 +124,13 @@ pub(super) fn matching_region(t: &Homography, part: Region, size: [u32; 2]) -> (
     (place, moved)
 }
 
-/// T of photographs of a size, from T of photographs of half that size.
+/// T of photographs of this size, from T of the half-size photographs.
 pub(super) fn doubled_transform(t: &Homography, size: [u32; 2]) -> Homography {
     let half = centre(size[0].div_ceil(2), size[1].div_ceil(2));
     t.scaled(2.0).about(half.map(|c| 2.0 * c), centre(size[0], size[1]))
 }
 
-/// T of photographs of half a size, from T of photographs of that size.
+/// T of half-size photographs, from T of the photographs of this size.
 pub(super) fn halved_transform(t: &Homography, size: [u32; 2]) -> Homography {
     let half = centre(size[0].div_ceil(2), size[1].div_ceil(2));
     t.about(centre(size[0], size[1]), half.map(|c| 2.0 * c)).scaled(0.5)
@@ -207,7 +209,7 @@ pub(crate) fn solve_pair(
     let settings = &Settings { decode: settings.decode.resolved(formats.map(|f| f.depth)), ..settings.clone() };
     let grid = grid(engine, size, formats, settings)?;
     let mut whole = solve_at_half_size(engine, [i1, i2], settings, options).map_err(|error| match error {
-        // Too long and too narrow to be halved: why the device does not hold the whole.
+        // The pair is too narrow to be halved: the error states why the device does not hold the whole.
         Error::TooSmall { .. } => engine.admits_pair(size, formats, settings).err().unwrap_or(error),
         other => other,
     })?;

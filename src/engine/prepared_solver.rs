@@ -28,7 +28,7 @@ pub(crate) struct PairOptions<'a> {
     pub(crate) mask: Option<&'a Mask>,
     pub(crate) cancel: &'a CancellationToken,
     pub(crate) progress: &'a dyn Fn(Progress),
-    /// Where the pair starts, if not as the settings say.
+    /// The values that the pair starts from; `None`: those of the settings.
     pub(super) start: Option<Start>,
 }
 
@@ -39,8 +39,8 @@ impl<'a> PairOptions<'a> {
 }
 
 impl PreparedSolver {
-    /// Prepares for pairs of a size and of the formats of I1 and I2: `is_masked` with masked or clipped pixels or
-    /// without, `None` for both.
+    /// Prepares for pairs of a size and of the formats of I1 and I2. `is_masked` selects pairs with masked or clipped
+    /// pixels, or pairs without; `None` prepares for both.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
@@ -130,7 +130,8 @@ impl PreparedSolver {
         &self.shared.plan
     }
 
-    /// Copies what the host copies of a pair into an idle frame in flight. Returns that and what the device fetches.
+    /// Takes an idle frame in flight, and copies the photographs into it that the host copies. Returns the frame in
+    /// flight, and the copies that the device makes.
     fn upload(
         &mut self,
         sources: [Source<'_>; 2],
@@ -140,7 +141,7 @@ impl PreparedSolver {
         let mut frame = self.pool.take()?;
         let [first, second] = [0, 1].map(|image| sources[image].transfer(plan, image, device));
         let transfers = [first?, second?];
-        // The pairs before this one take their time first.
+        // The device solves pairs in order, so the limit includes the time of all pairs in flight.
         let limit = device.timeout().saturating_mul(self.pool.in_use());
         frame.begin(options.mask, options.cancel, limit)?;
         let frames = if let [Transfer::Frame(i1), Transfer::Frame(i2)] = transfers { Some([i1, i2]) } else { None };
@@ -172,7 +173,7 @@ impl PreparedSolver {
         Ok((frame, fetches))
     }
 
-    /// Where a pair starts by the settings; with the method SIFT T starts where key-points put it.
+    /// Returns the values that a pair starts from by the settings. The method SIFT finds T by key-points.
     fn start(&self, frames: Option<[&Frame; 2]>, mask: Option<&Mask>) -> Result<Start, Error> {
         let settings = &self.shared.plan.settings;
         let transform = match (settings.method, frames, self.key_points) {
@@ -213,7 +214,7 @@ impl Pool {
 /// A frame in flight that a pair uses. Dropping it cancels a pair that is not solved, waits for it, and gives the frame
 /// back.
 struct Lease {
-    /// `None` only while it is dropped.
+    /// `None` only inside `drop`.
     frame: Option<FrameInFlight>,
     pool: Arc<Pool>,
 }
@@ -274,7 +275,7 @@ impl Pending {
         self.frame.solution().map(Some)
     }
 
-    /// Returns whether the pair is solved, or cancelled and left by the device. Does not wait.
+    /// Returns whether the device is done with the pair, solved or cancelled. Does not wait.
     ///
     /// # Errors
     /// Those of [`Pending::wait`] except [`Error::Cancelled`].
@@ -282,7 +283,7 @@ impl Pending {
         self.frame.wait(Duration::ZERO)
     }
 
-    /// Cancels the pair: the device leaves out the rest of it, and [`wait`](Self::wait) returns [`Error::Cancelled`].
+    /// Cancels the pair. The device skips the rest of it, and [`wait`](Self::wait) returns [`Error::Cancelled`].
     pub fn cancel(&self) {
         self.frame.cancel();
     }
@@ -307,7 +308,7 @@ impl Pending {
         self.frame.on_device()
     }
 
-    /// What the solve did, dispatch by dispatch.
+    /// Returns the dispatches of the solve and their times.
     pub(crate) fn profile(&self) -> Result<Profile, Error> {
         self.frame.profile()
     }
@@ -383,7 +384,7 @@ mod tests {
     #[test]
     fn dropping_a_pair_in_flight_cancels_it_and_leaves_the_engine_usable() {
         let (engine, frames) = (Engine::new(&testing::options()).unwrap(), testing::pair([256; 2]));
-        // Levels that never settle: a solve takes many times as long as what is left of a cancelled one.
+        // With 400 iterations a whole solve takes many times as long as the end of a cancelled one.
         let settings = Settings { outer_iterations: 400, ..Settings::default() };
         let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &settings).unwrap();
         let started = Instant::now();

@@ -20,7 +20,7 @@ pub(crate) struct Workspace {
 }
 
 impl Workspace {
-    /// For another pair in flight: allocates its input and output buffers, and shares all else.
+    /// The workspace of another frame in flight. Allocates its input and output buffers, and shares all others.
     pub(crate) fn beside(&self, device: &Arc<Device>, plan: &Plan) -> Result<Self, Error> {
         let mut beside = Self { images: self.images.clone(), buffers: self.buffers.clone() };
         for allocation in plan.pair_layout().iter().filter(|a| a.slot.is_of_one_pair() && a.is_mapped()) {
@@ -294,7 +294,7 @@ mod tests {
         let mut unreported = BTreeMap::<String, usize>::new();
         let (mut reported_count, mut all) = (0, 0);
         for kernel in [Kernel::Auto, Kernel::HalfGaussian] {
-            // Later iterations repeat the first two; of three levels the finest is warped.
+            // Six iterations suffice: later ones repeat the first two. The finest of the three levels is warped.
             let settings = Settings { outer_iterations: 6, kernel, ..Settings::default() };
             let plan = Plan::new(160, 136, [gray; 2], &settings).unwrap();
             let workspace = Workspace::new(&device, &plan, &plan.pair_layout()).unwrap();
@@ -313,7 +313,7 @@ mod tests {
                 for part in &mut script.parts {
                     assert!(!reported(&part.entries), "with every barrier");
                     for n in 0..part.entries.len() {
-                        // Iterations repeat: barriers between the same entries are the same.
+                        // Iterations repeat, so a barrier with the same entries before it is tested once.
                         let around = part.entries[n.saturating_sub(3)..=n].iter().map(|entry| name(&entry.action));
                         if !part.entries[n].waits || !known.insert(around.collect::<Vec<_>>()) {
                             continue;

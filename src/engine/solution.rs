@@ -1,4 +1,4 @@
-//! The results of a solve and of a registration, and the judgement whether to believe them.
+//! The results of a solve and of a registration, and the checks that set convergence and warnings.
 
 use std::ops::{Deref, DerefMut};
 
@@ -24,23 +24,23 @@ pub struct Findings {
     pub transform: Homography,
     /// Gain and offset of I2.
     pub photometric: Photometric,
-    /// How the gain varies over the part of I2 that was solved.
+    /// The variation of the gain over the solved part of I2.
     pub shading: Shading,
-    /// That part, px of the photographs: larger than the fields if these were cropped.
+    /// The solved part, px of the photographs. It is larger than the fields if these were cropped.
     pub solved: Region,
     /// α of the finest level, stated or found.
     pub regularization: f64,
     /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk, up to 1.5.
     pub kernel_shape: Option<f64>,
-    /// Another motion model that would do. Only the method unified looks for it: it judges T by its energy.
+    /// A motion model that explains more, or a simpler one that explains as much. Only the method unified tests for it.
     pub other_motion: Option<OtherMotion>,
     /// The levels, coarse to fine.
     pub levels: Vec<LevelHistory>,
-    /// Whether the finest level settled on an answer that the images support.
+    /// Whether the finest level converged, and the images overlap, correlate, have enough texture, and determine T.
     pub converged: bool,
-    /// Why not, or what else the user should know; a sentence each.
+    /// Reasons why `converged` is false, and other conditions under which the result may be wrong; one sentence each.
     pub warnings: Vec<String>,
-    /// Fraction of pixels whose whole blur window lies inside both images and that no mask leaves out.
+    /// Fraction of pixels whose whole blur window lies inside both images and that no mask excludes.
     pub valid_fraction: f64,
     /// Mean confidence of the valid pixels.
     pub mean_confidence: f64,
@@ -58,13 +58,13 @@ pub struct Solution {
     /// Standard deviation of V, px², from the images around each pixel (`docs/method.md`, section 7). NaN outside the
     /// valid region; 1000 where only the smoothness determines V.
     pub uncertainty: Vec<f32>,
-    /// The same on a scale from 0 to 1, `1/(1 + σ²)` with σ in px²; 0 where the images say nothing.
+    /// `1/(1 + σ²)` of the standard deviation σ in px², from 0 to 1; 0 where the images do not determine V.
     pub confidence: Vec<f32>,
-    /// Root mean square, around each pixel, of what neither blur nor T explains, intensities: large where something
-    /// moved between the photographs or shone differently. NaN outside the valid region.
+    /// Root mean square of the residual in a window around each pixel, intensities. It is large where something moved
+    /// or the light changed between the photographs. NaN outside the valid region.
     pub residual: Vec<f32>,
-    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself where I2 does not
-    /// reach. Empty if [`Settings::fused`] is false.
+    /// The fused image (pseudo-radiance, equation 37): interleaved channels in the values of I1, with white at 1.
+    /// Pixels that I2 does not show are those of I1. Empty if [`Settings::fused`] is false.
     pub fused: Vec<f32>,
     /// Everything else. Its fields are also fields of the solution by `Deref`.
     pub findings: Findings,
@@ -137,7 +137,7 @@ impl<'a> SolutionRef<'a> {
         self.map(2)
     }
 
-    /// A channel of the pseudo-radiance, from 0; `None` if there are fewer, or none was asked for.
+    /// A channel of the fused image, counted from 0. `None` if it has fewer channels or was not requested.
     pub fn fused(&self, channel: usize) -> Option<&'a [f32]> {
         (channel < self.maps.len() / self.pixels() - 3).then(|| self.map(3 + channel))
     }
@@ -184,7 +184,7 @@ pub struct Registered {
     pub photometric: Photometric,
     /// How the gain varies over I2; none if the method finds T without V.
     pub shading: Shading,
-    /// Another motion model that would do. Only the method unified looks for it: it judges T by its energy.
+    /// A motion model that explains more, or a simpler one that explains as much. Only the method unified tests for it.
     pub other_motion: Option<OtherMotion>,
     /// The levels, coarse to fine; without energies if the method has no iterations.
     pub levels: Vec<LevelHistory>,
@@ -233,7 +233,7 @@ const MOST_SATURATED: f64 = 0.1;
 /// Largest shading without a warning: lenses that vignette differ by less.
 const MOST_SHADING: f64 = 0.2;
 
-/// `1/(1 + σ²)` of a standard deviation in px²: ½ at 1 px²; 0 where the images say nothing, and where it is NaN.
+/// `1/(1 + σ²)` of a standard deviation in px²: ½ at 1 px²; 0 where the images do not determine V, and for NaN.
 pub fn confidence(deviation: f32) -> f32 {
     if deviation < LARGEST { 1.0 / (1.0 + deviation * deviation) } else { 0.0 }
 }
@@ -324,7 +324,7 @@ impl Findings {
         })
     }
 
-    /// Adds the doubts about the registration that came first.
+    /// Adds the warnings of a registration that preceded the solve.
     pub(crate) fn doubt(&mut self, registered: &Registered) {
         self.converged &= registered.converged;
         for warning in &registered.warnings {

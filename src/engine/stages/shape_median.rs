@@ -1,6 +1,6 @@
 //! Computes the kernel's shape as the weighted median of its estimates in windows.
 //!
-//! A median, since [windows](super::shape_windows) err at depth edges and where something moved.
+//! The median is robust to [windows](super::shape_windows) with wrong estimates, at depth edges and on moving objects.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::shape_windows::Window;
@@ -19,9 +19,10 @@ bindings! {
     state: Updates<State>,
 }
 
-/// With fewer independent windows the shape stays as it is.
+/// The least number of independent windows. With fewer, the shape does not change.
 const LEAST_WINDOWS: f64 = shaders::shape_median::LEAST_WINDOWS;
-/// A smaller shape, or one below two of its deviations, counts as Gaussian: at 0.1 V differs by 3 %.
+/// The least shape. A smaller one, or one below twice its standard deviation, counts as Gaussian. A shape of 0.1
+/// changes V by 3 %.
 const LEAST_SHAPE: f64 = shaders::shape_median::LEAST_SHAPE;
 /// The share of the best-fitting shape that makes V right. The departure leaves a part of a disk, which the fit
 /// compensates by a V that is 6 % too small and a shape that is too large. By fits of texture spectra, 1/f to 1/f⁴ in

@@ -60,7 +60,7 @@ pub(crate) fn fits([width, height]: [u32; 2]) -> bool {
 bindings! {
     SHAPE_WINDOWS:
     v: Reads<RelativeBlur>,
-    /// Stacks of I1 and of the warped I2, of a Gaussian.
+    /// Blur stacks of I1 and of the warped I2, for a Gaussian.
     stacks: Reads<Stacks>,
     state: Reads<State>,
     masks: Reads<Masks>,
@@ -71,9 +71,9 @@ bindings! {
 /// The estimate of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Window {
-    /// Shape beyond the current one, as a share of a disk's departure.
+    /// Shape of the kernel minus the current shape; 1 is the departure of a disk.
     pub shape: f64,
-    /// The inverse of its variance.
+    /// The inverse of the variance of `shape`.
     pub weight: f64,
 }
 

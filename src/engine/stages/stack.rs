@@ -94,7 +94,8 @@ pub fn departure(v: f64, variances: [f64; 3], values: [f64; 3]) -> f64 {
     -0.55 * v * v * (rise(1) - rise(0)) / (variances[2] - variances[0])
 }
 
-/// The departure of node k of `count`: from the node and its neighbours, or for the last node from the last three.
+/// The departure of node k of `count`, from the node and its two neighbours. The last node takes the last three nodes;
+/// node 0 has no departure.
 pub fn departure_of(k: usize, count: usize, node: impl Fn(usize) -> f64) -> f64 {
     if k == 0 {
         return 0.0;

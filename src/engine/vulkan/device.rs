@@ -244,7 +244,7 @@ impl Device {
 impl Drop for Device {
     fn drop(&mut self) {
         if self.is_in_use() {
-            // What the device may still use is leaked, with its instance.
+            // The device may still use its objects, so they are leaked, with the instance.
             std::mem::forget(self.instance.clone());
             return;
         }

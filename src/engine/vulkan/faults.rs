@@ -34,7 +34,7 @@ pub(crate) struct Call {
     pub(crate) results: &'static [Code],
 }
 
-/// The faults of a thread, and its log.
+/// The faults that are injected on a thread, and its log.
 #[derive(Default)]
 struct State {
     fault: Option<Fault>,
