@@ -2,8 +2,8 @@
 
 use std::ops::{AddAssign, Mul};
 
-/// The number of sums that stay in registers while all terms are added. Filters take 1.4 to 2 times as long with whole
-/// rows, whose sums go to memory for each term, and with 8 or 32 sums.
+/// The number of sums that stay in registers while all terms are added. Filters take 1.4 to 2 times as long with 8 or
+/// 32 sums, and with the sums of a whole row, which are written to memory after each term.
 const BLOCK: usize = 16;
 
 /// Sets `sums[i]` to `Σ weights[n] rows[n][i]`, added in the order of n. Rows may be longer than `sums`.

@@ -1,4 +1,4 @@
-//! A flat reference: the field curvature of a lens, from V of a flat target.
+//! The field curvature of a lens, fitted to V of a flat target (the flat reference).
 
 use nalgebra::{DMatrix, DVector};
 
@@ -71,7 +71,7 @@ impl FieldCurvature {
         self.change(solution, |v, curvature| if v.abs() >= reached { v } else { (v - curvature).clamp(-below, below) });
     }
 
-    /// Adds the field to a flattened solution. This restores V, except for pixels near the limit.
+    /// Adds the field to a flattened solution. This restores V, except for pixels near the limit of |V|.
     pub fn restored(&self, solution: &Solution) -> Solution {
         let mut restored = solution.clone();
         self.change(&mut restored, |v, curvature| v + curvature);
@@ -168,7 +168,7 @@ fn least_squares(terms: &[[f64; TERMS]], measured: &[Measured], robust: &[f64]) 
         normal.ger(weight, &term, &term, 1.0);
         right.axpy(weight * measured.value, &term, 1.0);
     }
-    // Regularization with a millionth of the diagonal limits terms that the positions hardly determine.
+    // A diagonal that is larger by a millionth limits the terms that the positions of the samples hardly determine.
     for i in 0..TERMS {
         normal[(i, i)] *= 1.0 + 1e-6;
     }

@@ -73,7 +73,7 @@ impl Kind {
     }
 }
 
-/// The kinds with depth in floats.
+/// The kinds that write depth as 32-bit floats.
 const ARRAYS: [(Kind, ArrayKind); 3] =
     [(Kind::Npy, ArrayKind::Npy), (Kind::Tiff, ArrayKind::Tiff), (Kind::Zarr, ArrayKind::Zarr)];
 

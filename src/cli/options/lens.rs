@@ -20,8 +20,9 @@ const MAX_BYTES: u64 = 16 << 20;
 pub(crate) struct LensArguments {
     /// The lens, for depth in mm: JSON as calibrate writes it
     ///
-    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric, or a file that holds
-    /// one as lens: the file of calibrate, truth.json of simulate, report.json. Flags override the file.
+    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric. Or a file with such
+    /// an object under the key lens: the output of calibrate, truth.json of simulate, report.json. Flags override the
+    /// file.
     #[arg(long, value_name = "FILE", help_heading = LENS)]
     lens: Option<PathBuf>,
     #[command(flatten)]

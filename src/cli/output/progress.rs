@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::Progress;
 use serde_json::json;
 
-/// Interval between two lines without a terminal. A shorter solve has none.
+/// Interval between two lines if stderr is not a terminal. A shorter solve prints none.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Number of steps of the bar.

@@ -274,17 +274,17 @@ pub(crate) static PROFILE: Description = Description::new("1", "Profile with one
 /// Pixels that are measured.
 pub(crate) static VALID: Description = Description::new(
     "label",
-    "255 where the relative blur V, or the focus of a sweep, is measured; 0 where it is not valid, masked, or filled in for \
-     want of texture",
+    "255 where the relative blur V, or the focus of a sweep, is measured; 0 where it is not valid, masked, or filled \
+     in because texture is missing",
 );
 
 /// Labels of a pair.
 pub(crate) static LABELS: Description = Description::new(
     "label",
     "Sharper photograph: 0 not valid; 1 the first; 2 the second; 3 undecided, the relative blur V is within one standard \
-     deviation of 0: both alike, or nothing to tell by",
+     deviation of 0: both equally sharp, or too little texture",
 );
 
 /// Labels of a sweep.
 pub(crate) static SWEEP_LABELS: Description =
-    Description::new("label", "The frame of the sweep that is focused next to each pixel, counted from 1; 0 not known");
+    Description::new("label", "Number of the frame whose focus is nearest to that of the pixel, from 1; 0 not known");

@@ -37,7 +37,7 @@ impl KnownPair {
         runner.solve(self.images.each_ref(), settings)
     }
 
-    /// The default settings, with the kernel stated if it is asymmetric, as a user would have to.
+    /// The default settings. They state the kernel if it is asymmetric, since a user must do so too.
     pub(super) fn default_settings(&self) -> Settings {
         default_settings(&self.kernel)
     }

@@ -240,9 +240,9 @@ const TEXT: f32 = 14.0;
 const TOP: f32 = 40.0;
 const BOTTOM: f32 = 52.0;
 const RIGHT: f32 = 20.0;
-/// Height of a line of the legend, px.
+/// Height of a row of the legend, px.
 const LINE: f32 = 20.0;
-/// Height of a line of crosses, px.
+/// Height of a row of crosses, which mark points that failed, px.
 const CROSSES: f32 = 12.0;
 /// Fraction of each axis that is free at either end.
 const PADDING: f64 = 0.05;

@@ -125,7 +125,7 @@ fn write(
     let limit = report.settings.max_relative_blur;
     let lens = results.lens().map(|_| json!({ "scale": results.magnification(), "limit": limit }));
     let frames = (report.kind == Kind::Sweep).then_some(report.frames.len());
-    // The value is parsed from its text, which is as short for a float as in the file.
+    // Parsed from the report's text, so that floats have the same few digits as in the file.
     let text = report.to_json().and_then(|text| serde_json::from_str::<Value>(&text)).map_err(|e| e.to_string())?;
     let data = json!({
         "kind": report.kind, "names": names, "compare": compare, "lens": lens, "frames": frames, "report": text,

@@ -59,8 +59,8 @@ pub struct View {
     pub azimuth: f64,
     /// Height from the far to the near end of the scale, over the longer side of the image, 0 to 2.
     pub relief: f64,
-    /// Radius of the median that removes spikes from the surface, 0 (none) to 16. Its unit is about a pixel of a panel,
-    /// or a pixel of V if there are fewer of these.
+    /// Radius of the median that removes spikes from the surface, 0 (none) to 16. Its unit is about a pixel of a panel.
+    /// If V has fewer pixels than a panel, its unit is a pixel of V.
     pub smoothing: u32,
     /// Width of one of the two panels, px, 64 to 2048.
     pub width: u32,

@@ -118,7 +118,7 @@ pub(super) fn draw(surface: &Surface, view: &View) -> RgbImage {
 /// Number of frames of one swing to the far end and back, a multiple of 4.
 const FRAMES: usize = 48;
 
-/// Greatest angle of the camera to either side, degrees. Beyond it, near parts hide the rest.
+/// Greatest angle of the camera to either side, degrees. Beyond it, near parts of the surface hide the far ones.
 const SWING: f64 = 40.0;
 
 /// Duration of a frame, hundredths of a second.

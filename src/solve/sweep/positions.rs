@@ -163,7 +163,7 @@ struct PiecewiseLinear<'a> {
 }
 
 impl PiecewiseLinear<'_> {
-    /// Maps a setting and its deviation.
+    /// Maps a setting and its standard deviation.
     fn apply(&self, u: f32, sigma: f32) -> (f32, f32) {
         let (u, last) = (f64::from(u), self.from.len() - 1);
         let descending = self.from[last] < self.from[0];
