@@ -1,4 +1,4 @@
-"""Estimates T of the noisy plane by least squares with the true V. Compares the corner error to that of unified."""
+"""Estimates T of a noisy plane by least squares with the true V, to compare with the method `unified`."""
 
 from __future__ import annotations
 

@@ -120,8 +120,8 @@ typedef enum {
   PARFOCAL_UNIT_STAGE = 2,
 } parfocal_position_unit;
 
-// Cancels solves, from any thread. Solves that use the token end soon with PARFOCAL_ERROR_CANCELLED, and later ones at once.
-// The other handles of a cancelled call stay usable.
+// Cancels solves, from any thread. Running solves with the token end soon with PARFOCAL_ERROR_CANCELLED, later ones
+// at once. The other handles of a cancelled call stay usable.
 typedef struct parfocal_cancellation_token parfocal_cancellation_token;
 
 // A device. Solvers, streams and results keep it alive, so it may be freed before them.

@@ -310,7 +310,7 @@ inline Sweep Engine::solve_sweep(const std::vector<Image> &frames, const std::ve
   return Sweep(made);
 }
 
-/// Measures the level of region `to` minus that of `from`; NaN if too few pixels are valid.
+/// Measures the step from region `from` to region `to`, in the unit of the field; NaN if too few pixels are valid.
 inline parfocal_estimate step(const float *values, std::uint32_t width, std::uint32_t height, parfocal_region from,
                               parfocal_region to) {
   parfocal_estimate estimate{};

@@ -8,8 +8,8 @@ use parfocal::{CancellationToken, Progress, SolveOptions};
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::{free, get, give};
 
-/// Cancels solves, from any thread. Solves that use the token end soon with PARFOCAL_ERROR_CANCELLED, and later ones at once.
-/// The other handles of a cancelled call stay usable.
+/// Cancels solves, from any thread. Running solves with the token end soon with PARFOCAL_ERROR_CANCELLED, later ones
+/// at once. The other handles of a cancelled call stay usable.
 pub struct parfocal_cancellation_token {
     pub(crate) cancel: CancellationToken,
 }
