@@ -189,6 +189,7 @@ vec2 equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data 
     float ratio = t.psi * inversesqrt(t.psi * t.psi - eta * eta + broad * broad);
     add_pixel(sums, ratio * n, ratio * g, share * (t.psi + state.alpha / relative.phi), p / length, share);
     float square = 1.0 / (relative.phi * relative.phi) - smoothness_eta * smoothness_eta;
+    sums.variance += vec2(b * b, d);
     sums.roughness += share * vec2(sqrt(abs(b)), sqrt(max(square, 0.0)));
     return vec2(d, b);
 }

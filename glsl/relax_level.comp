@@ -9,6 +9,7 @@ layout(binding = 0, r32f) uniform readonly image2DArray right_sides; // layer 0:
 layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // likewise; right, left, down, up
 layout(binding = 2, r32f) uniform coherent image2DArray red;    // dV
 layout(binding = 3, r32f) uniform coherent image2DArray black;
+layout(binding = 4, std430) readonly buffer GridSteps { float steps[]; };   // dV of the first coarse grid
 layout(push_constant) uniform Constants {
     int width, height;
     int sweeps;
@@ -21,27 +22,40 @@ float change_at(int color, int h, int y) {
     return color == 0 ? imageLoad(red, place).r : imageLoad(black, place).r;
 }
 
-void relax(int color, int h, int y, bool first) {
-    int odd = y + color & 1;
-    ivec3 place = ivec3(h, y, color);
-    float target = imageLoad(right_sides, place).r, before = first ? 0.0 : change_at(color, h, y);
-    if (!first || color == 1) {
-        vec4 around = vec4(change_at(1 - color, h + odd, y), change_at(1 - color, h + odd - 1, y),
-                           change_at(1 - color, h, y + 1), change_at(1 - color, h, y - 1));
-        target += dot(imageLoad(weights, place), around);
-    }
-    vec4 after = vec4(mix(before, target, over_relaxation));
-    if (color == 0) imageStore(red, ivec3(h, y, 0), after);
-    else imageStore(black, ivec3(h, y, 0), after);
+void store(int color, ivec2 h, float change) {
+    if (color == 0) imageStore(red, ivec3(h, 0), vec4(change));
+    else imageStore(black, ivec3(h, 0), vec4(change));
+}
+
+void start(int color, ivec2 h) {
+    int x = 2 * h.x + (h.y + color & 1);
+    store(color, h, x < width ? steps[h.y / 2 * ((width + 1) / 2) + x / 2] : 0.0);
+}
+
+void relax(int color, ivec2 h) {
+    int odd = h.y + color & 1;
+    ivec3 place = ivec3(h, color);
+    vec4 around = vec4(change_at(1 - color, h.x + odd, h.y), change_at(1 - color, h.x + odd - 1, h.y),
+                       change_at(1 - color, h.x, h.y + 1), change_at(1 - color, h.x, h.y - 1));
+    float target = imageLoad(right_sides, place).r + dot(imageLoad(weights, place), around);
+    store(color, h, mix(change_at(color, h.x, h.y), target, over_relaxation));
 }
 
 void main() {
     ivec2 first = ivec2(gl_LocalInvocationID.xy), step = ivec2(gl_WorkGroupSize.xy);
+    // Also the pixel beyond an odd width: its neighbour reads it, with a weight of zero.
+    for (int y = first.y; y < height; y += step.y) {
+        for (int h = first.x; 2 * h < width; h += step.x) {
+            start(0, ivec2(h, y));
+            start(1, ivec2(h, y));
+        }
+    }
+    memoryBarrierImage();
+    barrier();
     for (int sweep = 0; sweep < sweeps; sweep++) {
         [[unroll]] for (int color = 0; color < 2; color++) {
             for (int y = first.y; y < height; y += step.y)
-                // Also the pixel beyond an odd width: its neighbour reads it, with a weight of zero.
-                for (int h = first.x; 2 * h < width; h += step.x) relax(color, h, y, sweep == 0);
+                for (int h = first.x; 2 * h < width; h += step.x) relax(color, ivec2(h, y));
             memoryBarrierImage();
             barrier();
         }

@@ -6,6 +6,7 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
 #include "state.glsl"
+#include "grid.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 2) const bool SWEEP = false;
@@ -15,6 +16,7 @@ layout(binding = 2, r32f) uniform writeonly image2DArray right_sides;     // lay
 layout(binding = 3, rgba16f) uniform writeonly image2DArray weights;      // likewise; right, left, down, up
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
 layout(binding = 5, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 6, std430) writeonly buffer GridEquations { vec4 grid_equations[]; };  // of the first coarse grid
 layout(push_constant) uniform Constants {
     int width, height;
     float alpha;                     // for a pair the factor on the state's α
@@ -25,6 +27,7 @@ layout(push_constant) uniform Constants {
 const int REACH = 16;                // pixels on either side for the slope of V
 const int SUMS = 2;                  // q b, q², divided by D plus the smoothness
 shared vec2 by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4];
+shared vec4 cells[gl_WorkGroupSize.x * gl_WorkGroupSize.y];  // equations as those of a grid
 
 float at(ivec2 x) { return imageLoad(unknown, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 0)).r; }
 
@@ -39,8 +42,8 @@ float slope(float far_before, float here, float next, float far_behind) {
     return before * behind > 0.0 ? 2.0 * before * behind / (float(REACH) * (before + behind)) : 0.0;
 }
 
-// The right side and weights of a pixel. Returns what it adds to the sums.
-vec2 equation(ivec2 x) {
+// The right side and weights of a pixel. `cell` is its equation as that of a grid. Returns what it adds to the sums.
+vec2 equation(ivec2 x, out vec4 cell) {
     const ivec2 R = ivec2(1, 0), D = ivec2(0, 1);
     float here = at(x), right = at(x + R), left = at(x - R), below = at(x + D), above = at(x - D);
     float right_below = at(x + R + D), left_below = at(x - R + D), right_above = at(x + R - D), left_above = at(x - R - D);
@@ -59,6 +62,7 @@ vec2 equation(ivec2 x) {
     }
     float pull = dot(a, rises);
     float d = imageLoad(normal_equations, ivec3(x, 0)).r, b = imageLoad(normal_equations, ivec3(x, 1)).r;
+    cell = vec4(d, b + pull, a.x, a.z);
     float over = 1.0 / max(d + a.x + a.y + a.z + a.w, 1e-12);
     ivec3 place = ivec3(x.x / 2, x.y, (x.x + x.y) % 2);
     imageStore(right_sides, place, vec4((b + pull) * over));
@@ -77,7 +81,16 @@ vec2 equation(ivec2 x) {
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
     vec2 sums = vec2(0.0);
-    if (x.x < width && x.y < height) sums = equation(x);
+    vec4 cell = vec4(0.0);
+    if (x.x < width && x.y < height) sums = equation(x, cell);
+    uint own = gl_LocalInvocationIndex, line = gl_WorkGroupSize.x;
+    cells[own] = cell;
+    barrier();
+    // A workgroup begins at an even pixel, and its sides are even.
+    if (all(equal(x % 2, ivec2(0))) && x.x < width && x.y < height) {
+        int place = x.y / 2 * halved(ivec2(width, height)).x + x.x / 2;
+        grid_equations[place] = sum_of(cells[own], cells[own + 1], cells[own + line], cells[own + line + 1]);
+    }
     if (!SWEEP) return;
     vec2 sum = subgroupAdd(sums);
     if (subgroupElect()) by_subgroup[gl_SubgroupID] = sum;

@@ -27,7 +27,10 @@ layout(push_constant) uniform Constants {
     float half_width, half_height;   // from the centre to a corner, pixels
     int finds_alpha;
     float share;                     // of the step that is taken
+    float steady;                    // or if x N x is less than this times Σ b² / Σ D: by less than T's standard deviation
     float flatness;                  // a level settles only if the energy changes by no more than this share
+    float most_moving;               // a level settles only if the latest step moved no more than this share of the pixels,
+    float most_far;                  // and no more than this share far
     float least_spread;              // noise for which η of the weights is wide enough
 };
 
@@ -177,21 +180,29 @@ void find_spread() {
 void step_once() {
     float x[8];
     solve(x);
-    for (int i = 0; i < UNKNOWNS; i++) x[i] *= share;
+    float decrease = 0.0;            // of the energy, twice
+    for (int i = 0; i < UNKNOWNS; i++) {
+        decrease -= x[i] * gradient(i);
+        x[i] *= share;
+    }
     Registration moves = step_of(x);
     float moved = corner_moves(moves);
     state.registration = after(state.registration, moves);
     float energy = totals[ENERGY] / max(totals[VALID], 1.0);
     float before = state.levels[level].energy;
     float change = abs(energy - before);
-    bool converged = may_settle == 1 && moved < 0.01 && change <= 1e-3 * before;
     state.levels[level].energy = energy;
     state.levels[level].valid = totals[VALID];
     state.levels[level].iterations += 1;
     energies[energy_place] = energy;
-    state.levels[level].converged = uint(converged);
-    // A level continues a little after it has converged: the energy is flat before V and T are.
-    settled = may_settle == 1 && moved < still * factor && change <= flatness * before;
+    float moving = float(state.moving) / max(totals[VALID], 1.0);
+    bool few = moving <= most_moving && float(state.moving_far) <= most_far * totals[VALID];
+    state.moving = 0;
+    state.moving_far = 0;
+    state.variance = totals[VARIANCE] / max(totals[VARIANCE + 1], 1e-30);
+    state.levels[level].moving = moving;
+    bool rests = moved < still * factor || decrease < steady * state.variance;
+    settled = may_settle == 1 && rests && few && change <= flatness * before;
     state.levels[level].settled = uint(settled);
     // While T moves, its errors would count as noise.
     if (level == 0 && moved <= FOLLOWED * factor) find_spread();

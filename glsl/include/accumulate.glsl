@@ -11,12 +11,13 @@ struct Sums {
     float energy, valid;
     vec2 roughness;                                     // √|b|, |∇V|
     float spread;                                       // of bounded squares of differences of S between adjacent pixels
+    vec2 variance;                                      // b², D
 };
 
 Sums no_sums() {
     const vec3 n = vec3(0.0);
     const vec2 g = vec2(0.0);
-    return Sums(n, n, n, n, n, n, n, n, n, n, n, n, n, n, n, g, g, g, g, g, g, 0.0, 0.0, g, 0.0);
+    return Sums(n, n, n, n, n, n, n, n, n, n, n, n, n, n, n, g, g, g, g, g, g, 0.0, 0.0, g, 0.0, g);
 }
 
 // w J Jᵀ of a residual.
@@ -97,10 +98,11 @@ float workgroup_sum(Sums sums) {
     }
     reduce(ENERGY, vec2(sums.energy, sums.valid));
     reduce(ROUGHNESS, vec3(sums.roughness, sums.spread));
+    reduce(VARIANCE, sums.variance);
     barrier();
     uint n = gl_LocalInvocationIndex;
     float sum = 0.0;
-    if (n > SPREAD) return sum;
+    if (n > VARIANCE + 1) return sum;
     for (uint group = 0; group < gl_NumSubgroups; group++) sum += by_subgroup[group][n];
     return sum;
 }

@@ -6,11 +6,11 @@ const int MAX_LEVELS = 12;
 
 struct LevelState {
     uint iterations;
-    uint converged;    // the latest iteration moved no corner by 0.01 px and the energy by less than 0.1 %
     float energy;      // of the latest iteration
     float valid;       // pixels
     uint warps;        // bit n: I2 was warped again before iteration 2^n
-    uint settled;      // the level has no more iterations
+    uint settled;      // T and V are at rest: the level has no more iterations
+    float moving;      // the share of the valid pixels that the latest step moved
 };
 
 // T p = (M p + t) / (1 + g·p), with p from the image centre in pixels of the full-size image. M minus the identity is
@@ -29,6 +29,9 @@ struct State {
     float alpha;       // of the current level
     float kernel_shape; // 0: a Gaussian, 1: a disk
     float spread;      // σ of noise in S, from adjacent pixels
+    float variance;    // Σ b² / Σ D of the latest iteration
+    uint moving;       // pixels that the latest step moved by more than a tenth of their standard deviation
+    uint moving_far;   // and by more than half of it
     Registration warped;   // T when I2 was last warped onto I1's pixels
     float shading[TERMS];
     float applied_shading[TERMS];   // the shading that I2 was last multiplied by

@@ -14,6 +14,7 @@ const int ENERGY = GRADIENT + 2 * GRADIENT_MONOMIALS;
 const int VALID = ENERGY + 1;
 const int ROUGHNESS = VALID + 1;     // of √|b|; then of |∇V|
 const int SPREAD = ROUGHNESS + 2;    // of bounded squares of differences of S between adjacent pixels
+const int VARIANCE = SPREAD + 1;     // of b²; then of D
 const int SUMS = PROJECTIVE ? 64 : 32;
 
 // The unknowns of T's step: t; zoom and turn; stretch and shear; g. A translation has the first two, a similarity four,

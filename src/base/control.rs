@@ -81,14 +81,15 @@ impl fmt::Debug for CancellationToken {
     }
 }
 
-/// The progress of a solve, after a level or a part of it.
+/// The progress of a solve, after some iterations or a part of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     /// Levels done, or parts of a large pair. By the method appearance levels of the registration count too.
     pub done: u32,
     /// Levels or parts in all.
     pub total: u32,
-    /// The share that is done, 0 to 1, nearer to the time spent than `done / total`: of the pixels of all levels.
+    /// The share of the work that is done, 0 to 1: about that of the time. How many iterations levels will need is
+    /// estimated.
     pub share: f64,
 }
 

@@ -327,7 +327,7 @@ settings! {
     /// A level stops once it has settled, usually after 5 to 20.
     outer_iterations: u32 = 100, 5 to 1000, flag "Relative blur V" "N";
     /// Red-black relaxation sweeps in each outer iteration.
-    relaxation_sweeps: u32 = 5, 1 to 100, flag "Relative blur V" "N";
+    relaxation_sweeps: u32 = 3, 1 to 100, flag "Relative blur V" "N";
     /// Shape of the blur.
     /// auto finds where it lies between a Gaussian and a disk.
     kernel: Kernel = Kernel::Auto;
@@ -336,7 +336,7 @@ settings! {
     /// read back, of colour half.
     fused: bool = true;
     /// Over-relaxation ω.
-    over_relaxation: f64 = 1.8, 0.01 to 1.99, flag "Fine tuning" "W";
+    over_relaxation: f64 = 1.3, 0.01 to 1.99, flag "Fine tuning" "W";
     /// On each level α starts 1 + C times too large.
     continuation: f64 = 10.0, 0 to 1000, flag "Fine tuning" "C";
     /// η of the data term's modified L1 norm.

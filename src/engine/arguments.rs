@@ -1,7 +1,7 @@
 //! The protocol of indirect dispatch: recorded dispatches that run no workgroups when not needed.
 //!
-//! Each level has [`WORDS`] words of arguments: the grids of tiles, of one color, of all pixels, of filters along x and
-//! along y and of one workgroup; then three for each pass that warps I2 again. Before a solve they are the
+//! Each level has [`WORDS`] words of arguments: the workgroups over tiles, over one color, over all pixels, of filters
+//! along x and along y, one, and over each coarse grid; then three for each pass that warps I2 again. Before a solve they are the
 //! [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles.
 //! Before an iteration that may warp it restores the words of the warping passes, or zeroes them.
 //!
@@ -10,10 +10,12 @@
 
 use super::stages::state::{LevelState, MAX_LEVELS};
 
-/// Grids of a level with more than one workgroup.
-const GRIDS: usize = 5;
+/// The most coarse grids that have workgroups of their own: those of a level of 65536 x 65536 pixels.
+const COARSE: usize = 11;
+/// What the dispatches of a level run over.
+const GRIDS: usize = 6 + COARSE;
 /// Words of all grids of a level.
-const GRID_WORDS: usize = 3 * (GRIDS + 1);
+const GRID_WORDS: usize = 3 * GRIDS;
 /// The most words of the passes that warp I2 again, of a level.
 const WARP_WORDS: usize = 3 * 48;
 /// Words of a level.
@@ -44,6 +46,8 @@ pub(crate) enum Over {
     AlongY,
     /// One workgroup.
     One,
+    /// The n-th coarse grid.
+    Coarse(usize),
 }
 
 /// The workgroups of a dispatch.
@@ -62,22 +66,37 @@ impl Grid {
     pub(crate) fn word(self) -> Option<usize> {
         match self {
             Grid::Direct(_) => None,
-            Grid::Level { level, over } => Some(level * WORDS + 3 * over as usize),
+            Grid::Level { level, over } => Some(level * WORDS + 3 * over.index()),
             Grid::IfMoved { level, n } => Some(level * WORDS + GRID_WORDS + 3 * n),
         }
     }
 }
 
 impl Over {
-    /// The grids with more than one workgroup, in the order of their words.
-    pub(crate) const GRIDS: [Over; GRIDS] = [Over::Tiles, Over::Half, Over::Pixels, Over::AlongX, Over::AlongY];
+    /// All, in the order of their words.
+    pub(crate) fn all() -> [Over; GRIDS] {
+        let first = [Over::Tiles, Over::Half, Over::Pixels, Over::AlongX, Over::AlongY, Over::One];
+        std::array::from_fn(|n| first.get(n).copied().unwrap_or_else(|| Over::Coarse(n - first.len())))
+    }
+
+    fn index(self) -> usize {
+        match self {
+            Over::Tiles => 0,
+            Over::Half => 1,
+            Over::Pixels => 2,
+            Over::AlongX => 3,
+            Over::AlongY => 4,
+            Over::One => 5,
+            Over::Coarse(n) => 6 + n,
+        }
+    }
 }
 
-/// The words before a solve: for each level, finest first, the workgroups of [`Over::GRIDS`] and of the passes that
+/// The words before a solve: for each level, finest first, the workgroups of [`Over::all`] and of the passes that
 /// warp I2 again; then [`NOT_CANCELLED`].
 pub(crate) fn initial_words(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
     let words = levels.iter().zip(warps).flat_map(|(grids, warps)| {
-        let mut words = [grids.as_flattened(), &[1, 1, 1], warps.as_flattened()].concat();
+        let mut words = [grids.as_flattened(), warps.as_flattened()].concat();
         assert!(words.len() <= WORDS, "{} warping passes on a level", warps.len());
         words.resize(WORDS, 0);
         words
@@ -191,8 +210,8 @@ mod tests {
     fn the_grids_of_a_level_are_consecutive() {
         let word = |over| Grid::Level { level: 2, over }.word();
         let first = 2 * WORDS;
-        assert_eq!(Over::GRIDS.map(word), [0, 3, 6, 9, 12].map(|n| Some(first + n)));
-        assert_eq!(word(Over::One), Some(first + 15));
-        assert_eq!(Grid::IfMoved { level: 2, n: 1 }.word(), Some(first + 21));
+        let words = Over::all().map(word);
+        assert_eq!(words.to_vec(), (0..GRIDS).map(|n| Some(first + 3 * n)).collect::<Vec<_>>());
+        assert_eq!(Grid::IfMoved { level: 2, n: 1 }.word(), Some(first + GRID_WORDS + 3));
     }
 }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use super::arguments;
 use super::motion::{OtherMotion, QuadraticForm};
 use super::plan::Plan;
+use super::progress::WorkCounter;
 use super::record::{Phases, Profile, Ran, Reading, SUBMIT_WAIT, Workspace, record, record_with};
 use super::script::{Dispatch, Script, compose};
 use super::slot::Slot;
@@ -282,22 +283,28 @@ impl FrameInFlight {
 
     /// Runs the first parts of the script and waits for them.
     pub(super) fn run(&mut self, parts: fn(&Script) -> usize, progress: &dyn Fn(Progress)) -> Result<(), Error> {
-        let (shared, state_word) = (self.shared.clone(), self.workspace.buffer(Slot::Progress).clone());
-        let (plan, RecordedScript { script, recording }) = (&shared.plan, &mut self.current);
+        let state_word = self.workspace.buffer(Slot::Progress).clone();
+        let RecordedScript { script, recording } = &mut self.current;
         let parts = parts(script);
-        let levels = |parts: usize| script.parts[..parts].iter().filter_map(|part| part.level_done);
-        let pixels = |parts: usize| levels(parts).map(|index| plan.pyramid[index].pixels()).sum::<u64>();
-        let mut wanted = |part: usize| {
+        let level_of = |part: usize| script.parts[part].continues;
+        let is_settled = |level: Option<usize>| -> Result<bool, Error> {
             let state = state_word.read::<State>(0, 1)?[0];
-            Ok(script.parts[part].continues.is_none_or(|level| state.levels[level].settled == 0))
+            Ok(level.is_some_and(|level| state.levels[level].settled == 1))
         };
-        recording.run_parts(parts, self.deadline, &mut wanted, &mut |part| {
-            if script.parts[part - 1].level_done.is_some() {
-                progress(Progress {
-                    done: levels(part).count() as u32,
-                    total: levels(parts).count() as u32,
-                    share: pixels(part) as f64 / pixels(parts).max(1) as f64,
-                });
+        let mut wanted = |part: usize| is_settled(level_of(part)).map(|settled| !settled);
+        let mut counter = WorkCounter::new(script, parts);
+        // Whether the level of the optional parts had settled before the latest one.
+        let mut was_settled = false;
+        recording.run_parts(parts, self.deadline, &mut wanted, &mut |over| {
+            let part = over - 1;
+            // A progress that cannot be read is shown as that of a level that goes on.
+            let next = (part..parts).find_map(level_of);
+            let settles = is_settled(next).unwrap_or(false);
+            let ran = level_of(part).is_none() || !was_settled;
+            was_settled = settles;
+            let latest = counter.after(part, ran, !settles);
+            if ran || script.parts[part].level_done.is_some() {
+                progress(latest);
             }
         })?;
         self.phases.end(SUBMIT_WAIT);
@@ -344,6 +351,7 @@ impl FrameInFlight {
             valid_fraction: 0.0,
             mean_confidence: 0.0,
             saturated_fraction: 0.0,
+            unsettled_fraction: f64::from(state.levels[0].moving.min(1.0)),
             timings: self.timings()?,
         };
         let maps = self.workspace.buffer(Slot::EndMaps).mapped_floats()?;

@@ -7,6 +7,7 @@ mod motion;
 pub(crate) mod parts;
 pub(crate) mod plan;
 mod prepared_solver;
+mod progress;
 pub(crate) mod record;
 pub mod reference;
 mod script;

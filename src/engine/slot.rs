@@ -25,6 +25,10 @@ pub(crate) enum Slot {
     RightSides,
     /// Weights of the linear system for dV, of the right, left, lower and upper neighbour, likewise.
     Weights,
+    /// Equations of the coarse grids of the cascade.
+    GridEquations,
+    /// dV of the coarse grids of the cascade.
+    GridSteps,
     /// dV of the red (0) or of the black pixels (1).
     Change { color: usize },
     /// Terms of the uncertainty, on every other pixel; before the end the blur-matched pair.
@@ -140,6 +144,10 @@ quantities! {
     Weights: Image;
     /// dV of one colour.
     Change: Image;
+    /// Equations of the coarse grids.
+    GridEquations: Buffer;
+    /// dV of the coarse grids.
+    GridSteps: Buffer;
     /// Terms of the uncertainty, or a blur-matched pair.
     UncertaintyTerms: Image, Scalar;
     /// Filter weights.
@@ -207,6 +215,8 @@ pub(crate) const SPLINE2: Handle<Spline2> = Handle::new(Slot::Spline2);
 pub(crate) const SCRATCH: Handle<Plane> = Handle::new(Slot::Scratch);
 pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::RightSides);
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
+pub(crate) const GRID_EQUATIONS: Handle<GridEquations> = Handle::new(Slot::GridEquations);
+pub(crate) const GRID_STEPS: Handle<GridSteps> = Handle::new(Slot::GridSteps);
 pub(crate) const UNCERTAINTY_TERMS: Handle<UncertaintyTerms> = Handle::new(Slot::UncertaintyTerms);
 pub(crate) const ALIGNED: Handle<Plane> = Handle::new(Slot::Aligned);
 pub(crate) const NORMAL_EQUATIONS: Handle<Plane> = Handle::new(Slot::NormalEquations);

@@ -46,6 +46,8 @@ pub struct Findings {
     pub mean_confidence: f64,
     /// Fraction of the valid pixels at the limit of |V|.
     pub saturated_fraction: f64,
+    /// Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
+    pub unsettled_fraction: f64,
     /// The time that the solve took.
     pub timings: Timings,
 }
@@ -423,10 +425,11 @@ fn registration_doubt(state: &State) -> Option<String> {
             "the registered images hardly correlate ({:.2}): see whether they belong together, or start from a nearer transform",
             state.correlation
         ))
-    } else if finest.iterations > 0 && finest.converged == 0 {
+    } else if finest.iterations > 0 && finest.settled == 0 {
         Some(format!(
-            "the finest level had not converged after {} outer iterations: allow more, or more levels if fewer than auto were asked for",
-            finest.iterations
+            "stopped after {} outer iterations on the finest level, with {:.0} % of the pixels still changing: allow more iterations, or more levels if fewer than auto were asked for",
+            finest.iterations,
+            100.0 * finest.moving.min(1.0)
         ))
     } else {
         None

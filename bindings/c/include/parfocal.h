@@ -336,6 +336,8 @@ typedef struct {
   double mean_confidence;
   // Fraction of the valid pixels at the limit of |V|.
   double saturated_fraction;
+  // Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
+  double unsettled_fraction;
   // Time from call to return, ms.
   double total_ms;
   // Time on the device, ms.

@@ -87,6 +87,8 @@ pub struct parfocal_solution_view {
     pub mean_confidence: f64,
     /// Fraction of the valid pixels at the limit of |V|.
     pub saturated_fraction: f64,
+    /// Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
+    pub unsettled_fraction: f64,
     /// Time from call to return, ms.
     pub total_ms: f64,
     /// Time on the device, ms.
@@ -121,6 +123,7 @@ unsafe impl Versioned for parfocal_solution_view {
             valid_fraction: nan,
             mean_confidence: nan,
             saturated_fraction: nan,
+            unsettled_fraction: nan,
             total_ms: nan,
             gpu_ms: nan,
         }
@@ -161,6 +164,7 @@ impl parfocal_solution {
             valid_fraction: fields.valid_fraction,
             mean_confidence: fields.mean_confidence,
             saturated_fraction: fields.saturated_fraction,
+            unsettled_fraction: fields.unsettled_fraction,
             total_ms: fields.timings.total_ms,
             gpu_ms: fields.timings.gpu_ms,
             ..parfocal_solution_view::start()

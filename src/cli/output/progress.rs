@@ -14,6 +14,9 @@ use serde_json::json;
 /// Interval between two lines if stderr is not a terminal. A shorter solve prints none.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
+/// Time after which the display estimates the time left: before, the estimate would jump.
+const ESTIMATE_AFTER: Duration = Duration::from_secs(5);
+
 /// Number of steps of the bar.
 const BAR_STEPS: u64 = 1000;
 
@@ -74,7 +77,11 @@ impl Bar {
     }
 
     fn show(&self, Progress { done, total, share }: Progress) {
-        let level = format!("level {done} of {total}");
+        let (elapsed, mut level) = (self.started.elapsed(), format!("level {done} of {total}"));
+        let left = (elapsed >= ESTIMATE_AFTER && share > 0.0).then(|| elapsed.as_secs_f64() * (1.0 - share) / share);
+        if let Some(left) = left {
+            level += &format!(", some {left:.0} s left");
+        }
         match &self.display {
             Display::Bar(bar) => {
                 bar.set_length(BAR_STEPS);
@@ -87,8 +94,12 @@ impl Bar {
                 }
             }
             Display::Json => {
-                let seconds = (self.started.elapsed().as_secs_f64() * 1e3).round() / 1e3;
-                let line = json!({ "progress": (share * 1e4).round() / 1e4, "level": done, "levels": total, "seconds": seconds });
+                let seconds = (elapsed.as_secs_f64() * 1e3).round() / 1e3;
+                let progress = (share * 1e4).round() / 1e4;
+                let mut line = json!({ "progress": progress, "level": done, "levels": total, "seconds": seconds });
+                if let Some(left) = left {
+                    line["seconds_left"] = json!(left.round());
+                }
                 // If stderr is closed, there is no reader.
                 let _ = writeln!(io::stderr(), "{line}");
             }

@@ -181,6 +181,7 @@ mod tests {
             valid_fraction: 0.5,
             mean_confidence: 0.5,
             saturated_fraction: 0.25,
+            unsettled_fraction: 0.1,
             timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![] },
         };
         let solution = Solution {

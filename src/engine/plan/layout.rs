@@ -6,7 +6,7 @@ use crate::engine::arguments;
 use crate::engine::slot::Slot;
 use crate::engine::stages::state::State;
 use crate::engine::stages::sums::Layout;
-use crate::engine::stages::{convolve, half_pair, linearise, pixels, shape_windows, system, uncertainty_terms};
+use crate::engine::stages::{convolve, grid, half_pair, linearise, pixels, shape_windows, system, uncertainty_terms};
 use crate::engine::tiles;
 use crate::engine::vulkan::{Device, MIB, Texel, image_limits};
 
@@ -53,8 +53,11 @@ impl Allocation {
     /// lists of tiles are left out; of a pair they are under 0.2 %. Budgets decide into which parts a pair or a sweep
     /// is split.
     fn is_budgeted(&self) -> bool {
-        use Slot::{EndMaps, Hidden, Mask, Packed, Photograph};
-        let pixels = matches!(self.slot, Photograph { .. } | Packed { .. } | Mask | EndMaps | Hidden);
+        use Slot::{EndMaps, GridEquations, GridSteps, Hidden, Mask, Packed, Photograph};
+        let pixels = matches!(
+            self.slot,
+            Photograph { .. } | Packed { .. } | Mask | EndMaps | Hidden | GridEquations | GridSteps
+        );
         pixels || matches!(self.kind, AllocationKind::Image { .. })
     }
 
@@ -163,7 +166,7 @@ impl Plan {
     }
 
     fn common_layout(&self) -> Vec<Allocation> {
-        let half = self.pyramid[0].half();
+        let (half, cells) = (self.pyramid[0].half(), grid::cells(self.size));
         let mut list = vec![
             image(Slot::Spline2, self.size, 1),
             image(Slot::Scratch, self.size, 1),
@@ -172,6 +175,8 @@ impl Plan {
                 slot: Slot::Weights,
                 kind: AllocationKind::Image { size: half, layers: 2, texel: Texel::FourHalf },
             },
+            buffer(Slot::GridEquations, 4 * grid::FLOATS as u64 * cells, HostAccess::None),
+            buffer(Slot::GridSteps, 4 * cells, HostAccess::None),
             image(Slot::Change { color: 0 }, half, 1),
             image(Slot::Change { color: 1 }, half, 1),
             buffer(Slot::State, size_of::<State>() as u64, HostAccess::None),

@@ -9,7 +9,7 @@ use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
-use crate::engine::stages::{convolve, relax, update};
+use crate::engine::stages::{convolve, grid, relax, relax_grid, update};
 use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
@@ -90,6 +90,7 @@ fn groups(level: &Level, over: Over) -> [u32; 3] {
         Over::AlongX => convolve::groups([level.size[0], level.size[1]], false),
         Over::AlongY => convolve::groups([level.size[1], level.size[0]], true),
         Over::One => [1, 1, 1],
+        Over::Coarse(n) => grid::grids(level.size).get(n).map_or([0; 3], |grid| relax_grid::tiles(grid.size)),
     }
 }
 
@@ -148,7 +149,7 @@ impl<'a> Composer<'a> {
 
     pub(super) fn finish(self, registered: usize) -> Script {
         let grids =
-            self.plan.pyramid[..self.plan.solved].iter().map(|level| Over::GRIDS.map(|over| groups(level, over)));
+            self.plan.pyramid[..self.plan.solved].iter().map(|level| Over::all().map(|over| groups(level, over)));
         let arguments = arguments::initial_words(&grids.collect::<Vec<_>>(), &self.warps);
         Script { parts: self.parts, registered, arguments, tiles: self.lists }
     }

@@ -196,6 +196,8 @@ pub fn cpu_reference(
             sums.energy += share * (psi + alpha * gradient);
             sums.valid += share;
             let steep = (gradient.powi(2) - f64::from(c.smoothness_eta).powi(2)).max(0.0).sqrt();
+            sums.variance[0] += b * b;
+            sums.variance[1] += diagonal;
             sums.roughness[0] += share * b.abs().sqrt();
             sums.roughness[1] += share * steep;
             if x % 2 == 1 {

@@ -3,7 +3,7 @@
 //! The system is divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, WORKGROUP, pixels};
+use super::{Field, WORKGROUP, grid, pixels};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -27,7 +27,7 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
 }
 
-/// The variant for the first relaxation sweep, which starts from dV = 0 without reading it.
+/// The variant for the first relaxation sweep, which starts from dV of the coarse grid.
 pub(crate) const FIRST: Variant = [true, false, false, false];
 
 bindings! {
@@ -40,14 +40,16 @@ bindings! {
     other: Reads<Change>,
     /// dV of this color.
     own: Updates<Change>,
+    /// dV of the coarse grids.
+    coarse: Reads<GridSteps>,
 }
 
 impl Pass for Bindings {
     /// Compulsory traffic: right side, four weights and dV of both colors read, dV of one written. The first relaxation
-    /// sweep reads no dV of its own color, and for red only right sides.
+    /// sweep reads dV of the coarse grid instead, for red of both colors.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let floats = match (variant == FIRST, c.color) {
-            (true, 0) => 2,
+            (true, 0) => 6,
             (true, _) => 7,
             (false, _) => 8,
         };
@@ -56,15 +58,22 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let system = memory.system(self.right_sides, self.weights);
-        let zeros = || Field::zeros(c.width as usize, c.height as usize);
+        let start = || start(memory.numbers(self.coarse), [c.width, c.height]);
         let first = variant == FIRST;
-        let own = if first { zeros() } else { memory.layer(self.own, 0).clone() };
-        let other = if first && c.color == 0 { zeros() } else { memory.layer(self.other, 0).clone() };
+        let own = if first { start() } else { memory.layer(self.own, 0).clone() };
+        let other = if first && c.color == 0 { start() } else { memory.layer(self.other, 0).clone() };
         let colors = if c.color == 0 { [&own, &other] } else { [&other, &own] };
         let mut change = both(colors);
         cpu_reference(c, &system, &mut change);
         memory.set_layer(self.own, 0, change);
     }
+}
+
+/// dV of a level before the first relaxation sweep, by dV of its coarse grids.
+pub(crate) fn start(steps: &[f64], [width, height]: [u32; 2]) -> Field {
+    let [columns, rows] = grid::halved([width, height]).map(|side| side as usize);
+    let coarse = Field { width: columns, height: rows, data: steps[..columns * rows].to_vec() };
+    grid::prolonged(&coarse, width as usize, height as usize)
 }
 
 /// Relaxes the pixels of one color of dV in place.
@@ -108,11 +117,13 @@ pub fn interleaved(system: &[Field; 5]) -> [Field; 2] {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use std::sync::Arc;
+
     use ::half::f16;
 
     use super::super::harness::{Rig, random_field};
     use super::*;
-    use crate::engine::vulkan::Resource;
+    use crate::engine::vulkan::{Buffer, Resource};
 
     /// A random system like those of `system`: half-precision weights, zero across the border, with a sum below one.
     pub(crate) fn system(width: usize, height: usize) -> [Field; 5] {
@@ -132,11 +143,18 @@ pub(crate) mod tests {
         system
     }
 
+    /// dV of a random coarse grid as the device stores it, and as the start of a level.
+    pub(crate) fn coarse_steps(rig: &Rig, width: usize, height: usize) -> (Arc<Buffer>, Field) {
+        let coarse = random_field(width.div_ceil(2), height.div_ceil(2), 30);
+        let buffer = rig.upload(bytemuck::cast_slice(&coarse.to_f32()));
+        (buffer, grid::prolonged(&coarse, width, height))
+    }
+
     #[test]
-    fn the_first_relaxation_sweep_starts_from_zero() {
+    fn the_first_relaxation_sweep_starts_from_the_coarse_grid() {
         let (width, height) = (37usize, 21usize);
-        let (system, mut change) = (system(width, height), Field::zeros(width, height));
-        let rig = Rig::new();
+        let (system, rig) = (system(width, height), Rig::new());
+        let (steps, mut change) = coarse_steps(&rig, width, height);
         let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
         let weights = rig.weights(&interleaved(&system));
         let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
@@ -150,7 +168,9 @@ pub(crate) mod tests {
                 over_relaxation: 1.8,
             };
             cpu_reference(&c, &system.each_ref(), &mut change);
-            let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
+            let mut resources =
+                [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image).to_vec();
+            resources.push(Resource::Buffer(&steps));
             rig.run_variant(&STAGE, [true, false, false, false], &resources, &c, tiles([c.width, c.height]));
         }
         for color in [0, 1] {
@@ -163,6 +183,7 @@ pub(crate) mod tests {
         for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2)] {
             let (system, mut change) = (system(width, height), random_field(width, height, 4));
             let rig = Rig::new();
+            let (steps, _) = coarse_steps(&rig, width, height);
             let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
             let weights = rig.weights(&interleaved(&system));
             let changes = [0, 1].map(|color| rig.image(&[half(&change, color)]));
@@ -176,7 +197,9 @@ pub(crate) mod tests {
                     over_relaxation: 1.8,
                 };
                 cpu_reference(&constants, &system.each_ref(), &mut change);
-                let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
+                let mut resources =
+                    [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image).to_vec();
+                resources.push(Resource::Buffer(&steps));
                 rig.run_groups(&STAGE, &resources, &constants, tiles(size));
             }
             for color in [0, 1] {
@@ -236,8 +259,9 @@ pub(crate) mod tests {
         let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
         let weights = rig.weights(&interleaved(&system));
         let changes = [0, 1].map(|_| rig.image(&[Field::zeros(width / 2, height)]));
+        let (steps, _) = coarse_steps(&rig, width, height);
         let pass = |color: usize| {
-            let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]];
+            let images = [&right_sides, &weights, &changes[1 - color], &changes[color]];
             let constants = Constants {
                 width: width as u32,
                 height: height as u32,
@@ -245,6 +269,8 @@ pub(crate) mod tests {
                 rows: ROWS,
                 over_relaxation: 1.8,
             };
+            let mut resources = images.map(Resource::Image).to_vec();
+            resources.push(Resource::Buffer(&steps));
             (resources, constants)
         };
         let record = |omit: bool| {
@@ -257,9 +283,7 @@ pub(crate) mod tests {
                     }
                     let groups =
                         crate::engine::vulkan::Workgroups::Direct(STAGE.groups([width as u32 / 2, height as u32]));
-                    recorder
-                        .dispatch(&pipeline, &resources.map(Resource::Image), bytemuck::bytes_of(&constants), groups)
-                        .unwrap();
+                    recorder.dispatch(&pipeline, &resources, bytemuck::bytes_of(&constants), groups).unwrap();
                 }
             });
         };

@@ -31,6 +31,8 @@ bindings! {
     red: Updates<Change>,
     /// dV of the black pixels.
     black: Updates<Change>,
+    /// dV of the coarse grids.
+    coarse: Reads<GridSteps>,
 }
 
 impl Pass for Bindings {
@@ -40,7 +42,8 @@ impl Pass for Bindings {
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let change = cpu_reference(c, &memory.system(self.right_sides, self.weights));
+        let start = relax::start(memory.numbers(self.coarse), [c.width, c.height]);
+        let change = cpu_reference(c, &memory.system(self.right_sides, self.weights), start);
         memory.set_layer(self.red, 0, change.clone());
         memory.set_layer(self.black, 0, change);
     }
@@ -51,9 +54,8 @@ pub(crate) fn takes([width, height]: [u32; 2]) -> bool {
     pixels(width, height) <= MOST_PIXELS
 }
 
-/// dV, from zero.
-pub fn cpu_reference(c: &Constants, system: &[&Field; 5]) -> Field {
-    let mut change = Field::zeros(c.width as usize, c.height as usize);
+/// dV, relaxed from a start.
+pub fn cpu_reference(c: &Constants, system: &[&Field; 5], mut change: Field) -> Field {
     for _ in 0..c.sweeps {
         for color in [0, 1] {
             let Constants { width, height, over_relaxation, .. } = *c;
@@ -70,7 +72,10 @@ pub fn cpu_reference(c: &Constants, system: &[&Field; 5]) -> Field {
 #[cfg(test)]
 mod tests {
     use super::super::harness::Rig;
-    use super::super::relax::{half, interleaved, tests::system};
+    use super::super::relax::{
+        half, interleaved,
+        tests::{coarse_steps, system},
+    };
     use super::*;
     use crate::engine::vulkan::Resource;
 
@@ -84,9 +89,11 @@ mod tests {
             let weights = rig.weights(&interleaved(&system));
             let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
             let changes = [0, 1].map(|_| rig.field(&nothing));
-            let resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image);
+            let (steps, start) = coarse_steps(&rig, width, height);
+            let mut resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image).to_vec();
+            resources.push(Resource::Buffer(&steps));
             rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
-            let expected = cpu_reference(&c, &system.each_ref());
+            let expected = cpu_reference(&c, &system.each_ref(), start);
             for color in [0, 1] {
                 rig.assert_close(&changes[color], &[half(&expected, color)], 1e-4);
             }

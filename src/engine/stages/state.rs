@@ -30,6 +30,12 @@ pub struct State {
     pub kernel_shape: f32,
     /// σ of noise in S, intensities, an M-estimate from adjacent pixels; 0 until T is steady on the finest level.
     pub spread: f32,
+    /// Σ b² / Σ D of the latest iteration.
+    pub variance: f32,
+    /// Pixels that the latest step moved by more than a tenth of their standard deviation.
+    pub moving: u32,
+    /// Pixels that it moved by more than half of it.
+    pub moving_far: u32,
     /// T when I2 was last warped onto I1's pixels.
     pub warped: Single,
     /// Coefficients of the shading.
@@ -69,16 +75,16 @@ pub struct Single {
 pub struct LevelState {
     /// Outer iterations.
     pub iterations: u32,
-    /// 1 if the latest iteration, at the final α, moved no corner by 0.01 px and the energy by less than 0.1 %.
-    pub converged: u32,
     /// Energy per valid pixel of the latest iteration.
     pub energy: f32,
     /// Valid pixels.
     pub valid: f32,
     /// Bit n: I2 was warped again before iteration 2ⁿ.
     pub warps: u32,
-    /// 1 once the level has settled.
+    /// 1 once T and V are at rest, or the solve is cancelled: the level has no more iterations.
     pub settled: u32,
+    /// The share of the valid pixels that the latest step moved.
+    pub moving: f32,
 }
 
 /// T, gain and offset, in double precision.
@@ -111,6 +117,10 @@ pub struct DoubleState {
     pub kernel_shape: f64,
     /// σ of noise in S, intensities.
     pub spread: f64,
+    /// Σ b² / Σ D of the latest iteration.
+    pub variance: f64,
+    /// Pixels that the latest step moved by more than a tenth and by more than half of their standard deviation.
+    pub moving: [f64; 2],
     /// By level, finest first.
     pub levels: [DoubleLevel; MAX_LEVELS],
 }
@@ -136,6 +146,8 @@ impl DoubleState {
             alpha: FIRST_ALPHA,
             kernel_shape: 0.0,
             spread: 0.0,
+            variance: 0.0,
+            moving: [0.0; 2],
             levels: [DoubleLevel::default(); MAX_LEVELS],
         }
     }
@@ -168,8 +180,10 @@ impl State {
 #[cfg(test)]
 impl From<&State> for DoubleState {
     fn from(single: &State) -> Self {
-        let level =
-            |n: usize| DoubleLevel { iterations: single.levels[n].iterations, energy: single.levels[n].energy.into() };
+        let level = |n: usize| {
+            let LevelState { iterations, energy, .. } = single.levels[n];
+            DoubleLevel { iterations, energy: energy.into() }
+        };
         Self {
             registration: single.registration(),
             warped: single.warped.into(),
@@ -179,6 +193,8 @@ impl From<&State> for DoubleState {
             alpha: single.alpha.into(),
             kernel_shape: single.kernel_shape.into(),
             spread: single.spread.into(),
+            variance: single.variance.into(),
+            moving: [single.moving, single.moving_far].map(f64::from),
             levels: std::array::from_fn(level),
         }
     }

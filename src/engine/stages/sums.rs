@@ -37,6 +37,8 @@ pub struct Sums {
     pub roughness: [f64; 2],
     /// Sum of bounded squares of differences of S between adjacent pixels.
     pub spread: f64,
+    /// Sums of b² and of D.
+    pub variance: [f64; 2],
 }
 
 /// The layout of a row of partial sums.
@@ -46,7 +48,7 @@ pub struct Layout {
     pub unknowns: usize,
     /// First of the sums of w ∇J S, after those of w ∇J ∇Jᵀ.
     pub gradient: usize,
-    /// Place of the energy. The valid pixels follow, then √|b|, |∇V| and the spread.
+    /// Place of the energy. The valid pixels follow, then √|b|, |∇V|, the spread, b² and D.
     pub energy: usize,
     /// Floats per row.
     pub length: usize,
@@ -108,6 +110,7 @@ impl Sums {
             valid: row[layout.energy + 1],
             roughness: [row[layout.energy + 2], row[layout.energy + 3]],
             spread: row[layout.energy + 4],
+            variance: [row[layout.energy + 5], row[layout.energy + 6]],
             ..Self::default()
         };
         for (i, a) in ALONG[..layout.unknowns].iter().enumerate() {
@@ -139,6 +142,8 @@ pub(crate) fn assert_close(actual: &Sums, expected: &Sums, layout: Layout, toler
     close(actual.energy, expected.energy, "energy");
     close(actual.valid, expected.valid, "valid");
     close(actual.spread, expected.spread, "spread");
+    close(actual.variance[0], expected.variance[0], "b²");
+    close(actual.variance[1], expected.variance[1], "D");
 }
 
 /// A row of partial sums of residuals of weight 1: ∇J, S and place.

@@ -16,6 +16,7 @@
 //! The system is stored divided by its diagonal, with weights in half precision. At the solution, dV = 0, their
 //! rounding has no effect.
 
+use super::grid::Grid;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::shaders;
@@ -60,6 +61,8 @@ bindings! {
     partials: Writes<Partials>,
     /// State, with α of a pair.
     state: Reads<State>,
+    /// The equations of the first coarse grid.
+    grid: Writes<GridEquations>,
 }
 
 /// Floats per workgroup.
@@ -71,26 +74,35 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: the unknown and its equations read, right side and weights written.
+    /// Compulsory traffic: the unknown and its equations read, right side, weights and a quarter of a
+    /// grid's equation written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
-        (24 + 4 * u64::from(layers(variant))) * pixels(c.width, c.height)
+        (28 + 4 * u64::from(layers(variant))) * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { memory.state(self.state).alpha };
         let equations = &memory.layers(self.equations)[..layers(variant) as usize];
-        let ([right_side, weights @ ..], sums) = cpu_reference(c, alpha, memory.layer(self.unknown, 0), equations);
+        let ([right_side, weights @ ..], sums, grid) =
+            cpu_reference(c, alpha, memory.layer(self.unknown, 0), equations);
         memory.set_layer(self.right_sides, 0, right_side);
         weights.into_iter().enumerate().for_each(|(n, weight)| memory.set_layer(self.weights, n, weight));
+        let coarse = grid.halved().numbers();
+        memory.numbers_mut(self.grid, coarse.len())[..coarse.len()].copy_from_slice(&coarse);
         if variant == SWEEP {
             memory.numbers_mut(self.partials, SUMS)[..SUMS].copy_from_slice(&sums);
         }
     }
 }
 
-/// The system: right side, then the weights of the right, left, lower and upper neighbour; and the sums. `equations`
-/// holds D, b, and for a sweep q.
-pub fn cpu_reference(c: &Constants, alpha: f64, unknown: &Field, equations: &[Field]) -> ([Field; 5], [f64; SUMS]) {
+/// The system: right side, then the weights of the right, left, lower and upper neighbour; the sums; and the
+/// system as that of a grid. `equations` holds D, b, and for a sweep q.
+pub fn cpu_reference(
+    c: &Constants,
+    alpha: f64,
+    unknown: &Field,
+    equations: &[Field],
+) -> ([Field; 5], [f64; SUMS], Grid) {
     let [rate, eta] = [c.rate, c.smoothness_eta].map(f64::from);
     let (width, height) = (unknown.width as isize, unknown.height as isize);
     let at = |x: isize, y: isize| unknown.clamped(x, y);
@@ -108,6 +120,8 @@ pub fn cpu_reference(c: &Constants, alpha: f64, unknown: &Field, equations: &[Fi
     };
     let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(unknown.width, unknown.height));
     let mut sums = [0.0; SUMS];
+    let zeros = || Field::zeros(unknown.width, unknown.height);
+    let mut grid = Grid { d: zeros(), r: zeros(), right: zeros(), below: zeros() };
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
         let n = (y * width + x) as usize;
         let beside = [(1, 0), (-1, 0), (0, 1), (0, -1)].map(|(dx, dy)| (x + dx, y + dy));
@@ -118,6 +132,7 @@ pub fn cpu_reference(c: &Constants, alpha: f64, unknown: &Field, equations: &[Fi
         let slopes = [slope(x, y, 1, 0), -slope(x - 1, y, 1, 0), slope(x, y, 0, 1), -slope(x, y - 1, 0, 1)];
         let pull: f64 = (0..4).map(|n| a[n] * (at(beside[n].0, beside[n].1) - at(x, y) - slopes[n])).sum();
         let (d, b) = (equations[0].data[n], equations[1].data[n]);
+        (grid.d.data[n], grid.r.data[n], grid.right.data[n], grid.below.data[n]) = (d, b + pull, a[0], a[2]);
         let whole = (d + a.iter().sum::<f64>()).max(1e-12);
         system[0].data[n] = (b + pull) / whole;
         a.iter().enumerate().for_each(|(k, a)| system[k + 1].data[n] = a / whole);
@@ -126,7 +141,7 @@ pub fn cpu_reference(c: &Constants, alpha: f64, unknown: &Field, equations: &[Fi
             sums[1] += q.data[n] * q.data[n] / whole;
         }
     }
-    (system, sums)
+    (system, sums, grid)
 }
 
 #[cfg(test)]
@@ -146,7 +161,7 @@ mod tests {
         let (width, height) = (width as u32, height as u32);
         let c = Constants { width, height, alpha: 0.05, rate: 0.7, smoothness_eta: 0.1 };
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { f64::from(state.alpha) };
-        let (expected, sums) = cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
+        let (expected, sums, grid) = cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
         let rig = Rig::new();
         // The pixel beyond an odd width is written too.
         let before = |floats: u32| {
@@ -157,13 +172,18 @@ mod tests {
         let groups = tiles([width, height]);
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
         let state = rig.upload(bytemuck::bytes_of(&state));
+        let coarse = grid.halved().numbers();
+        let cells = rig.upload(&vec![0; 4 * coarse.len()]);
         let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
-        resources.extend([Resource::Buffer(&partials), Resource::Buffer(&state)]);
+        resources.extend([&partials, &state, &cells].map(Resource::Buffer));
         rig.run_variant(&STAGE, variant, &resources, &c, groups);
         // Single precision, over diagonals of down to 0.1.
         rig.assert_close(&images[2], &[0, 1].map(|color| half(&expected[0], color)), 1e-4);
         // Half precision, rounded either way.
         rig.assert_close(&images[3], &interleaved(&expected), 3e-4);
+        for (f, e) in rig.floats(&cells).iter().zip(&coarse) {
+            assert!((f64::from(*f) - e).abs() < 1e-4, "{f}, not {e}");
+        }
         let actual = rig.floats(&partials);
         for (n, sum) in sums.iter().enumerate() {
             let total: f64 = actual.chunks(SUMS).map(|row| f64::from(row[n])).sum();
@@ -213,7 +233,7 @@ mod tests {
         for seed in 0..6 {
             let [mut v, d, b] = [1, 2, 3].map(|n| random_field(41, 30, 10 * seed + n));
             v.data.iter_mut().for_each(|v| *v = 12.0 * (*v - 0.5));
-            let ([_, weights @ ..], _) = cpu_reference(&c, 0.01, &v, &[d, b]);
+            let ([_, weights @ ..], ..) = cpu_reference(&c, 0.01, &v, &[d, b]);
             for i in 0..v.data.len() {
                 let row = weights.each_ref().map(|weight| weight.data[i]);
                 assert!(row.iter().all(|w| *w >= 0.0) && row.iter().sum::<f64>() <= 1.0 + 1e-12, "{row:?} at {i}");

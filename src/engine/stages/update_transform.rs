@@ -47,8 +47,15 @@ push_constants! {
     finds_alpha: u32,
     /// Share of the step that is taken.
     share: f32,
+    /// Or if `ζ N ζ` is less than this times Σ b² / Σ D: T moves by less than a share of its standard deviation.
+    steady: f32,
     /// A level settles only if the energy changes by no more than this share.
     flatness: f32,
+    /// A level settles only if the latest step moved no more than this share of the valid pixels by a tenth of their
+    /// standard deviation,
+    most_moving: f32,
+    /// and no more than this share by half of it.
+    most_far: f32,
     /// The noise for which η of the data term is wide enough, intensities.
     least_spread: f32,
 }
@@ -76,7 +83,14 @@ impl Pass for Bindings {
         let start = memory.words(self.start_arguments).to_vec();
         let state = memory.state_mut(self.state);
         let level = c.level as usize;
-        let step = cpu_reference(c, &sums, &mut state.registration, state.levels[level].energy);
+        let step = cpu_reference(
+            c,
+            &sums,
+            &mut state.registration,
+            state.levels[level].energy,
+            std::mem::take(&mut state.moving),
+        );
+        state.variance = sums.variance[0] / sums.variance[1].max(1e-30);
         if c.level == 0 && step.steady {
             state.spread = find_spread(c, &sums, state.spread);
         }
@@ -112,27 +126,30 @@ fn range(first: u32, count: u32) -> Range<usize> {
 pub struct Step {
     /// Energy per valid pixel, before the step.
     pub energy: f64,
-    /// No corner moved by 0.01 px and the energy changed by less than 0.1 %.
-    pub converged: bool,
-    /// No corner moved by [`still`](Constants::still) pixels of the level and the energy changed by at most
-    /// [`flatness`](Constants::flatness): the level stops. The energy is flat before V and T are, so that the finest
-    /// level continues after it has converged.
+    /// T and V are at rest: the level has no more iterations.
     pub settled: bool,
     /// No corner moved by `FOLLOWED` pixels of the level: errors of T no longer count as noise.
     pub steady: bool,
 }
 
-/// Updates T. `before` is the energy of the previous iteration.
-pub fn cpu_reference(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> Step {
+/// Updates T. `before` is the energy of the previous iteration. Its step moved `moving` pixels by more than a tenth of
+/// their standard deviation, and `far` by more than half of it.
+pub fn cpu_reference(c: &Constants, sums: &Sums, r: &mut Registration, before: f64, [moving, far]: [f64; 2]) -> Step {
     let factor = f64::from(c.factor);
-    let step = displacing(c.length.into(), factor, solve(c, sums).map(|x| f64::from(c.share) * x));
+    let x = solve(c, sums);
+    let decrease: f64 = -x.iter().zip(&sums.gradient).map(|(x, g)| x * g).sum::<f64>();
+    let step = displacing(c.length.into(), factor, x.map(|x| f64::from(c.share) * x));
     let moved = corner_moves(c, &step);
     *r = r.after(&step);
     let energy = sums.energy / sums.valid.max(1.0);
     let change = (energy - before).abs();
-    let converged = c.may_settle == 1 && moved < 0.01 && change <= 1e-3 * before;
-    let settled = c.may_settle == 1 && moved < f64::from(c.still) * factor && change <= f64::from(c.flatness) * before;
-    Step { energy, converged, settled, steady: moved <= FOLLOWED * factor }
+    let few = moving <= f64::from(c.most_moving) * sums.valid && far <= f64::from(c.most_far) * sums.valid;
+    let variance = sums.variance[0] / sums.variance[1].max(1e-30);
+    let settled = c.may_settle == 1
+        && (moved < f64::from(c.still) * factor || decrease < f64::from(c.steady) * variance)
+        && few
+        && change <= f64::from(c.flatness) * before;
+    Step { energy, settled, steady: moved <= FOLLOWED * factor }
 }
 
 /// The map with these displacements, in pixels of a level that are `factor` wide, with places divided by `length`.
@@ -247,7 +264,10 @@ mod tests {
             half_size: [60.0, 40.0],
             finds_alpha: 0,
             share: 1.0,
+            steady: 0.0,
             flatness: 1e-5,
+            most_moving: 0.2,
+            most_far: 0.03,
             least_spread: 0.0025,
         }
     }
@@ -300,7 +320,8 @@ mod tests {
         let (actual, words, energies) = run(&c, variant, partials, &state, [&[7; 12], &start_words]);
         let sums = Sums::from_partials(partials, Layout::of_variant(variant));
         let mut expected = state.registration();
-        let step = cpu_reference(&c, &sums, &mut expected, before.into());
+        let step =
+            cpu_reference(&c, &sums, &mut expected, before.into(), [state.moving, state.moving_far].map(f64::from));
         let corner = actual.registration().transform.corner_distance(expected.transform, 121, 81);
         // Single precision of sums of up to 4000 residuals.
         assert!(corner < 1e-4, "{corner} px: {actual:?} {expected:?}");
@@ -315,7 +336,6 @@ mod tests {
             actual.alpha.into(),
             if c.finds_alpha == 1 { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() },
         );
-        assert_eq!(actual.levels[c.level as usize].converged, u32::from(step.converged));
         assert_eq!(actual.levels[c.level as usize].settled, u32::from(step.settled));
         (actual, words)
     }
@@ -357,13 +377,13 @@ mod tests {
         let held = Constants { unknowns: 0, ..constants(8) };
         let energy = check(held, &partials, 0.1).0.levels[1].energy;
         let (state, arguments) = check(held, &partials, energy);
-        assert_eq!(state.levels[1].converged, 1);
+        assert_eq!(state.levels[1].settled, 1);
         assert_eq!(arguments, [7, 7, 7, 7, 0, 0, 0, 0, 7, 7, 7, 7]);
         let (state, arguments) = check(held, &partials, 1.0005 * energy);
-        assert_eq!(state.levels[1].converged, 1);
-        assert_eq!(arguments, [7; 12], "converged, and not yet settled");
+        assert_eq!(state.levels[1].settled, 0);
+        assert_eq!(arguments, [7; 12]);
         let (state, arguments) = check(Constants { may_settle: 0, ..held }, &partials, energy);
-        assert_eq!(state.levels[1].converged, 0);
+        assert_eq!(state.levels[1].settled, 0);
         assert_eq!(arguments, [7; 12]);
     }
 

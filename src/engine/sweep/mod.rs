@@ -18,7 +18,7 @@ use std::time::Duration;
 use self::device::Limits;
 use self::pairs::MAX_RELATIVE_BLUR;
 use self::parts::PartSolver;
-use self::pyramid::{PyramidSolver, RELAXATION_SWEEPS, SharedParameters};
+use self::pyramid::{IterationDone, PyramidSolver, RELAXATION_SWEEPS, SharedParameters};
 use self::validity::ExcludedPixels;
 use crate::base::{
     Brightness, CancellationToken, Channels, Deadline, Decode, Depth, Error, Format, Frame, Homography, Mask,
@@ -139,17 +139,17 @@ impl JointSolver {
         cancel: &CancellationToken,
         report: &mut dyn FnMut(Progress),
     ) -> Result<JointSolution, Error> {
-        let mut sizes: Vec<_> = self.whole.levels().iter().map(|level| level.size).collect();
-        sizes.extend(self.parts.iter().flat_map(PartSolver::sizes));
-        let mut done = counter(&sizes, report);
+        let is_whole = self.parts.is_none();
+        let mut work = self.whole.work_above(usize::from(is_whole));
+        match &self.parts {
+            Some(parts) => work.extend(parts.work()),
+            None => work.push(self.whole.final_work()),
+        }
+        let mut done = counter(&work, report);
         self.set_limits(cancel);
         let (mut shared, excluded) = self.descend(frames, input, &mut done)?;
         let [focus, deviation] = match &mut self.parts {
-            None => {
-                let fields = self.whole.finish(&mut shared, &excluded)?;
-                done(self.size);
-                fields
-            }
+            None => self.whole.finish(&mut shared, &excluded, &mut done)?,
             Some(parts) => {
                 let finest = self.whole.finest().clone();
                 let coarse = self.whole.focus(&finest)?;
@@ -175,9 +175,7 @@ impl JointSolver {
         cancel: &CancellationToken,
         report: &mut dyn FnMut(Progress),
     ) -> Result<JointRegistration, Error> {
-        let skipped = usize::from(self.parts.is_none());
-        let sizes: Vec<_> = self.whole.levels()[skipped..].iter().map(|level| level.size).collect();
-        let mut done = counter(&sizes, report);
+        let mut done = counter(&self.whole.work_above(usize::from(self.parts.is_none())), report);
         self.set_limits(cancel);
         let (shared, _) = self.descend(frames, input, &mut done)?;
         Ok(self.registration(shared))
@@ -197,18 +195,18 @@ impl JointSolver {
         &mut self,
         frames: &[Frame],
         input: &SweepInput<'_>,
-        level_done: &mut dyn FnMut([u32; 2]),
+        done: &mut IterationDone<'_>,
     ) -> Result<(SharedParameters, ExcludedPixels), Error> {
-        let levels = self.whole.levels().len() + usize::from(self.parts.is_some());
+        let levels = self.whole.level_count() + usize::from(self.parts.is_some());
         let excluded = ExcludedPixels::new(frames, input.mask, &self.settings, levels);
         if self.parts.is_none() {
             self.whole.upload(frames.iter())?;
-            let shared = self.whole.descend(input, &excluded, 1, level_done)?;
+            let shared = self.whole.descend(input, &excluded, 1, done)?;
             return Ok((shared, excluded));
         }
         let excluded = excluded.halved();
         self.whole.upload(parts::halved(frames, &self.settings)?.iter())?;
-        let shared = self.whole.descend(input, &excluded, 0, level_done)?;
+        let shared = self.whole.descend(input, &excluded, 0, done)?;
         Ok((parts::doubled(&shared, self.size), excluded))
     }
 
@@ -227,16 +225,19 @@ impl JointSolver {
     }
 }
 
-/// Reports the progress over levels and parts of these sizes, each time that it is called with the size of one that is
-/// done.
-fn counter<'a>(sizes: &[[u32; 2]], report: &'a mut dyn FnMut(Progress)) -> impl FnMut([u32; 2]) + use<'a> {
-    let pixels = |[width, height]: [u32; 2]| f64::from(width) * f64::from(height);
-    let (total, all): (_, f64) = (sizes.len() as u32, sizes.iter().copied().map(pixels).sum());
-    let (mut done, mut pixels_done) = (0, 0.0);
-    move |size| {
-        done += 1;
-        pixels_done += pixels(size);
-        report(Progress { done, total, share: pixels_done / all });
+/// Reports the progress over levels and parts of this work, in pixels of their iterations, after each iteration.
+fn counter<'a>(work: &[u64], report: &'a mut dyn FnMut(Progress)) -> impl FnMut(u64, bool) + use<'a> {
+    let ends: Vec<u64> = work.iter().scan(0, |sum, work| Some(*sum += work).map(|()| *sum)).collect();
+    let all = ends.last().copied().unwrap_or(1) as f64;
+    let (mut done, mut worked) = (0, 0);
+    move |pixels, ends_level| {
+        worked += pixels;
+        if ends_level {
+            // The finest level may have had fewer iterations than were counted.
+            worked = ends.get(done).copied().unwrap_or(worked);
+            done += 1;
+        }
+        report(Progress { done: done as u32, total: ends.len() as u32, share: (worked as f64 / all).min(1.0) });
     }
 }
 

@@ -3,7 +3,7 @@
 //! T and c are found at half the size, where all of each frame is visible, and stay on the finest level.
 
 use super::device::Limits;
-use super::pyramid::{PyramidSolver, SharedParameters};
+use super::pyramid::{IterationDone, PyramidSolver, SharedParameters};
 use super::validity::ExcludedPixels;
 use crate::base::{Error, Frame, Mask, Region, Settings};
 use crate::engine::Engine;
@@ -44,29 +44,28 @@ impl PartSolver {
         self.solver.set_limits(limits);
     }
 
-    /// The size of each part.
-    pub(super) fn sizes(&self) -> impl Iterator<Item = [u32; 2]> {
-        std::iter::repeat_n(self.grid.side(), self.grid.count())
+    /// The pixels of all iterations of each part.
+    pub(super) fn work(&self) -> impl Iterator<Item = u64> {
+        std::iter::repeat_n(self.solver.final_work(), self.grid.count())
     }
 
     /// Solves all parts from u at half the size; returns u relative to the middle setting, and its standard deviation.
-    /// `part_done` is called after each part.
+    /// `done` is called after each iteration of a part.
     pub(super) fn solve(
         &mut self,
         frames: &[Frame],
         mask: Option<&Mask>,
         coarse: &Field,
         shared: &SharedParameters,
-        part_done: &mut dyn FnMut([u32; 2]),
+        done: &mut IterationDone<'_>,
     ) -> Result<[Field; 2], Error> {
         let [width, height] = self.size.map(|side| side as usize);
         let mut whole = [0, 1].map(|_| Field::zeros(width, height));
         for part in self.grid.parts().collect::<Vec<_>>() {
-            let solved = self.solve_part(part.solved, frames, mask, coarse, shared)?;
+            let solved = self.solve_part(part.solved, frames, mask, (coarse, shared), done)?;
             for (whole, solved) in whole.iter_mut().zip(solved) {
                 part.copy_interior(&solved.data, &mut whole.data, width, 1);
             }
-            part_done(self.grid.side());
         }
         Ok(whole)
     }
@@ -76,8 +75,8 @@ impl PartSolver {
         part: Region,
         frames: &[Frame],
         mask: Option<&Mask>,
-        coarse: &Field,
-        shared: &SharedParameters,
+        (coarse, shared): (&Field, &SharedParameters),
+        done: &mut IterationDone<'_>,
     ) -> Result<[Field; 2], Error> {
         let (mut shared, places) = shared_by_part(shared, part, self.size);
         let cut = frames.iter().zip(places).map(|(frame, place)| frame.cropped(place).map_err(Error::Region));
@@ -86,7 +85,7 @@ impl PartSolver {
         let excluded = ExcludedPixels::new(&cut, mask.as_ref(), self.solver.settings(), 1);
         self.solver.upload(cut.iter())?;
         let start = prolonged(coarse, part, shared.limit(self.solver.finest()));
-        self.solver.finish_from(&start, &mut shared, &excluded)
+        self.solver.finish_from(&start, &mut shared, &excluded, done)
     }
 }
 

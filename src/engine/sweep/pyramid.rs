@@ -33,7 +33,7 @@ const MAX_STEP: f64 = 0.3;
 const MAX_RATE_STEP: f64 = 0.3;
 /// Relaxation sweeps per step. Iterations are expensive, since each makes a blur stack of every frame; relaxation
 /// sweeps are not.
-pub(super) const RELAXATION_SWEEPS: u32 = 10;
+pub(super) const RELAXATION_SWEEPS: u32 = 3;
 /// Iterations on the first level, on those between, and on the finest, where a second one takes as long as all before
 /// it. It is left out if frames are as far apart as pairs are wide. With two, 41 frames of three generated stacks err
 /// by 0.050, 0.032 and 0.041 of a frame instead of 0.057, 0.032 and 0.044, but 11 frames by 0.082 instead of 0.076. T
@@ -46,6 +46,9 @@ const MAX_CORNER_STEP: f64 = 0.5;
 const RESAMPLE_AFTER: f64 = 0.02;
 /// How far beyond the first and the last frame u may lie, px of blur.
 const FOCUS_MARGIN: f64 = 0.5;
+
+/// Called after each iteration with the pixels of its level, and whether the level or part ends with it.
+pub(super) type IterationDone<'a> = dyn FnMut(u64, bool) + 'a;
 
 /// The parameters that all pixels share.
 #[derive(Clone)]
@@ -118,9 +121,21 @@ impl PyramidSolver {
         &self.plan.pyramid[0]
     }
 
-    /// The levels of a solve, the finest first.
-    pub(super) fn levels(&self) -> &[Level] {
-        &self.plan.pyramid[..=self.first_level()]
+    /// The number of levels of a solve.
+    pub(super) fn level_count(&self) -> usize {
+        self.first_level() + 1
+    }
+
+    /// The pixels of all iterations on each level down to `last`, coarse to fine, without the final ones on the finest.
+    pub(super) fn work_above(&self, last: usize) -> Vec<u64> {
+        let first = self.first_level();
+        let iterations = |index: usize| if index < first { ITERATIONS[1] } else { ITERATIONS[0] };
+        (last..=first).rev().map(|index| iterations(index) as u64 * self.plan.pyramid[index].pixels()).collect()
+    }
+
+    /// The pixels of the iterations on the finest level, or on a part of it, with T and c held.
+    pub(super) fn final_work(&self) -> u64 {
+        ITERATIONS[2] as u64 * self.plan.pyramid[0].pixels()
     }
 
     /// The level where a solve starts.
@@ -135,14 +150,14 @@ impl PyramidSolver {
         self.device.upload_frames(frames)
     }
 
-    /// Estimates the start, and solves from there down to level `last`, with steps of T and c. `level_done` is called
-    /// after each level.
+    /// Estimates the start, and solves from there down to level `last`, with steps of T and c. `done` is called after
+    /// each iteration with its pixels, and whether its level ends with it.
     pub(super) fn descend(
         &mut self,
         input: &SweepInput<'_>,
         excluded: &ExcludedPixels,
         last: usize,
-        level_done: &mut dyn FnMut([u32; 2]),
+        done: &mut IterationDone<'_>,
     ) -> Result<SharedParameters, Error> {
         let first = self.first_level();
         let (mut shared, focus) = self.start(first, input)?;
@@ -155,11 +170,9 @@ impl PyramidSolver {
             self.enter(&level, &mut shared, excluded)?;
             // If there is one level only, `finish` makes its last iteration.
             let count = if index < first { ITERATIONS[1] } else { ITERATIONS[0] - usize::from(index < last) };
-            for _ in 0..count {
+            for n in 1..=count {
                 self.iterate(&level, &mut shared)?;
-            }
-            if index >= last {
-                level_done(level.size);
+                done(level.pixels(), n == count && index >= last);
             }
         }
         Ok(shared)
@@ -171,12 +184,13 @@ impl PyramidSolver {
         &mut self,
         shared: &mut SharedParameters,
         excluded: &ExcludedPixels,
+        done: &mut IterationDone<'_>,
     ) -> Result<[Field; 2], Error> {
         if self.first_level() == 0 {
-            return self.refine(1, shared, excluded);
+            return self.refine(1, shared, excluded, done);
         }
         self.prolong(0, shared)?;
-        self.refine(shared.finest_iterations(), shared, excluded)
+        self.refine(shared.finest_iterations(), shared, excluded, done)
     }
 
     /// Solves the finest level from `start`, u relative to the middle setting.
@@ -185,9 +199,10 @@ impl PyramidSolver {
         start: &Field,
         shared: &mut SharedParameters,
         excluded: &ExcludedPixels,
+        done: &mut IterationDone<'_>,
     ) -> Result<[Field; 2], Error> {
         self.device.fill(Slot::RelativeBlur { level: 0 }, start)?;
-        self.refine(shared.finest_iterations(), shared, excluded)
+        self.refine(shared.finest_iterations(), shared, excluded, done)
     }
 
     fn refine(
@@ -195,16 +210,18 @@ impl PyramidSolver {
         iterations: usize,
         shared: &mut SharedParameters,
         excluded: &ExcludedPixels,
+        done: &mut IterationDone<'_>,
     ) -> Result<[Field; 2], Error> {
         let level = self.plan.pyramid[0].clone();
         self.enter(&level, shared, excluded)?;
         let mut system = None;
-        for _ in 0..iterations {
+        for n in 1..=iterations {
             let (_, rate) = self.sum_pairs(&level, shared, true)?;
             let layers = self.device.read(Slot::NormalEquations, level.size, 0..half_pair::LAYERS)?;
             let before = self.focus(&level)?;
             self.step(&level, shared, rate)?;
             system = FinalSystem::after_step(layers, &before, &self.focus(&level)?).or(system);
+            done(level.pixels(), n == iterations);
         }
         let focus = self.focus(&level)?;
         let mut end = |n: usize| {
@@ -438,6 +455,7 @@ impl PyramidSolver {
             width,
             height,
             largest_step: (MAX_STEP / rate.sqrt()) as f32,
+            relative_step: 0.0,
             limit: shared.limit(level) as f32,
             share: 1.0,
         };

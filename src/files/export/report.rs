@@ -152,6 +152,10 @@ pub struct Report {
     /// Fraction of the valid pixels of a pair at the limit of |V|.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub saturated_fraction: Option<f64>,
+    /// Fraction of the valid pixels of a pair whose V the last step changed by more than a tenth of its standard
+    /// deviation.
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
+    pub unsettled_fraction: Option<f64>,
     /// Pixels of a sweep that no frame has in focus.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub never_in_focus: Option<NeverReport>,
@@ -605,6 +609,7 @@ impl Report {
             valid_fraction: Some(solution.valid_fraction),
             mean_confidence: Some(solution.mean_confidence),
             saturated_fraction: Some(solution.saturated_fraction),
+            unsettled_fraction: Some(solution.unsettled_fraction),
             texture: Some(TextureReport::of(solution)),
             nearer: Some(nearer.number()),
             nearer_by: Some(NearerBy::Assumed),

@@ -133,6 +133,7 @@ class Result(Registration):
     valid_fraction: float
     mean_confidence: float
     saturated_fraction: float
+    unsettled_fraction: float
     """Fraction of the valid pixels at the limit of |V|."""
     max_relative_blur: float
     """The limit of |V|, px²."""

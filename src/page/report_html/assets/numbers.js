@@ -81,6 +81,7 @@ function pairRows() {
     ...ranges('Relative blur V, of the valid pixels', report.relative_blur, 4, 'px²'),
     row('Smoothness α, as asked or as found', Number(report.regularization.toPrecision(2))),
     row('At the limit of |V|', percent(report.saturated_fraction, 2)),
+    row('Still changing at the end', percent(report.unsettled_fraction, 2)),
     row('Mean confidence', report.mean_confidence === null ? missing : report.mean_confidence.toPrecision(4)),
     group('Pixels'),
     row('Size', `${report.size.width} × ${report.size.height}`, 'px'),

@@ -1,0 +1,69 @@
+//! Sums the linear system of a [grid](super::grid) up to the next coarser one.
+
+use super::grid::{FLOATS, Grid, halved};
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pixels;
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width of the finer grid, cells.
+    width: u32,
+    /// Height of the finer grid, cells.
+    height: u32,
+    /// First cell of the finer grid.
+    first: u32,
+    /// First cell of the coarser grid.
+    next: u32,
+}
+
+bindings! {
+    HALVE_GRID:
+    /// Equations of all grids.
+    equations: Updates<GridEquations>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: the equations of the finer grid read, those of the coarser written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let [width, height] = halved([c.width, c.height]);
+        4 * FLOATS as u64 * (pixels(c.width, c.height) + pixels(width, height))
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let [first, next] = [c.first, c.next].map(|cell| FLOATS * cell as usize);
+        let fine = Grid::of(&memory.numbers(self.equations)[first..], [c.width, c.height]);
+        let coarse = cpu_reference(&fine).numbers();
+        memory.numbers_mut(self.equations, next + coarse.len())[next..][..coarse.len()].copy_from_slice(&coarse);
+    }
+}
+
+/// The system of the next coarser grid.
+pub fn cpu_reference(fine: &Grid) -> Grid {
+    fine.halved()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::grid::tests::random_grid;
+    use super::super::harness::Rig;
+    use super::*;
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        for [width, height] in [[37, 21], [64, 16], [17, 18], [3, 2]] {
+            let grid = random_grid([width, height], 1);
+            let [columns, rows] = halved([width, height]);
+            let c = Constants { width, height, first: 0, next: width * height };
+            let rig = Rig::new();
+            let mut numbers: Vec<f32> = grid.numbers().iter().map(|&v| v as f32).collect();
+            numbers.resize(numbers.len() + FLOATS * (columns * rows) as usize, f32::NAN);
+            let buffer = rig.upload(bytemuck::cast_slice(&numbers));
+            rig.run(&STAGE, &[Resource::Buffer(&buffer)], &c, [columns, rows]);
+            let (actual, expected) = (rig.floats(&buffer), cpu_reference(&grid).numbers());
+            for (f, e) in actual[FLOATS * c.next as usize..].iter().zip(&expected) {
+                assert!((f64::from(*f) - e).abs() < 1e-5, "{f}, not {e}");
+            }
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Half a relaxation sweep on a coarse [grid](super::grid): one color of the red-black scheme.
+
+use super::grid::{FLOATS, Grid, halved, prolonged};
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::{Field, WORKGROUP, pixels};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width of the grid, cells.
+    width: u32,
+    /// Height of the grid, cells.
+    height: u32,
+    /// First cell of the grid.
+    first: u32,
+    /// First cell of the next coarser grid.
+    next: u32,
+    /// 0 red, 1 black.
+    color: u32,
+    /// ω of successive over-relaxation.
+    over_relaxation: f32,
+}
+
+/// The variant for the first relaxation sweep, which starts from dV of the coarser grid.
+pub(crate) const FIRST: Variant = [true, false, false, false];
+
+/// Workgroups over a grid.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
+    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * shaders::relax_grid::LINES), 1]
+}
+
+bindings! {
+    RELAX_GRID:
+    /// Equations of all grids.
+    equations: Reads<GridEquations>,
+    /// dV of all grids.
+    steps: Updates<GridSteps>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: the equations and dV of the grid read, half of dV written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        (4 * FLOATS as u64 + 6) * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let size @ [width, height] = [c.width as usize, c.height as usize];
+        let grid = Grid::of(&memory.numbers(self.equations)[FLOATS * c.first as usize..], [c.width, c.height]);
+        let (first, next) = (c.first as usize, c.next as usize);
+        let steps = memory.numbers_mut(self.steps, first + width * height);
+        let [columns, rows] = halved([c.width, c.height]).map(|side| side as usize);
+        let coarse = || Field { width: columns, height: rows, data: steps[next..next + columns * rows].to_vec() };
+        let own = || Field { width, height, data: steps[first..first + width * height].to_vec() };
+        let mut dv = if variant == FIRST && c.color == 0 { prolonged(&coarse(), size[0], size[1]) } else { own() };
+        cpu_reference(c, &grid, &mut dv);
+        steps[first..first + width * height].copy_from_slice(&dv.data);
+    }
+}
+
+/// Relaxes the cells of one color of dV in place.
+pub fn cpu_reference(c: &Constants, grid: &Grid, dv: &mut Field) {
+    grid.relax(dv, c.color as usize, c.over_relaxation.into());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::NO_VARIANT;
+    use super::super::grid::tests::random_grid;
+    use super::super::harness::{Rig, random_field};
+    use super::*;
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn matches_the_cpu_reference_from_the_coarser_grid() {
+        for [width, height] in [[37, 21], [64, 16], [17, 18], [131, 9], [2, 2]] {
+            let (grid, [columns, rows]) = (random_grid([width, height], 2), halved([width, height]));
+            let coarse = random_field(columns as usize, rows as usize, 7);
+            let rig = Rig::new();
+            let equations: Vec<f32> = grid.numbers().iter().map(|&v| v as f32).collect();
+            let mut steps = vec![f32::NAN; (width * height) as usize];
+            steps.extend(coarse.to_f32());
+            let buffers = [rig.upload(bytemuck::cast_slice(&equations)), rig.upload(bytemuck::cast_slice(&steps))];
+            let mut expected = prolonged(&coarse, width as usize, height as usize);
+            for (variant, color) in [(FIRST, 0), (FIRST, 1), (NO_VARIANT, 0), (NO_VARIANT, 1)] {
+                let c = Constants { width, height, first: 0, next: width * height, color, over_relaxation: 1.3 };
+                cpu_reference(&c, &grid, &mut expected);
+                rig.run_variant(&STAGE, variant, &buffers.each_ref().map(Resource::Buffer), &c, tiles([width, height]));
+            }
+            for (f, e) in rig.floats(&buffers[1]).iter().zip(&expected.data) {
+                assert!((f64::from(*f) - e).abs() < 1e-4, "{f}, not {e}");
+            }
+        }
+    }
+}
