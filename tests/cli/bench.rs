@@ -31,6 +31,16 @@ impl Desk {
         self.run(&[sizes, &["--repeats", "2", "--outer-iterations", "8"], arguments].concat())
     }
 
+    /// Writes two different photographs of 80x64 px.
+    fn photographs(&self, names: [&str; 2]) {
+        for (name, shift) in names.into_iter().zip([0, 1]) {
+            let value = |x: u32, y: u32| (x + shift + 7 * (y / 5)).wrapping_mul(2_654_435_761) >> 24;
+            let path = self.path(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            image::GrayImage::from_fn(80, 64, |x, y| image::Luma([value(x, y) as u8])).save(path).unwrap();
+        }
+    }
+
     fn json(&self, name: &str) -> Value {
         serde_json::from_slice(&fs::read(self.path(name)).unwrap()).unwrap()
     }
@@ -64,7 +74,8 @@ fn spread(value: &Value, samples: usize) {
 }
 
 fn check_run(run: &Value) {
-    assert_eq!((&run["width"], &run["height"]), (&64.into(), &64.into()));
+    assert_eq!((&run["scene"], &run["width"], &run["height"]), (&"synthetic".into(), &64.into(), &64.into()));
+    assert!(run["converged"].is_boolean(), "{run}");
     spread(&run["solve_ms"], 2);
     spread(&run["device_ms"], 2);
     for name in ["mpx_per_s", "device_mpx_per_s"] {
@@ -148,7 +159,9 @@ fn the_text_report_is_a_table_with_ratios_to_an_earlier_report() {
     let report: Value = serde_json::from_str(&done(&output)).unwrap();
     assert_eq!([0, 1].map(|n| &report["runs"][n]["kernel"]), ["gaussian", "half-gaussian"]);
     let ratios = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(ratios.contains("new/old") && ratios.contains("only in the new report: 64x64 unified half-gaussian"));
+    assert!(
+        ratios.contains("new/old") && ratios.contains("only in the new report: synthetic 64x64 unified half-gaussian")
+    );
 
     let text = done(&desk.run(&["--compare", "a.json", "a.json"]));
     for name in ["solve", "device", "relax"] {
@@ -170,17 +183,38 @@ fn an_unsupported_size_is_reported_and_the_others_are_measured() {
 #[test]
 fn the_pair_option_measures_two_photographs() {
     let desk = Desk::new();
-    for (name, shift) in [("a.png", 0), ("b.png", 1)] {
-        let value = |x: u32, y: u32| (x + shift + 7 * (y / 5)).wrapping_mul(2_654_435_761) >> 24;
-        image::GrayImage::from_fn(80, 64, |x, y| image::Luma([value(x, y) as u8])).save(desk.path(name)).unwrap();
-    }
+    desk.photographs(["a.png", "b.png"]);
     let pair = ["--pair", "a.png", "b.png", "--repeats", "1", "--outer-iterations", "5", "--quiet"];
     let report: Value = serde_json::from_str(&done(&desk.run(&[&pair[..], &["--json"]].concat()))).unwrap();
-    assert_eq!((&report["input"], &report["runs"][0]["width"]), (&"pair".into(), &80.into()));
+    assert_eq!((&report["runs"][0]["scene"], &report["runs"][0]["width"]), (&"pair".into(), &80.into()));
     // Input: two 8-bit photographs and a mask. Output: four 32-bit channels, as for simulated pairs.
     assert_eq!(report["runs"][0]["memory"]["host_bytes_per_px"], 19.0);
     refused(&desk.run(&[&pair[..], &["-o", "a.png"]].concat()), 1, &["a.png", "is an input"]);
     refused(&desk.run(&[&pair[..], &["--sizes", "64x64"]].concat()), 2, &["--sizes"]);
+}
+
+#[test]
+fn shipped_pairs_come_before_synthetic_ones_and_absent_pairs_are_named() {
+    let desk = Desk::new();
+    let measure = |arguments: &[&str]| {
+        let quick = ["--repeats", "1", "--warmup", "0", "--outer-iterations", "5", "--no-fused", "--quiet"];
+        done(&desk.run(&[&quick[..], arguments].concat()))
+    };
+    desk.photographs(["data/heatsink/frame_15.png", "data/heatsink/frame_30.png"]);
+    let report: Value = serde_json::from_str(&measure(&["--json", "-o", "a.json"])).unwrap();
+    let runs = report["runs"].as_array().unwrap();
+    let scenes: Vec<&str> = runs.iter().map(|run| run["scene"].as_str().unwrap()).collect();
+    assert_eq!(scenes, ["heatsink", "synthetic", "synthetic"]);
+    assert!(!runs[0]["levels"].as_array().unwrap().is_empty() && runs[0]["converged"].is_boolean(), "{report}");
+    assert_eq!(report["absent"], serde_json::json!(["part"]));
+
+    fs::rename(desk.path("data"), desk.path("photographs")).unwrap();
+    let text = measure(&["--data", "photographs", "--sizes", "64x64", "--against", "a.json"]);
+    assert!(text.lines().nth(1).unwrap().starts_with("heatsink   80x64  unified"), "{text}");
+    assert!(text.contains("absent     part: give") && text.contains("\n  iterations "), "{text}");
+
+    let text = measure(&["--sizes", "64x64"]);
+    assert!(text.lines().nth(1).unwrap().starts_with("synthetic  64x64") && !text.contains("absent"), "{text}");
 }
 
 #[test]

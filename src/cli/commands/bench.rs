@@ -7,7 +7,7 @@ use std::str::FromStr;
 use parfocal::export::{FileKind, Registration};
 use parfocal::internals::bench::{self, Input, Options, Report};
 use parfocal::internals::evaluate::{self, Evaluation, Part};
-use parfocal::{Settings, image_io, settings::Method};
+use parfocal::{Settings, image_io, settings::Method, transform::Homography};
 
 use crate::cli::options::run::{EngineArguments, QuietArgument, ReportArguments};
 use crate::cli::options::settings::{KernelChoice, TableArguments};
@@ -16,15 +16,21 @@ use crate::cli::output::failure::{Failure, print};
 
 /// Measure the speed of solving pairs
 ///
-/// End to end, on the device, and pass by pass, with the bandwidth of a copy for comparison.
+/// Measures the photographs that the project ships, then synthetic pairs: iterations of each level, convergence, and the
+/// time end to end, on the device, and pass by pass, with the bandwidth of a copy for comparison.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
-    /// Sizes of synthetic pairs: WIDTHxHEIGHT, or NM for a square of N megapixels
-    #[arg(long, value_name = "SIZE,...", value_delimiter = ',', default_value = "512x512,1024x1024")]
+    /// Sizes of synthetic pairs: WIDTHxHEIGHT, or NM for a square of N megapixels [default: 512x512,1024x1024]
+    ///
+    /// With this option and without --data, no photographs are measured.
+    #[arg(long, value_name = "SIZE,...", value_delimiter = ',')]
     sizes: Vec<Size>,
-    /// A pair of photographs instead of synthetic pairs
-    #[arg(long, num_args = 2, value_names = ["I1", "I2"], conflicts_with = "sizes")]
+    /// Folder of the shipped pairs, heatsink and part; absent ones are named in the report [default: data]
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Measure only this pair of photographs
+    #[arg(long, num_args = 2, value_names = ["I1", "I2"], conflicts_with_all = ["sizes", "data"])]
     pair: Vec<PathBuf>,
     /// The registration of that pair for the method aligned, in a report.json or truth.json [default: identity]
     #[arg(long, value_name = "FILE", requires = "pair")]
@@ -121,31 +127,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     match report.refused.as_slice() {
         [] => Ok(()),
         refused => {
-            let why =
-                refused.iter().map(|r| format!("{}x{} {} {}: {}", r.width, r.height, r.method, r.kernel, r.error));
+            let why = refused.iter().map(|refused| format!("{}: {}", refused.case, refused.error));
             Err(Failure::Failed(why.collect::<Vec<_>>().join("; ")))
         }
     }
 }
 
 fn options(arguments: &Arguments) -> Result<Options, Failure> {
-    let settings = Settings {
-        fused: !arguments.no_fused,
-        decode: Options::default().settings.decode,
-        ..arguments.settings.0.clone()
-    };
+    let settings = Settings { fused: !arguments.no_fused, ..arguments.settings.0.clone() };
     settings.check()?;
-    let input = match arguments.pair.as_slice() {
-        [i1, i2] => Input::Pair(Box::new(image_io::read_pair(i1, i2)?.into())),
-        _ => Input::Synthetic(arguments.sizes.iter().map(|size| size.0).collect()),
-    };
-    let held = match &arguments.transform {
-        Some(file) => Registration::read(file)?.second().map_or(Options::default().held, |frame| frame.transform),
-        None => Options::default().held,
-    };
+    let (inputs, absent) = inputs(arguments)?;
     Ok(Options {
-        held,
-        input,
+        inputs,
+        absent,
         methods: arguments.methods.clone(),
         kernels: arguments.kernels.iter().map(KernelChoice::read).collect::<Result<_, _>>()?,
         settings,
@@ -153,6 +147,26 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
         repeats: arguments.repeats,
         traced: arguments.trace.is_some(),
     })
+}
+
+/// The pairs to measure, photographs first, and the names of the absent ones.
+fn inputs(arguments: &Arguments) -> Result<(Vec<Input>, Vec<String>), Failure> {
+    if let [i1, i2] = arguments.pair.as_slice() {
+        let stated = arguments.transform.as_deref().map(Registration::read).transpose()?;
+        let transform = stated.and_then(|stated| Some(stated.second()?.transform)).unwrap_or(Homography::IDENTITY);
+        let pair = Box::new(image_io::read_pair(i1, i2)?.into());
+        return Ok((vec![Input::Photographs { scene: "pair".to_string(), pair, transform }], Vec::new()));
+    }
+    let (mut inputs, absent) = match &arguments.data {
+        Some(data) => Input::shipped(data)?,
+        None if arguments.sizes.is_empty() => Input::shipped(&evaluate::Options::default().data)?,
+        None => Default::default(),
+    };
+    if arguments.sizes.is_empty() {
+        inputs.extend(Options::default().inputs);
+    }
+    inputs.extend(arguments.sizes.iter().map(|size| Input::Synthetic(size.0)));
+    Ok((inputs, absent))
 }
 
 /// Refuses output files that cannot be written or that are inputs.

@@ -1,17 +1,22 @@
-//! Benchmark: the time of solves by size, method and kernel, and the time and memory traffic of each pass compared with
-//! the bandwidth of a copy.
+//! Benchmark: the time and iterations of solves by pair, method and kernel, and the time and memory traffic of each
+//! pass compared with the bandwidth of a copy.
 //!
 //! ```no_run
-//! use parfocal::internals::bench::{self, Options};
+//! use std::path::Path;
+//!
+//! use parfocal::internals::bench::{self, Input, Options};
 //! use parfocal::EngineOptions;
 //!
+//! let (mut inputs, absent) = Input::shipped(Path::new("data"))?;
+//! inputs.push(Input::Synthetic([1000, 1000]));
+//! let options = Options { inputs, absent, ..Options::default() };
 //! let (engine, engine_ms) = bench::open(&EngineOptions::default())?;
-//! let measured = bench::run(&engine, engine_ms, &Options::default(), &mut |line| eprintln!("{line}"))?;
+//! let measured = bench::run(&engine, engine_ms, &options, &mut |line| eprintln!("{line}"))?;
 //! println!("{}", measured.report.table());
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! A size that the device cannot solve becomes a [`Refused`] of the report, and the other runs continue.
+//! A pair that the device cannot solve becomes a [`Refused`] of the report, and the other runs continue.
 
 mod report;
 mod synthetic;
@@ -19,30 +24,33 @@ mod table;
 mod timed;
 mod trace;
 
+use std::path::Path;
 use std::time::Instant;
 
-use crate::base::{Channels, Decode, Depth, Error, Format, Frame, Homography, Kernel, Method, Settings};
+use crate::base::{Channels, Depth, Error, Format, Frame, Homography, Kernel, Method, Settings, Similarity};
 use crate::engine::{Engine, EngineOptions, same_size};
+use crate::files::image_io;
 
 pub use report::{
-    Cold, DeviceReport, Dispatches, LevelReport, Memory, PassReport, Refused, Relaxation, Report, RunReport, Spread,
+    Case, Cold, DeviceReport, Dispatches, LevelReport, Memory, PassReport, Refused, Relaxation, Report, RunReport,
+    Spread,
 };
 pub use table::compare;
 pub use trace::Trace;
 
-/// The options of a benchmark: every size is measured with every method and kernel.
+/// The options of a benchmark: every pair is measured with every method and kernel.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// The pairs to solve.
-    pub input: Input,
+    /// The pairs to solve, in this order.
+    pub inputs: Vec<Input>,
+    /// The pairs that the report names as absent.
+    pub absent: Vec<String>,
     /// Methods of registration.
     pub methods: Vec<Method>,
     /// Kernels of the blur.
     pub kernels: Vec<Kernel>,
     /// All other settings.
     pub settings: Settings,
-    /// T for the method `aligned`. Ignored for synthetic pairs, since their T is known.
-    pub held: Homography,
     /// Number of solves after the first that are not measured.
     pub warmup: u32,
     /// Number of measured solves, at least one.
@@ -51,24 +59,31 @@ pub struct Options {
     pub traced: bool,
 }
 
-/// The pairs to solve.
+/// A pair to solve.
 #[derive(Clone, Debug)]
 pub enum Input {
-    /// Synthetic pairs of these widths and heights, pixels; grey, 16 bits.
-    Synthetic(Vec<[u32; 2]>),
-    /// One pair of photographs.
-    Pair(Box<[Frame; 2]>),
+    /// A synthetic pair of this width and height, pixels; grey, 16 bits.
+    Synthetic([u32; 2]),
+    /// Two photographs.
+    Photographs {
+        /// The name of the scene in the report.
+        scene: String,
+        /// I1 and I2.
+        pair: Box<[Frame; 2]>,
+        /// T for the method `aligned`.
+        transform: Homography,
+    },
 }
 
 impl Default for Options {
-    /// Two small sizes by the unified method, with one warm-up and five measured solves.
+    /// Two small synthetic pairs by the unified method, with one warm-up and five measured solves.
     fn default() -> Self {
         Self {
-            input: Input::Synthetic(vec![[512, 512], [1024, 1024]]),
+            inputs: vec![Input::Synthetic([512, 512]), Input::Synthetic([1024, 1024])],
+            absent: Vec::new(),
             methods: vec![Method::Unified],
             kernels: vec![Kernel::Auto],
-            settings: Settings { decode: Decode::None, ..Settings::default() },
-            held: Homography::IDENTITY,
+            settings: Settings::default(),
             warmup: 1,
             repeats: 5,
             traced: false,
@@ -102,28 +117,29 @@ pub fn open(options: &EngineOptions) -> Result<(Engine, f64), Error> {
 /// [`Error::Poisoned`] and [`Error::Vulkan`] if the bandwidth of a copy cannot be measured.
 pub fn run(engine: &Engine, engine_ms: f64, options: &Options, log: &mut dyn FnMut(&str)) -> Result<Measured, Error> {
     options.settings.check()?;
-    if let Input::Pair(pair) = &options.input {
-        let [i1, i2] = &**pair;
-        same_size([i1, i2])?;
+    for input in &options.inputs {
+        if let Input::Photographs { pair, .. } = input {
+            same_size(pair.each_ref())?;
+        }
     }
     log("copying, for the bandwidth");
     let copy = timed::copy_bandwidth(engine)?;
     let bandwidth = copy.as_ref().map(|copy| copy.median);
     let mut measured =
         Measured { report: Report::new(engine.info(), engine_ms, copy, options), trace: Trace::default() };
-    for size in options.input.sizes() {
+    for input in &options.inputs {
         let mut pair = None;
-        for settings in options.all_settings() {
-            let title = format!("{}x{} {} {}", size[0], size[1], settings.method.name(), settings.kernel.name());
-            log(&title);
-            match timed::run(engine, options, size, &settings, &mut pair, bandwidth) {
+        for settings in options.settings_for(input) {
+            let case = Case::new(input, &settings);
+            log(&case.to_string());
+            match timed::run(engine, options, input, &settings, &mut pair, bandwidth) {
                 Ok((run, profile)) => {
+                    measured.trace.add(&case.to_string(), input.size(), &profile);
                     measured.report.runs.push(run);
-                    measured.trace.add(&title, size, &profile);
                 }
                 Err(error) => {
-                    log(&format!("{title}: {error}"));
-                    measured.report.refused.push(Refused::new(size, &settings, &error));
+                    log(&format!("{case}: {error}"));
+                    measured.report.refused.push(Refused { case, error: error.to_string() });
                 }
             }
         }
@@ -132,15 +148,12 @@ pub fn run(engine: &Engine, engine_ms: f64, options: &Options, log: &mut dyn FnM
 }
 
 impl Options {
-    /// The settings of each run of a size.
-    fn all_settings(&self) -> impl Iterator<Item = Settings> {
+    /// The settings of each run of a pair.
+    fn settings_for(&self, input: &Input) -> impl Iterator<Item = Settings> {
         let of = |method, kernel: &Kernel| {
             let mut settings = Settings { method, kernel: kernel.clone(), ..self.settings.clone() };
             if method == Method::Aligned {
-                settings.start = match self.input {
-                    Input::Synthetic(_) => synthetic::transform().into(),
-                    Input::Pair(_) => self.held,
-                };
+                settings.start = input.transform();
             }
             settings
         };
@@ -148,26 +161,81 @@ impl Options {
     }
 }
 
+/// Name and files of the pairs that the project ships in its folder `data`, and the arguments of [`Similarity::new`]
+/// for their T.
+const SHIPPED: [(&str, [&str; 2], [f64; 4]); 2] = [
+    ("heatsink", ["heatsink/frame_15.png", "heatsink/frame_30.png"], [0.6, -0.14, 0.007, 1.0075]),
+    ("part", ["part/57/I1.png", "part/57/I2.png"], [1.079, -0.2264, 0.20474, 0.993613]),
+];
+
 impl Input {
-    fn sizes(&self) -> Vec<[u32; 2]> {
+    /// Reads the photographs that the project ships from its folder `data`. Also returns the names of the absent pairs.
+    ///
+    /// # Errors
+    /// As [`image_io::read_pair`], if the files of a pair exist.
+    pub fn shipped(data: &Path) -> Result<(Vec<Self>, Vec<String>), Error> {
+        let (mut inputs, mut absent) = (Vec::new(), Vec::new());
+        for (scene, files, [tx, ty, rotation_deg, scale]) in SHIPPED {
+            let [i1, i2] = files.map(|file| data.join(file));
+            if i1.is_file() && i2.is_file() {
+                let pair = Box::new(image_io::read_pair(&i1, &i2)?.into());
+                let transform = Similarity::new(tx, ty, rotation_deg, scale).into();
+                inputs.push(Self::Photographs { scene: scene.to_string(), pair, transform });
+            } else {
+                absent.push(scene.to_string());
+            }
+        }
+        Ok((inputs, absent))
+    }
+
+    fn scene(&self) -> &str {
         match self {
-            Self::Synthetic(sizes) => sizes.clone(),
-            Self::Pair(pair) => vec![[pair[0].width(), pair[0].height()]],
+            Self::Synthetic(_) => report::SYNTHETIC,
+            Self::Photographs { scene, .. } => scene,
+        }
+    }
+
+    fn size(&self) -> [u32; 2] {
+        match self {
+            Self::Synthetic(size) => *size,
+            Self::Photographs { pair, .. } => [pair[0].width(), pair[0].height()],
         }
     }
 
     fn formats(&self) -> [Format; 2] {
         match self {
             Self::Synthetic(_) => [Format { channels: Channels::Gray, depth: Depth::U16 }; 2],
-            Self::Pair(pair) => [pair[0].format(), pair[1].format()],
+            Self::Photographs { pair, .. } => [pair[0].format(), pair[1].format()],
         }
     }
 
-    /// The pair of a size.
-    fn pair(&self, size: [u32; 2]) -> Result<[Frame; 2], Error> {
+    fn transform(&self) -> Homography {
         match self {
-            Self::Synthetic(_) => synthetic::pair(size).map_err(Error::Mismatch),
-            Self::Pair(pair) => Ok((**pair).clone()),
+            Self::Synthetic(_) => synthetic::transform().into(),
+            Self::Photographs { transform, .. } => *transform,
         }
+    }
+
+    fn pair(&self) -> Result<[Frame; 2], Error> {
+        match self {
+            Self::Synthetic(size) => synthetic::pair(*size).map_err(Error::Mismatch),
+            Self::Photographs { pair, .. } => Ok((**pair).clone()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_pairs_are_found_and_absent_ones_are_named() {
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
+        let (inputs, absent) = Input::shipped(&data).unwrap();
+        let found: Vec<(&str, [u32; 2])> = inputs.iter().map(|input| (input.scene(), input.size())).collect();
+        assert_eq!((found, absent), (vec![("heatsink", [1920, 1080]), ("part", [640, 512])], Vec::new()));
+        let (inputs, absent) = Input::shipped(&data.join("part")).unwrap();
+        assert!(inputs.is_empty());
+        assert_eq!(absent, ["heatsink", "part"]);
     }
 }

@@ -1,5 +1,6 @@
 //! The report of a benchmark, as JSON.
 
+use std::fmt;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -20,8 +21,6 @@ pub struct Report {
     pub version: String,
     /// The device.
     pub device: DeviceReport,
-    /// The kind of pairs: "synthetic" or "pair".
-    pub input: String,
     /// Number of solves after the first that were not measured.
     pub warmup: u32,
     /// Number of measured solves.
@@ -34,7 +33,10 @@ pub struct Report {
     pub copy_gb_per_s: Option<Spread>,
     /// Duration of opening the device, cold.
     pub engine_ms: f64,
-    /// A run for each size, method and kernel.
+    /// The shipped pairs that were not found.
+    #[serde(default)]
+    pub absent: Vec<String>,
+    /// A run for each pair, method and kernel, in the order of the options.
     pub runs: Vec<RunReport>,
     /// The runs that failed.
     #[serde(default)]
@@ -65,9 +67,15 @@ pub struct Spread {
     pub samples: Vec<f64>,
 }
 
-/// One run of a size, method and kernel.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RunReport {
+/// The scene of the synthetic pairs.
+pub(super) const SYNTHETIC: &str = "synthetic";
+
+/// The pair, method and kernel of a run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Case {
+    /// The scene: "synthetic", the name of a shipped pair, or "pair". A report without it is of synthetic pairs.
+    #[serde(default = "synthetic")]
+    pub scene: String,
     /// Pixels per row.
     pub width: u32,
     /// Rows.
@@ -76,6 +84,18 @@ pub struct RunReport {
     pub method: String,
     /// The kernel's name.
     pub kernel: String,
+}
+
+fn synthetic() -> String {
+    SYNTHETIC.to_string()
+}
+
+/// One run of a pair, method and kernel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunReport {
+    /// What was solved.
+    #[serde(flatten)]
+    pub case: Case,
     /// Duration of a warm solve from frames to borrowed results.
     pub solve_ms: Spread,
     /// Duration from submission to the end of the device's work.
@@ -90,6 +110,9 @@ pub struct RunReport {
     pub memory: Memory,
     /// Dispatches of one solve.
     pub dispatches: Dispatches,
+    /// Whether the solve converged; absent in reports before this field existed.
+    #[serde(default)]
+    pub converged: Option<bool>,
     /// The levels, coarse to fine.
     pub levels: Vec<LevelReport>,
     /// The red-black relaxation.
@@ -166,14 +189,9 @@ pub struct PassReport {
 /// A run that failed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refused {
-    /// Pixels per row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// The method's name.
-    pub method: String,
-    /// The kernel's name.
-    pub kernel: String,
+    /// What was to be solved.
+    #[serde(flatten)]
+    pub case: Case,
     /// The reason, a sentence.
     pub error: String,
 }
@@ -181,20 +199,16 @@ pub struct Refused {
 impl Report {
     /// A report without runs.
     pub(super) fn new(device: &DeviceInfo, engine_ms: f64, copy_gb_per_s: Option<Spread>, options: &Options) -> Self {
-        let input = match options.input {
-            Input::Synthetic(_) => "synthetic",
-            Input::Pair(_) => "pair",
-        };
         Self {
             version: env!("CARGO_PKG_VERSION").to_string(),
             device: DeviceReport { device: device.into(), subgroup_size: device.subgroup_size },
-            input: input.to_string(),
             warmup: options.warmup,
             repeats: options.repeats.max(1),
             outer_iterations: options.settings.outer_iterations,
             relaxation_sweeps: options.settings.relaxation_sweeps,
             copy_gb_per_s,
             engine_ms,
+            absent: options.absent.clone(),
             runs: Vec::new(),
             refused: Vec::new(),
         }
@@ -246,10 +260,18 @@ impl Spread {
     }
 }
 
-impl Refused {
-    pub(super) fn new([width, height]: [u32; 2], settings: &Settings, error: &Error) -> Self {
+impl Case {
+    pub(super) fn new(input: &Input, settings: &Settings) -> Self {
+        let [width, height] = input.size();
         let (method, kernel) = (settings.method.name().to_string(), settings.kernel.name().to_string());
-        Self { width, height, method, kernel, error: error.to_string() }
+        Self { scene: input.scene().to_string(), width, height, method, kernel }
+    }
+}
+
+impl fmt::Display for Case {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { scene, width, height, method, kernel } = self;
+        write!(f, "{scene} {width}x{height} {method} {kernel}")
     }
 }
 

@@ -1,6 +1,6 @@
 //! Formats a report as text, and compares two reports.
 
-use super::{Refused, Report, RunReport, Spread};
+use super::{Case, Refused, Report, RunReport, Spread};
 
 /// The text for a missing value.
 const DASH: &str = "-";
@@ -48,36 +48,62 @@ fn lines(indent: &str, facts: &[(&str, String)]) -> String {
 }
 
 impl Report {
-    /// The report as text, without a newline at its end.
+    /// The report as text, without a newline at its end: a row for each run, the device, and the details of each run.
     pub fn table(&self) -> String {
         let device = &self.device.device;
-        let facts = [
+        let mut facts = vec![
             ("device", format!("{} ({}), subgroups of {}", device.name, device.driver, self.device.subgroup_size)),
             ("copy", format!("{} GB/s", spread(self.copy_gb_per_s.as_ref()))),
             ("engine", format!("{} ms, cold", number(self.engine_ms))),
-            ("input", self.input.clone()),
             (
                 "solves",
                 format!("{}, after the first and {} more: median (least to greatest)", self.repeats, self.warmup),
             ),
         ];
-        let mut text = lines("", &facts);
-        for run in &self.runs {
-            text += &format!("\n\n{}", run.table());
+        if !self.absent.is_empty() {
+            facts.push(("absent", format!("{}: give their folder with --data", self.absent.join(", "))));
         }
-        for refused in &self.refused {
-            let Refused { width, height, method, kernel, error } = refused;
-            text += &format!("\n\n{width}x{height} {method} {kernel}: {error}");
+        let mut rows = vec![row([
+            "scene",
+            "size",
+            "method",
+            "kernel",
+            "solve, ms",
+            "Mpx/s",
+            "iterations, coarse to fine",
+            "converged",
+        ])];
+        rows.extend(self.runs.iter().map(RunReport::row));
+        let mut text = format!("{}\n\n{}", aligned(&rows), lines("", &facts));
+        for run in &self.runs {
+            text += &format!("\n\n{}", run.details());
+        }
+        for Refused { case, error } in &self.refused {
+            text += &format!("\n\n{case}: {error}");
         }
         text
     }
 }
 
 impl RunReport {
-    fn table(&self) -> String {
-        let levels = self.levels.iter().map(|l| l.iterations.to_string()).collect::<Vec<_>>().join(" ");
+    /// The iterations of each level, coarse to fine.
+    fn iterations(&self) -> String {
+        self.levels.iter().map(|l| l.iterations.to_string()).collect::<Vec<_>>().join(" ")
+    }
+
+    fn converged(&self) -> &'static str {
+        self.converged.map_or(DASH, |converged| if converged { "yes" } else { "no" })
+    }
+
+    fn row(&self) -> Vec<String> {
+        let Case { scene, width, height, method, kernel } = &self.case;
+        let [solve, rate] = [spread(Some(&self.solve_ms)), number(self.mpx_per_s)];
+        let (iterations, converged) = (self.iterations(), self.converged());
+        row([scene, &format!("{width}x{height}"), method, kernel, &solve, &rate, &iterations, converged])
+    }
+
+    fn details(&self) -> String {
         let facts = [
-            ("solve", format!("{} ms, {} Mpx/s", spread(Some(&self.solve_ms)), number(self.mpx_per_s))),
             ("device", format!("{} ms, {} Mpx/s", spread(self.device_ms.as_ref()), number(self.device_mpx_per_s))),
             (
                 "cold",
@@ -92,7 +118,6 @@ impl RunReport {
                 ),
             ),
             ("dispatches", format!("{} of {} recorded", self.dispatches.executed, self.dispatches.recorded)),
-            ("iterations", format!("{levels} (coarse to fine)")),
             (
                 "relaxation",
                 self.relaxation.map_or(DASH.to_string(), |r| {
@@ -112,52 +137,45 @@ impl RunReport {
                 percent(p.share_of_copy),
             ]
         }));
-        format!("{}\n{facts}\n{}", name(self), aligned(&rows))
+        format!("{}\n{facts}\n{}", self.case, aligned(&rows))
     }
 }
 
 /// A table of the ratios new/old of all runs that both reports contain, without a newline at its end. A ratio above 1
 /// means slower.
 ///
-/// It has the time end to end and on the device, each with the least and the greatest ratio of the samples, and the
-/// median of every pass. Runs that only one report contains are named.
+/// It has the time end to end and on the device, each with the least and the greatest ratio of the samples, the
+/// iterations of each level, convergence, and the time of every pass. Runs that only one report contains are named.
 pub fn compare(old: &Report, new: &Report) -> String {
-    let mut rows = vec![row(["", "old ms", "new ms", "new/old", "least", "greatest"])];
+    let mut rows = vec![row(["times in ms", "old", "new", "new/old", "least", "greatest"])];
     let mut notes: Vec<String> = Vec::new();
     for run in &new.runs {
-        match old.runs.iter().find(|earlier| same(earlier, run)) {
+        match old.runs.iter().find(|earlier| earlier.case == run.case) {
             Some(earlier) => rows.extend(pair(earlier, run)),
-            None => notes.push(format!("only in the new report: {}", name(run))),
+            None => notes.push(format!("only in the new report: {}", run.case)),
         }
     }
-    let missing = old.runs.iter().filter(|run| !new.runs.iter().any(|later| same(run, later)));
-    notes.extend(missing.map(|run| format!("only in the old report: {}", name(run))));
+    let missing = old.runs.iter().filter(|run| !new.runs.iter().any(|later| later.case == run.case));
+    notes.extend(missing.map(|run| format!("only in the old report: {}", run.case)));
     if old.device != new.device {
         let [a, b] = [old, new].map(|r| format!("{} ({})", r.device.device.name, r.device.device.driver));
         notes.push(format!("the devices differ: {a}, then {b}"));
     }
-    let options = [old, new].map(|r| (&r.input, r.outer_iterations, r.relaxation_sweeps));
+    let options = [old, new].map(|r| (r.outer_iterations, r.relaxation_sweeps));
     if options[0] != options[1] {
-        notes.push("the reports differ in input, outer iterations or relaxation sweeps".to_string());
+        notes.push("the reports differ in outer iterations or relaxation sweeps".to_string());
     }
     std::iter::once(aligned(&rows)).chain(notes).collect::<Vec<_>>().join("\n")
 }
 
-fn same(a: &RunReport, b: &RunReport) -> bool {
-    (a.width, a.height, &a.method, &a.kernel) == (b.width, b.height, &b.method, &b.kernel)
-}
-
-/// The name of a run.
-fn name(run: &RunReport) -> String {
-    format!("{}x{} {} {}", run.width, run.height, run.method, run.kernel)
-}
-
 /// The rows of one run.
 fn pair(old: &RunReport, new: &RunReport) -> Vec<Vec<String>> {
-    let mut rows = vec![vec![name(new)], compare_spreads("solve", &old.solve_ms, &new.solve_ms)];
+    let mut rows = vec![vec![new.case.to_string()], compare_spreads("solve", &old.solve_ms, &new.solve_ms)];
     if let (Some(old), Some(new)) = (&old.device_ms, &new.device_ms) {
         rows.push(compare_spreads("device", old, new));
     }
+    rows.push(row(["  iterations", &old.iterations(), &new.iterations()]));
+    rows.push(row(["  converged", old.converged(), new.converged()]));
     for pass in &new.passes {
         if let Some(earlier) = old.passes.iter().find(|p| p.name == pass.name) {
             let cells = [number(earlier.ms), number(pass.ms), ratio(pass.ms, earlier.ms)];
@@ -205,7 +223,8 @@ mod tests {
             "width": width, "height": 64, "method": "unified", "kernel": "gaussian", "solve_ms": spread,
             "device_ms": spread, "mpx_per_s": 1.0, "cold": { "prepare_ms": 1.0, "first_ms": 1.0 },
             "memory": { "device_bytes_per_px": 1.0, "host_bytes_per_px": 1.0 },
-            "dispatches": { "recorded": 1, "executed": 1 }, "levels": [],
+            "dispatches": { "recorded": 1, "executed": 1 },
+            "levels": ([12, 8].map(|n| json!({ "width": 32, "height": 32, "iterations": n }))),
             "passes": [{ "name": "relax", "ms": relax, "dispatches": 1, "bytes": 1, "gb_per_s": 1.0 }],
         });
         serde_json::from_value(run).unwrap()
@@ -214,7 +233,7 @@ mod tests {
     fn report(runs: Vec<RunReport>) -> Report {
         let report = json!({
             "version": "", "device": { "name": "d", "driver": "v", "uuid": "", "subgroup_size": 8 },
-            "input": "synthetic", "warmup": 1, "repeats": 3, "outer_iterations": 20, "relaxation_sweeps": 5,
+            "warmup": 1, "repeats": 3, "outer_iterations": 20, "relaxation_sweeps": 5,
             "engine_ms": 1.0, "runs": runs,
         });
         serde_json::from_value(report).unwrap()
@@ -226,13 +245,31 @@ mod tests {
     }
 
     #[test]
+    fn a_row_has_iterations_and_convergence() {
+        let mut part = run(64, [1.0; 3], 1.0);
+        (part.case.scene, part.converged) = ("part".to_string(), Some(false));
+        let report = Report { absent: vec!["heatsink".to_string()], ..report(vec![part, run(32, [1.0; 3], 1.0)]) };
+        let text = report.table();
+        let rows: Vec<Vec<&str>> = text.lines().skip(1).take(2).map(|line| line.split_whitespace().collect()).collect();
+        for (row, [scene, size, converged]) in rows.iter().zip([["part", "64x64", "no"], ["synthetic", "32x64", "-"]]) {
+            assert_eq!(
+                (row[..2].to_vec(), row[row.len() - 3..].to_vec()),
+                (vec![scene, size], vec!["12", "8", converged])
+            );
+        }
+        assert!(text.contains("absent     heatsink: give"), "{text}");
+    }
+
+    #[test]
     fn ratios_are_new_divided_by_old_with_the_spread_of_the_samples() {
         let old = report(vec![run(64, [9.0, 10.0, 12.0], 4.0), run(32, [1.0; 3], 1.0)]);
         let new = report(vec![run(64, [18.0, 20.0, 24.0], 2.0), run(128, [1.0; 3], 0.0)]);
         let text = compare(&old, &new);
         assert_eq!(cells(&text, "solve"), ["10.0", "20.0", "2.00", "1.50", "2.67"]);
         assert_eq!(cells(&text, "relax"), ["4.00", "2.00", "0.50"]);
-        assert!(text.contains("only in the new report: 128x64") && text.contains("only in the old report: 32x64"));
+        assert_eq!(cells(&text, "iterations"), ["12", "8", "12", "8"]);
+        let only = |report, width| text.contains(&format!("only in the {report} report: synthetic {width}x64"));
+        assert!(only("new", 128) && only("old", 32), "{text}");
         assert!(!text.contains("differ"), "{text}");
     }
 
@@ -242,6 +279,7 @@ mod tests {
         let text = compare(&one, &one);
         assert_eq!(cells(&text, "solve")[2..], ["1.00", "1.00", "1.00"]);
         assert_eq!(cells(&text, "relax"), ["0", "0", "-"]);
+        assert_eq!(cells(&text, "converged"), ["-", "-"]);
         let mut other = one.clone();
         (other.device.device.name, other.relaxation_sweeps) = ("e".to_string(), 6);
         let text = compare(&one, &other);

@@ -1,10 +1,10 @@
-//! One run of a size, method and kernel: a cold solve, warm-ups, and measured solves. Also measures the bandwidth of a
+//! One run of a pair, method and kernel: a cold solve, warm-ups, and measured solves. Also measures the bandwidth of a
 //! copy.
 
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::{Cold, Dispatches, LevelReport, Memory, Options, PassReport, Relaxation, RunReport, Spread};
+use super::{Case, Cold, Dispatches, Input, LevelReport, Memory, Options, PassReport, Relaxation, RunReport, Spread};
 use crate::base::{CancellationToken, Error, Frame, Settings};
 use crate::engine::arguments;
 use crate::engine::record::{Profile, Reading};
@@ -19,25 +19,24 @@ const RELAX: [&str; 2] = ["relax", "relax_level"];
 
 /// Measures one run. An additional solve with device timestamps measures the passes.
 ///
-/// Each solver is dropped before the next is prepared, to free its memory. `pair` is the pair of this size, which is
-/// made here once the size is known to fit. `copy` is the bandwidth of a copy, 10⁹ bytes per second.
+/// Each solver is dropped before the next is prepared, to free its memory. `pair` holds the frames of the
+/// input, which are made here once the size is known to fit. `copy` is the bandwidth of a copy, 10⁹ bytes per second.
 pub(super) fn run(
     engine: &Engine,
     options: &Options,
-    [width, height]: [u32; 2],
+    input: &Input,
     settings: &Settings,
     pair: &mut Option<[Frame; 2]>,
     copy: Option<f64>,
 ) -> Result<(RunReport, Profile), Error> {
-    let size = [width, height];
-    let prepare =
-        |reading| PreparedSolver::new(engine, size, options.input.formats(), settings, 1, Some(false), reading);
+    let size = input.size();
+    let prepare = |reading| PreparedSolver::new(engine, size, input.formats(), settings, 1, Some(false), reading);
     let started = Instant::now();
     let mut solver = prepare(Reading::Never)?;
     let prepare_ms = milliseconds(started);
     let [i1, i2] = match pair {
         Some(pair) => pair,
-        None => pair.insert(options.input.pair(size)?),
+        None => pair.insert(input.pair()?),
     };
     let cancel = CancellationToken::default();
     let pair_options = PairOptions::new(None, &cancel, &|_| ());
@@ -62,14 +61,11 @@ pub(super) fn run(
     let passes = last.findings.timings.passes_ms.iter().map(|&(name, ms)| pass(&profile, name, ms, copy));
     let passes: Vec<PassReport> = passes.collect();
     let (device_bytes, host_bytes) = solver.plan().bytes();
-    let pixels = f64::from(width) * f64::from(height);
+    let pixels = size.map(f64::from).iter().product::<f64>();
     let solve_ms = Spread::of(&solve_ms).unwrap_or_default();
     let device_ms = Spread::of(&device_ms);
     let report = RunReport {
-        width,
-        height,
-        method: settings.method.name().to_string(),
-        kernel: settings.kernel.name().to_string(),
+        case: Case::new(input, settings),
         mpx_per_s: pixels * 1e-6 / solve_ms.median * 1e3,
         device_mpx_per_s: device_ms.as_ref().map(|ms| pixels * 1e-6 / ms.median * 1e3),
         solve_ms,
@@ -81,6 +77,7 @@ pub(super) fn run(
         },
         dispatches: Dispatches { recorded: profile.dispatches.len(), executed: profile.executed().count() },
         relaxation: relaxation(&levels, settings.relaxation_sweeps, &passes, copy),
+        converged: Some(last.findings.converged),
         levels,
         passes,
     };
