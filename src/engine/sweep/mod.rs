@@ -227,7 +227,11 @@ impl JointSolver {
 
 /// Reports the progress over levels and parts of this work, in pixels of their iterations, after each iteration.
 fn counter<'a>(work: &[u64], report: &'a mut dyn FnMut(Progress)) -> impl FnMut(u64, bool) + use<'a> {
-    let ends: Vec<u64> = work.iter().scan(0, |sum, work| Some(*sum += work).map(|()| *sum)).collect();
+    let add = |sum: &mut u64, work: &u64| {
+        *sum += work;
+        Some(*sum)
+    };
+    let ends: Vec<u64> = work.iter().scan(0, add).collect();
     let all = ends.last().copied().unwrap_or(1) as f64;
     let (mut done, mut worked) = (0, 0);
     move |pixels, ends_level| {
