@@ -271,7 +271,7 @@ mod tests {
         for part in [
             "\nlevels = \"auto\"\n",
             "\nregularization = \"auto\"\n",
-            "\nover-relaxation = 1.8\n",
+            "\nover-relaxation = 1.3\n",
             "\nhold = false\n",
             "\n# transform = \"FILE\"\n",
             "(unified: Registration together with the blur",

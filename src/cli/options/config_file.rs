@@ -269,7 +269,7 @@ mod tests {
         let found = solve(text, &["--relaxation-sweeps", "9"]).unwrap();
         assert_eq!(found.get_one::<u32>("relaxation_sweeps"), Some(&9));
         assert_eq!(found.get_one::<u32>("outer_iterations"), Some(&33));
-        assert_eq!(found.get_one::<f64>("over_relaxation"), Some(&1.8));
+        assert_eq!(found.get_one::<f64>("over_relaxation"), Some(&1.3));
         assert!(found.get_flag("no_photometric") && !found.get_flag("hold"));
     }
 

@@ -88,7 +88,7 @@ mod tests {
             d.data.iter_mut().step_by(3).for_each(|d| *d = 0.0);
             let [width, height] = [width as u32, height as u32];
             let constants = Constants { width, height, largest_step: 0.4, relative_step: 0.6, limit: 0.9, share: 0.5 };
-            let state = State { variance: 200.0, ..State::new(&DoubleState::default().registration) };
+            let state = State { variance: 5.0, ..State::new(&DoubleState::default().registration) };
             let rig = Rig::new();
             let images = [&half(&change, 0), &half(&change, 1), &v, &d].map(|f| rig.field(f));
             let buffer = rig.upload(bytemuck::bytes_of(&state));

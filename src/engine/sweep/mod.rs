@@ -357,7 +357,8 @@ mod tests {
         let (input, cancel) = (input(&sweep, None), CancellationToken::default());
         let alone = solver.register(&sweep.frames, &input, &cancel, &mut |progress| reports.push(progress)).unwrap();
         assert_eq!(alone, run(&mut solver, &sweep, None).unwrap().registration);
-        assert_eq!(reports.iter().map(|p| (p.done, p.total, p.share)).collect::<Vec<_>>(), [(1, 1, 1.0)]);
+        let shares = [(0, 1, 0.25), (0, 1, 0.5), (0, 1, 0.75), (1, 1, 1.0)];
+        assert_eq!(reports.iter().map(|p| (p.done, p.total, p.share)).collect::<Vec<_>>(), shares);
     }
 
     #[test]
