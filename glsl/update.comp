@@ -21,7 +21,7 @@ layout(push_constant) uniform Constants {
 
 // A pixel moves if its step is more than the first share of its standard deviation, and far if more than the second.
 const float STILL = 0.1, FAR = 0.5;
-// The share of the independent pixels, 1/(4π 4²), and the square of the factor of the standard deviation, 1.8.
+// Of the standard deviation: 1/(4π 4²), the window's effective pixels, and the square of its factor 1.8.
 const float INDEPENDENT = 0.004973592, WIDER = 3.24;
 
 bool moves(float change, float d, float share_of_deviation) {

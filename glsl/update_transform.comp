@@ -27,7 +27,7 @@ layout(push_constant) uniform Constants {
     float half_width, half_height;   // from the centre to a corner, pixels
     int finds_alpha;
     float share;                     // of the step that is taken
-    float steady;                    // or if x N x is less than this times Σ b² / Σ D: by less than T's standard deviation
+    float steady;                    // or its step by less than a share of T's standard deviation: x N x over Σ b² / Σ D
     float flatness;                  // a level settles only if the energy changes by no more than this share
     float most_moving;               // a level settles only if the latest step moved no more than this share of the pixels,
     float most_far;                  // and no more than this share far

@@ -81,7 +81,7 @@ impl fmt::Debug for CancellationToken {
     }
 }
 
-/// The progress of a solve, after some iterations or a part of it.
+/// The progress of a solve, after a few iterations of a pair, an iteration of a sweep, or a part of a large pair.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     /// Levels done, or parts of a large pair. By the method appearance levels of the registration count too.

@@ -324,9 +324,9 @@ settings! {
     /// states what it found.
     regularization: Option<f64> = None, 1e-6 to 10, flag "Relative blur V" "A|auto";
     /// Outer iterations on each level, at most.
-    /// A level stops once it has settled, usually after 5 to 20.
+    /// A level stops once it has settled, usually after 4 to 24.
     outer_iterations: u32 = 100, 5 to 1000, flag "Relative blur V" "N";
-    /// Red-black relaxation sweeps in each outer iteration.
+    /// Red-black relaxation sweeps in each outer iteration, on each grid but the coarsest.
     relaxation_sweeps: u32 = 3, 1 to 100, flag "Relative blur V" "N";
     /// Shape of the blur.
     /// auto finds where it lies between a Gaussian and a disk.
@@ -337,7 +337,7 @@ settings! {
     fused: bool = true;
     /// Over-relaxation ω.
     over_relaxation: f64 = 1.3, 0.01 to 1.99, flag "Fine tuning" "W";
-    /// On each level α starts 1 + C times too large.
+    /// On the coarsest level α starts 1 + C times too large.
     continuation: f64 = 10.0, 0 to 1000, flag "Fine tuning" "C";
     /// η of the data term's modified L1 norm.
     data_eta: f64 = 0.01, 1e-4 to 1 "intensity", flag "Fine tuning" "E";

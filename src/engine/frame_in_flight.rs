@@ -300,10 +300,10 @@ impl FrameInFlight {
             // A progress that cannot be read is shown as that of a level that goes on.
             let next = (part..parts).find_map(level_of);
             let settles = is_settled(next).unwrap_or(false);
-            let ran = level_of(part).is_none() || !was_settled;
+            let ran = !counter.is_optional(part) || !was_settled;
             was_settled = settles;
             let latest = counter.after(part, ran, !settles);
-            if ran || script.parts[part].level_done.is_some() {
+            if latest.total > 0 && (ran || script.parts[part].level_done.is_some()) {
                 progress(latest);
             }
         })?;

@@ -1,7 +1,7 @@
 //! The progress of a solve: the share of its work that is done.
 //!
 //! Work is the compulsory traffic of the dispatches, which time follows. How many iterations a level will need is not
-//! known before: at first the coarsest level counts as ten and the others as six; then as many as the level before.
+//! known before: a few more than its first part has, then as many as the level before.
 
 use super::script::{Action, Script};
 use crate::base::Progress;
@@ -52,6 +52,11 @@ impl WorkCounter {
             levels_done.push(done);
         }
         Self { parts: list, levels_done, done: 0.0, ran: 0, expected: EXPECTED, share: 0.0 }
+    }
+
+    /// Whether a part is skipped once its level has settled.
+    pub(crate) fn is_optional(&self, n: usize) -> bool {
+        self.parts[n].is_optional
     }
 
     /// The progress once part n is over. `ran`: it was not skipped; `goes_on`: its level has not settled.

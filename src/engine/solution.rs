@@ -3,6 +3,7 @@
 use std::ops::{Deref, DerefMut};
 
 use super::motion::OtherMotion;
+use super::script::MOST_MOVING;
 use super::stages::state::State;
 use super::stages::uncertainty::LARGEST;
 use crate::base::{Brightness, Channels, Error, Homography, Photometric, Region, Settings, Shading, centre, workers};
@@ -412,6 +413,15 @@ fn numbers_doubt(state: &State) -> Option<String> {
     (!finite).then(|| "the solve ran out of numbers: bring the images nearer to 0 to 1".to_string())
 }
 
+/// What moves when a level is stopped, by the share of the pixels that the last step moved.
+fn still_moving(share: f32) -> String {
+    if share > MOST_MOVING {
+        format!("{:.0} % of the pixels still changing", 100.0 * share.min(1.0))
+    } else {
+        "the registration or depth edges still changing".to_string()
+    }
+}
+
 /// A doubt about the registration, if there is one.
 fn registration_doubt(state: &State) -> Option<String> {
     let finest = &state.levels[0];
@@ -427,9 +437,9 @@ fn registration_doubt(state: &State) -> Option<String> {
         ))
     } else if finest.iterations > 0 && finest.settled == 0 {
         Some(format!(
-            "stopped after {} outer iterations on the finest level, with {:.0} % of the pixels still changing: allow more iterations, or more levels if fewer than auto were asked for",
+            "stopped after {} outer iterations on the finest level, with {}: allow more iterations, or more levels if fewer than auto were asked for",
             finest.iterations,
-            100.0 * finest.moving.min(1.0)
+            still_moving(finest.moving)
         ))
     } else {
         None

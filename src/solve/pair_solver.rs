@@ -25,7 +25,7 @@ pub struct SolveOptions {
     pub crop_valid: bool,
     /// Cancels the solve.
     pub cancel: CancellationToken,
-    /// A function that is called after each level or part, by the thread that solves.
+    /// A function that is called after every few iterations or each part, by the thread that solves.
     pub progress: Option<Arc<dyn Fn(Progress) + Send + Sync>>,
 }
 

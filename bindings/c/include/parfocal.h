@@ -200,13 +200,13 @@ typedef struct {
   uint32_t levels;
   // Maximum iterations per level, 5 to 1000.
   uint32_t outer_iterations;
-  // Relaxation sweeps per outer iteration, 1 to 100.
+  // Relaxation sweeps per outer iteration on each grid but the coarsest, 1 to 100.
   uint32_t relaxation_sweeps;
   // Over-relaxation, 0.01 to 1.99.
   double over_relaxation;
   // Smoothness weight, 1e-6 to 10. 0: estimated on each level.
   double regularization;
-  // The smoothness weight starts larger by the factor 1 + continuation, 0 to 1000.
+  // The smoothness weight of the coarsest level starts larger by the factor 1 + continuation, 0 to 1000.
   double continuation;
   // Robustness scale of the data term, intensities, 1e-4 to 1.
   double data_eta;
@@ -216,7 +216,7 @@ typedef struct {
   double heaviside_epsilon;
   // Limit of |V|, px², 1 to 256.
   double max_relative_blur;
-  // Limit of the change of V per iteration, px² of the level, 0.01 to 100.
+  // Limit of the change of V per step, px² of the level, 0.01 to 100; a quarter of |V| where that is more.
   double largest_step;
   // Samples up to this stored value count as clipped at black. NaN: 0 for integers, none for floats.
   double black_level;
@@ -267,7 +267,7 @@ typedef struct {
   uint32_t height;
 } parfocal_region;
 
-// Called after each level by the solving thread, with the share of the solve that is done, 0 to 1. A result other than 0
+// Called after every few iterations by the solving thread, with the share of the solve that is done, 0 to 1. A result other than 0
 // cancels the solve. With handles of the same call it may only call parfocal_cancellation_token_cancel. It must return: no
 // exception and no longjmp may leave it.
 typedef int32_t (*parfocal_progress)(void *context, double done);

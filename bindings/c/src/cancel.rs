@@ -42,7 +42,7 @@ pub unsafe extern "C" fn parfocal_cancellation_token_free(cancel: *mut parfocal_
     unsafe { free(cancel) };
 }
 
-/// Called after each level by the solving thread, with the share of the solve that is done, 0 to 1. A result other than 0
+/// Called after every few iterations by the solving thread, with the share of the solve that is done, 0 to 1. A result other than 0
 /// cancels the solve. With handles of the same call it may only call parfocal_cancellation_token_cancel. It must return: no
 /// exception and no longjmp may leave it.
 pub type parfocal_progress = Option<unsafe extern "C" fn(context: *mut c_void, done: f64) -> i32>;

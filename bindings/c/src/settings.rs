@@ -94,13 +94,13 @@ pub struct parfocal_settings {
     pub levels: u32,
     /// Maximum iterations per level, 5 to 1000.
     pub outer_iterations: u32,
-    /// Relaxation sweeps per outer iteration, 1 to 100.
+    /// Relaxation sweeps per outer iteration on each grid but the coarsest, 1 to 100.
     pub relaxation_sweeps: u32,
     /// Over-relaxation, 0.01 to 1.99.
     pub over_relaxation: f64,
     /// Smoothness weight, 1e-6 to 10. 0: estimated on each level.
     pub regularization: f64,
-    /// The smoothness weight starts larger by the factor 1 + continuation, 0 to 1000.
+    /// The smoothness weight of the coarsest level starts larger by the factor 1 + continuation, 0 to 1000.
     pub continuation: f64,
     /// Robustness scale of the data term, intensities, 1e-4 to 1.
     pub data_eta: f64,
@@ -110,7 +110,7 @@ pub struct parfocal_settings {
     pub heaviside_epsilon: f64,
     /// Limit of |V|, px², 1 to 256.
     pub max_relative_blur: f64,
-    /// Limit of the change of V per iteration, px² of the level, 0.01 to 100.
+    /// Limit of the change of V per step, px² of the level, 0.01 to 100; a quarter of |V| where that is more.
     pub largest_step: f64,
     /// Samples up to this stored value count as clipped at black. NaN: 0 for integers, none for floats.
     pub black_level: f64,

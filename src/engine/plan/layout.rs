@@ -281,6 +281,11 @@ impl Plan {
             let limit = format!("{} for a buffer", mib(info.max_storage_buffer));
             return Err(self.too_large(info, "one photograph", mib(upload), limit));
         }
+        let grids = 4 * grid::FLOATS as u64 * grid::cells(self.size);
+        if grids > info.max_storage_buffer {
+            let limit = format!("{} for a buffer", mib(info.max_storage_buffer));
+            return Err(self.too_large(info, "the linear system of the cascade", mib(grids), limit));
+        }
         Ok(())
     }
 

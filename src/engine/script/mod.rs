@@ -16,6 +16,7 @@ use super::stages::pass::Memory;
 use super::vulkan::{Access, Stage, Variant};
 
 pub(crate) use compose::compose;
+pub(crate) use passes::MOST_MOVING;
 
 /// A solve.
 pub(crate) struct Script {

@@ -26,20 +26,19 @@ const FINEST_STILL: f32 = 0.001;
 const COARSER_STILL: f32 = 0.01;
 /// A level settles once a whole step moves no more than this share of the valid pixels by a tenth of their standard
 /// deviation: V of weak areas, which comes from afar. With 0.1 the heat sink takes 16 iterations instead of 8.
-const MOST_MOVING: f32 = 0.25;
+pub(crate) const MOST_MOVING: f32 = 0.25;
 /// And no more than this share by half of it: pixels at depth edges. Without this bound twice as many pixels of bars
 /// end more than five standard deviations off.
 const MOST_FAR: f32 = 0.05;
-/// T is at rest if its step is less than half of its standard deviation: ¼ of 1.8² times Σ b² / Σ D, for each unknown.
+/// T is at rest if its step is less than about half of its standard deviation: ¼ of 1.8² times Σ b² / Σ D, for each
+/// unknown. About, since the sums of T have a wider η where noise is strong.
 const STEADY: f32 = 0.25 * 3.24;
 /// The largest |dV| as a share of |V|, where that is more than [`Settings::largest_step`](crate::Settings).
 const RELATIVE_STEP: f32 = 0.25;
-/// The finest level settles once the energy changes by no more than this share in an iteration. At 1e-4, V of a plane
-/// at noise 0.03 stops 0.06 px² too high; at 1e-5 within 0.03.
+/// Without V, by the method appearance, the finest level settles only if the energy changes by no more than this share in
+/// an iteration.
 const FINEST_FLAT: f32 = 1e-5;
 /// The same for the coarser levels, and where steps are damped: an alternating energy changes by less only by chance.
-/// The finest level of the heat sink took 21 to 100 iterations at 1e-5, depending on its start, and ended at an energy
-/// 0.1 % lower.
 const COARSER_FLAT: f32 = 1e-4;
 
 fn single(numbers: [f64; 2]) -> [f32; 2] {
@@ -227,8 +226,7 @@ impl Composer<'_> {
             may_settle: u32::from(k > 0),
             warp_count: 0,
             steady: 0.0,
-            flatness: if level.index == 0 { FINEST_FLAT } else { COARSER_FLAT },
-            share: 1.0,
+            flatness: if level.index == 0 && transform_share(k) == 1.0 { FINEST_FLAT } else { COARSER_FLAT },
             ..transform_step(self.plan, level, k)
         };
         self.dispatch_update_transform(level, &constants);
@@ -272,6 +270,7 @@ fn transform_step(plan: &Plan, level: &Level, k: u32) -> update_transform::Const
         finds_alpha: u32::from(plan.finds_alpha(level, k)),
         share: transform_share(k),
         steady: if unknowns > 0 { STEADY * unknowns as f32 } else { f32::MAX },
+        // V and T have measures of their own; the energy is none (section 6 of `docs/method.md`).
         flatness: f32::MAX,
         most_moving: MOST_MOVING,
         most_far: MOST_FAR,

@@ -150,15 +150,13 @@ pub(crate) mod tests {
         assert_eq!(cells([100, 67]), 50 * 34 + 25 * 17 + 13 * 9);
     }
 
-    /// Σ D dV² and the energy of the links of a field that is constant over pairs of cells are those of the coarse grid,
-    /// but for the links, which the coarse grid halves: a slope over two cells is half as steep.
+    /// The sums of D and r stay. Links of 1 stay 1: two links of half the weight.
     #[test]
-    fn a_halved_grid_keeps_constants_and_slopes() {
+    fn a_halved_grid_keeps_sums_and_even_links() {
         let grid = random_grid([38, 21], 3);
         let coarse = grid.halved();
         let sum = |field: &Field| field.data.iter().sum::<f64>();
         assert!((sum(&grid.d) - sum(&coarse.d)).abs() < 1e-9 && (sum(&grid.r) - sum(&coarse.r)).abs() < 1e-9);
-        // With links of 1 everywhere, a slope of 1 px² per cell costs 1 per link: so does its half on the coarse grid.
         let ones = Field::from_fn(32, 32, |x, _| if x < 31 { 1.0 } else { 0.0 });
         let even = Grid { right: ones, ..random_grid([32, 32], 1) };
         assert_eq!(even.halved().right.get(3, 3), 1.0);

@@ -49,8 +49,8 @@ impl Pass for Bindings {
     }
 }
 
-/// A pixel moves if its step is more than the first share of its standard deviation (section 7 of `docs/method.md`), and
-/// far if it is more than the second.
+/// A pixel moves if its step is more than a tenth of its standard deviation (section 7 of `docs/method.md`), and far if it
+/// is more than half of it.
 const STEPS: [f64; 2] = [shaders::update::STILL, shaders::update::FAR];
 /// One over the pixels that say as much as one independent pixel, 4π 4² of the window.
 const INDEPENDENT: f64 = shaders::update::INDEPENDENT;

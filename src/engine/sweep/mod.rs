@@ -128,7 +128,7 @@ impl JointSolver {
         Ok(Self { settings, size, timeout, whole: PyramidSolver::new(engine, plan, frames)?, parts })
     }
 
-    /// Solves a sweep; `report` is called after each level and part.
+    /// Solves a sweep; `report` is called after each iteration.
     ///
     /// # Errors
     /// [`Error::Cancelled`], [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].

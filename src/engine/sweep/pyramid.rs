@@ -130,7 +130,10 @@ impl PyramidSolver {
     pub(super) fn work_above(&self, last: usize) -> Vec<u64> {
         let first = self.first_level();
         let iterations = |index: usize| if index < first { ITERATIONS[1] } else { ITERATIONS[0] };
-        (last..=first).rev().map(|index| iterations(index) as u64 * self.plan.pyramid[index].pixels()).collect()
+        (last.min(first)..=first)
+            .rev()
+            .map(|index| iterations(index) as u64 * self.plan.pyramid[index].pixels())
+            .collect()
     }
 
     /// The pixels of the iterations on the finest level, or on a part of it, with T and c held.
@@ -172,7 +175,7 @@ impl PyramidSolver {
             let count = if index < first { ITERATIONS[1] } else { ITERATIONS[0] - usize::from(index < last) };
             for n in 1..=count {
                 self.iterate(&level, &mut shared)?;
-                done(level.pixels(), n == count && index >= last);
+                done(level.pixels(), n == count);
             }
         }
         Ok(shared)

@@ -133,8 +133,9 @@ class Result(Registration):
     valid_fraction: float
     mean_confidence: float
     saturated_fraction: float
-    unsettled_fraction: float
     """Fraction of the valid pixels at the limit of |V|."""
+    unsettled_fraction: float
+    """Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation."""
     max_relative_blur: float
     """The limit of |V|, px²."""
 

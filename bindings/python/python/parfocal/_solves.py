@@ -159,7 +159,7 @@ def solve(
     region: (x, y, width, height), the part of I1 to solve.
     mask: array of I1's size; a pixel counts where it is not 0.
     crop_valid: crops the results to the largest rectangle in which V is valid everywhere.
-    progress: called after each level with the share done, 0 to 1. An exception that it raises ends the solve.
+    progress: called after every few iterations with the share done, 0 to 1. An exception that it raises ends the solve.
     cancel: a token that cancels the solve from another thread; the solve then raises Cancelled.
 
     Ctrl-C also ends the solve. Ctrl-C and an exception from `progress` leave `cancel` cancelled. Other Python threads run
