@@ -21,7 +21,8 @@ pub struct Limits {
     pub sigmas: f64,
     /// The smallest area of a deviating region, px.
     pub min_area_px: usize,
-    /// The largest fraction of the golden part's pixels without a height of the part, 0 to 1.
+    /// The largest fraction of the golden part's pixels that may stay without a judgement, 0 to 1: pixels without a
+    /// height of the part, or with one too uncertain for the tolerance.
     pub max_unjudged: f64,
 }
 
@@ -34,15 +35,43 @@ impl Limits {
     }
 }
 
+/// Whether a part passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize), serde(rename_all = "kebab-case"))]
+pub enum Verdict {
+    /// No region deviates, and enough pixels were judged.
+    Go,
+    /// A region deviates, or too many pixels have no height of the part.
+    NoGo,
+    /// The part is too uncertain for the tolerance.
+    CannotJudge,
+}
+
+impl Verdict {
+    /// The verdict in words.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Go => "go",
+            Self::NoGo => "no-go",
+            Self::CannotJudge => "cannot judge",
+        }
+    }
+}
+
 /// The result of an inspection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inspection {
     /// The plane of the part over the golden part.
     pub plane: Plane,
-    /// The number of pixels at which both have a height.
+    /// The number of pixels that were judged: both have a height, and the part's is certain enough for the tolerance, or
+    /// deviates for certain.
     pub judged: usize,
-    /// The number of pixels at which only the golden part has one.
+    /// The number of pixels at which only the golden part has a height.
     pub unjudged: usize,
+    /// The number of pixels at which both have a height, but the part's is too uncertain for the tolerance.
+    pub uncertain: usize,
+    /// The least tolerance that the part's uncertainty allows to judge; `None` if too many of its heights are missing.
+    pub least_tolerance: Option<f64>,
     /// The row-major heights of the part minus those of the golden part and the plane. NaN where not judged.
     pub difference: Vec<f32>,
     /// The deviating regions, the largest first.
@@ -52,14 +81,29 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Returns the fraction of the golden part's pixels that were not judged.
+    /// Returns the fraction of the golden part's pixels at which the part has no height.
     pub fn unjudged_share(&self) -> f64 {
-        self.unjudged as f64 / (self.judged + self.unjudged).max(1) as f64
+        self.share(self.unjudged)
     }
 
-    /// Returns whether the part passes: no deviating region, and enough judged pixels.
-    pub fn is_go(&self, limits: &Limits) -> bool {
-        self.regions.is_empty() && self.unjudged_share() <= limits.max_unjudged
+    /// Returns the fraction of the golden part's pixels at which the part's height is too uncertain for the tolerance.
+    pub fn uncertain_share(&self) -> f64 {
+        self.share(self.uncertain)
+    }
+
+    fn share(&self, pixels: usize) -> f64 {
+        pixels as f64 / (self.judged + self.unjudged + self.uncertain).max(1) as f64
+    }
+
+    /// Returns the verdict.
+    pub fn verdict(&self, limits: &Limits) -> Verdict {
+        if !self.regions.is_empty() || self.unjudged_share() > limits.max_unjudged {
+            Verdict::NoGo
+        } else if self.unjudged_share() + self.uncertain_share() > limits.max_unjudged {
+            Verdict::CannotJudge
+        } else {
+            Verdict::Go
+        }
     }
 }
 
@@ -80,9 +124,18 @@ pub fn inspect(part: &Heights, golden: &Heights, limits: &Limits) -> Result<Insp
     };
     let signs: Vec<i8> = difference.iter().enumerate().map(sign).collect();
     let (regions, labels) = label_regions(golden.width, &signs, &difference, limits.min_area_px);
-    let judged = difference.iter().filter(|v| v.is_finite()).count();
+    let compared = difference.iter().filter(|v| v.is_finite()).count();
     let valid = golden.values.iter().filter(|v| v.is_finite()).count();
-    Ok(Inspection { plane, judged, unjudged: valid - judged, difference, regions, labels })
+    // A deviation as large as the tolerance would be within this of a good part.
+    let needed = |i: usize| limits.sigmas * f64::from(part.deviation[i]);
+    let is_uncertain = |i: &usize| difference[*i].is_finite() && signs[*i] == 0 && needed(*i) > limits.tolerance;
+    let uncertain = (0..difference.len()).filter(is_uncertain).count();
+    let mut all: Vec<f64> = (0..difference.len()).filter(|i| difference[*i].is_finite()).map(needed).collect();
+    all.sort_by(f64::total_cmp);
+    let last = ((1.0 - limits.max_unjudged) * valid as f64).ceil() as usize;
+    let least_tolerance = all.get(last.saturating_sub(1)).copied().filter(|t| t.is_finite());
+    let (judged, unjudged) = (compared - uncertain, valid - compared);
+    Ok(Inspection { plane, judged, unjudged, uncertain, least_tolerance, difference, regions, labels })
 }
 
 /// Makes a golden part from several good parts that are registered to the pixels of the first.
@@ -266,7 +319,7 @@ mod tests {
     #[test]
     fn tilt_and_shift_alone_pass() {
         let found = inspect(&part(|_, _| 0.0, 0.01), &good(0.01), &Limits::new(0.1)).unwrap();
-        assert!(found.is_go(&Limits::new(0.1)), "{:?}", found.regions);
+        assert_eq!(found.verdict(&Limits::new(0.1)), Verdict::Go, "{:?}", found.regions);
         let most = found.difference.iter().filter(|off| off.is_finite()).fold(0.0f32, |a, b| a.max(b.abs()));
         assert!(most < 0.02, "bilinear in the relief: {most}");
         // What left the picture.
@@ -287,7 +340,7 @@ mod tests {
         };
         let limits = Limits::new(0.3);
         let found = inspect(&part(added, 0.01), &good(0.01), &limits).unwrap();
-        assert!(!found.is_go(&limits) && found.regions.len() == 2, "{:?}", found.regions);
+        assert!(found.verdict(&limits) == Verdict::NoGo && found.regions.len() == 2, "{:?}", found.regions);
         for (region, place, radius, height) in [(found.regions[0], bump, 8.0, 1.0), (found.regions[1], pit, 5.0, -0.6)]
         {
             let area = std::f64::consts::PI * radius * radius;
@@ -318,7 +371,8 @@ mod tests {
             let [part, golden] =
                 noise.map(|noise| heights(|x, y| relief([x, y]) + sigma * noise[y as usize * 120 + x as usize], sigma));
             let found = inspect(&part, &golden, &limits).unwrap();
-            assert!(found.is_go(&limits), "{:?}", found.regions);
+            // No pixel can be judged by a tolerance of zero.
+            assert_eq!(found.verdict(&limits), Verdict::CannotJudge, "{:?}", found.regions);
         }
     }
 
@@ -327,15 +381,34 @@ mod tests {
         let nan = f64::NAN;
         let hole = |x: f64, y: f64| if x < 40.0 && y < 45.0 { nan } else { relief([x, y]) };
         // Pixels without a golden height are not missing.
-        let found = inspect(&good(0.1), &heights(hole, 0.1), &Limits::new(0.1)).unwrap();
+        let found = inspect(&good(0.03), &heights(hole, 0.03), &Limits::new(0.1)).unwrap();
         assert_eq!((found.unjudged, found.judged), (0, 120 * 90 - 40 * 45));
         let limits = Limits::new(0.1);
-        let found = inspect(&heights(hole, 0.1), &good(0.1), &limits).unwrap();
+        let found = inspect(&heights(hole, 0.03), &good(0.03), &limits).unwrap();
         assert_eq!((found.unjudged, found.regions.len()), (40 * 45, 0));
-        assert!(found.difference[0].is_nan() && found.is_go(&limits));
-        assert!(!found.is_go(&Limits { max_unjudged: 0.16, ..limits }), "a sixth, {}", found.unjudged_share());
+        assert!(found.difference[0].is_nan() && found.verdict(&limits) == Verdict::Go);
+        let strict = Limits { max_unjudged: 0.16, ..limits };
+        assert_eq!(found.verdict(&strict), Verdict::NoGo, "a sixth, {}", found.unjudged_share());
         let none = heights(|_, _| nan, 0.1);
         assert!(inspect(&none, &good(0.1), &limits).unwrap_err().to_string().contains("too few pixels"));
+    }
+
+    #[test]
+    fn a_part_too_uncertain_for_the_tolerance_cannot_be_judged() {
+        let limits = Limits::new(0.1);
+        // Three standard deviations are 0.15 in a third of the picture.
+        let mut part = good(0.02);
+        part.deviation.iter_mut().step_by(3).for_each(|sigma| *sigma = 0.05);
+        let found = inspect(&part, &good(0.02), &limits).unwrap();
+        assert_eq!((found.verdict(&limits), found.uncertain), (Verdict::CannotJudge, 120 * 90 / 3));
+        let least = found.least_tolerance.unwrap();
+        assert!((least - 0.15).abs() < 1e-6, "{least}");
+        let wider = Limits { tolerance: least + 1e-6, ..limits };
+        assert_eq!(inspect(&part, &good(0.02), &wider).unwrap().verdict(&wider), Verdict::Go);
+        // A defect that is certain is one all the same.
+        let bump = |x: f64, y: f64| relief([x, y]) + if disk(x, y, [40.0, 30.0], 8.0) { 1.0 } else { 0.0 };
+        let found = inspect(&heights(bump, 0.05), &good(0.02), &limits).unwrap();
+        assert_eq!(found.verdict(&limits), Verdict::NoGo);
     }
 
     #[test]

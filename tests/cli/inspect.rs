@@ -101,3 +101,30 @@ fn a_shifted_part_is_go_and_a_part_with_a_bump_is_no_go() {
     assert!(stderr(&desk.inspect("shots", 1, &[])).contains("report.json"));
     desk.inspect("part", 2, &["--max-unjudged", "2"]);
 }
+
+#[test]
+fn a_part_too_uncertain_for_the_tolerance_cannot_be_judged() {
+    let desk = Desk(TempDir::new().unwrap());
+    let simulate = ["simulate", "relief", "-o", "shots", "--size", "160x120", "--noise", "0.02"];
+    assert!(desk.run(&simulate).status.success());
+    assert!(desk.run(&["solve", "shots/i1.png", "shots/i2.png", "-o", "golden", "--no-html"]).status.success());
+    let tight = ["inspect", "golden", "--golden", "golden", "--tolerance", "0.05", "--in-place", "--json"];
+    let output = desk.run(&tight);
+    assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(found["verdict"], "cannot-judge");
+    let least = found["least_tolerance"].as_f64().unwrap();
+    assert!(found["reasons"][0].as_str().unwrap().contains("could be judged") && least > 0.05, "{found:#}");
+    let tolerance = format!("{:.2}", least + 0.01);
+    let wide = ["inspect", "golden", "--golden", "golden", "--tolerance", &tolerance, "--in-place"];
+    assert_eq!(desk.run(&wide).status.code(), Some(0));
+
+    // A solve that was stopped says nothing.
+    let hasty = ["solve", "shots/i1.png", "shots/i2.png", "-o", "hasty", "--no-html", "--outer-iterations", "5"];
+    assert!(desk.run(&hasty).status.success());
+    let report: Value = serde_json::from_slice(&fs::read(desk.path("hasty/report.json")).unwrap()).unwrap();
+    assert_eq!(report["converged"], false);
+    let output = desk.run(&["inspect", "hasty", "--golden", "golden", "--tolerance", "5", "--in-place"]);
+    assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
+    assert!(stderr(&output).contains("hasty had not converged"), "{}", stderr(&output));
+}

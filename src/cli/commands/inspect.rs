@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Results, listed_in, write_inspection};
-use parfocal::metric::inspect::{Heights, Limits, golden, inspect};
+use parfocal::metric::inspect::{Heights, Limits, Verdict, golden, inspect};
 use parfocal::{
     Frame,
     internals::baseline,
@@ -18,7 +18,7 @@ use crate::cli::options::run::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
-/// Inspect a part against a golden part: go, or no-go if its heights deviate by more than the tolerance.
+/// Inspect a part against a golden part: go, no-go if its heights deviate by more than the tolerance, or cannot judge.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
@@ -36,7 +36,8 @@ pub(crate) struct Arguments {
     /// Least number of pixels of a region that counts
     #[arg(long, value_name = "COUNT", default_value_t = Limits::new(0.0).min_area_px)]
     min_area: usize,
-    /// The allowed share of the golden part's pixels without a height of the part, 0 to 1
+    /// The allowed share of the golden part's pixels that are not judged, 0 to 1: without a height of the part, or with
+    /// one whose K standard deviations exceed the tolerance
     #[arg(long, value_name = "SHARE", default_value_t = Limits::new(0.0).max_unjudged,
           value_parser = within(0.0..=1.0, "give a share from 0 to 1"))]
     max_unjudged: f64,
@@ -56,7 +57,8 @@ const AFTER_HELP: &str = "\
 The part's picture is registered onto the golden one's by key-points (a similarity), its heights are brought along, and the plane
 that most of the difference lies in is taken out: how the part lies is no defect. A pixel deviates where what is left is more than
 the tolerance, and more than K standard deviations of both; of several golden parts, what they differ by at that pixel counts
-too. Pixels that touch are a region. Where the golden part has a height and the part has none, nothing is judged.
+too. Pixels that touch are a region. Where the golden part has a height and the part has none, or one too uncertain for the
+tolerance, nothing is judged. A part cannot be judged if that is too much of it, or if a solve had not converged.
 
 Results, with -o, both or none:
   inspect.json  verdict, reasons, registration, plane, and of each region area, mean, extreme, place
@@ -65,7 +67,7 @@ Results, with -o, both or none:
 Example:
   parfocal inspect part --golden good1 good2 good3 --tolerance 0.05 -o part
 
-Exit status: 0 go, 3 no-go, 1 failed, 2 wrong usage.";
+Exit status: 0 go, 3 no-go, 4 cannot judge, 1 failed, 2 wrong usage.";
 
 fn from_zero(text: &str) -> Result<f64, String> {
     within(0.0..=1e6, "give a number from 0 to 1e6")(text)
@@ -74,6 +76,8 @@ fn from_zero(text: &str) -> Result<f64, String> {
 /// A part that was read from its folder.
 struct Part {
     folder: PathBuf,
+    /// Whether its solve converged; `None` for a sweep.
+    converged: Option<bool>,
     /// The fused image, used to register the part.
     picture: Frame,
     /// Quantities with name, unit, and heights towards the camera; the best one is last.
@@ -107,15 +111,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let names = |folders: &[PathBuf]| folders.iter().map(|f| f.display().to_string()).collect::<Vec<_>>();
     let (own, of) = (names(std::slice::from_ref(&arguments.part)), names(&arguments.golden));
     let size = [golden.width, golden.height];
-    let report = InspectReport::new([&own, &of], (quantity, unit), (limits, transform), (&found, size));
-    let verdict = format!("{}: tolerance {} {unit}, {} σ", report.verdict, limits.tolerance, limits.sigmas);
+    let doubts = std::iter::once(&part).chain(&goldens).filter_map(Part::doubt).collect();
+    let report = InspectReport::new([&own, &of], (quantity, unit), (limits, transform), (&found, size), doubts);
+    let verdict = format!("{}: tolerance {} {unit}, {} σ", report.verdict.text(), limits.tolerance, limits.sigmas);
     if let Some(out) = &arguments.output {
         let unchanged = Brightness::identity(size);
         let moved = resample::registered(&part.picture, &transform.into(), &unchanged, Decode::None);
         write_inspection(arguments.force.to(out), &report, &inspection::draw(&moved, &found, unit, &verdict))?;
     }
     arguments.report.print(&summary(&report, arguments.output.as_deref()), || report.to_json())?;
-    if report.is_go() { Ok(()) } else { Err(Failure::NoGo) }
+    match report.verdict {
+        Verdict::Go => Ok(()),
+        Verdict::NoGo => Err(Failure::NoGo),
+        Verdict::CannotJudge => Err(Failure::CannotJudge),
+    }
 }
 
 /// Refuses a folder that cannot be written.
@@ -149,7 +158,8 @@ impl Part {
             Ok((quantity.label(), quantity.unit, heights))
         });
         let fields = fields.collect::<Result<_, Failure>>()?;
-        Ok(Self { folder: folder.to_path_buf(), picture: results.fused()?, fields })
+        let converged = results.report.converged;
+        Ok(Self { folder: folder.to_path_buf(), converged, picture: results.fused()?, fields })
     }
 
     /// The heights of the part on the pixels of a golden part, and the transform T from those pixels to its own.
@@ -174,6 +184,11 @@ impl Part {
         found.ok_or_else(|| self.failed(first, format!("have no {quantity} in common")))
     }
 
+    /// Why its heights should not be believed, if there is a reason.
+    fn doubt(&self) -> Option<String> {
+        (self.converged == Some(false)).then(|| format!("the solve of {} had not converged", self.folder.display()))
+    }
+
     fn failed(&self, other: &Self, problem: impl std::fmt::Display) -> Failure {
         Failure::Failed(format!("{} and {}: {problem}", self.folder.display(), other.folder.display()))
     }
@@ -182,7 +197,7 @@ impl Part {
 /// The summary.
 fn summary(report: &InspectReport, out: Option<&Path>) -> String {
     let (unit, t) = (report.unit, &report.transform);
-    let mut lines = vec![format!("verdict        {}", report.verdict)];
+    let mut lines = vec![format!("verdict        {}", report.verdict.text())];
     lines.extend(report.reasons.iter().map(|reason| format!("reason         {reason}")));
     let (x, y, turn, scale) = (t.tx, t.ty, t.rotation_deg(), t.scale);
     lines.push(format!("part lies      {x:+.2} {y:+.2} px, {turn:+.3}°, scale {scale:.4} off"));
@@ -191,7 +206,14 @@ fn summary(report: &InspectReport, out: Option<&Path>) -> String {
         "plane          {:+.4} {unit}, {right:+.6} {down:+.6} {unit}/px right, down",
         report.plane.offset
     ));
-    lines.push(format!("judged         {} px, {:.1} % not judged", report.judged_px, 100.0 * report.unjudged));
+    let all = (report.judged_px + report.unjudged_px + report.uncertain_px).max(1) as f64;
+    let share = |pixels: usize| 100.0 * pixels as f64 / all;
+    lines.push(format!(
+        "judged         {} px; {:.1} % without a height, {:.1} % too uncertain",
+        report.judged_px,
+        share(report.unjudged_px),
+        share(report.uncertain_px)
+    ));
     for (n, region) in (1..=SHOWN).zip(&report.regions) {
         let ([x, y], found) = (region.deviation.centroid_px, &region.deviation);
         let (area, mean, extreme) = (found.area_px, found.mean, found.extreme);

@@ -17,6 +17,8 @@ pub(crate) enum Failure {
     Failed(String),
     /// An inspected part is out of tolerance: status 3. The summary reports it.
     NoGo,
+    /// An inspected part cannot be judged: status 4. The summary says why.
+    CannotJudge,
     /// Ended by Ctrl-C: status 130, as usual for this signal.
     Interrupted(String),
 }
@@ -36,6 +38,7 @@ impl Failure {
         match self {
             Self::Usage(message) | Self::Failed(message) | Self::Interrupted(message) => one_line(message),
             Self::NoGo => "no-go".to_string(),
+            Self::CannotJudge => "cannot judge".to_string(),
         }
     }
 
@@ -46,6 +49,7 @@ impl Failure {
             Failure::Failed(_) => 1,
             // The summary reports it.
             Failure::NoGo => return ExitCode::from(3),
+            Failure::CannotJudge => return ExitCode::from(4),
             Failure::Interrupted(_) => 130,
         };
         // If stderr is closed, there is no reader.

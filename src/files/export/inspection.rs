@@ -9,7 +9,7 @@ use super::report::{Header, Kind, to_json, write_json_to};
 use super::staging::Staging;
 use crate::base::{Error, Similarity};
 use crate::files::bounded_read::Hashes;
-use crate::metric::inspect::{Deviation, Inspection, Limits, Plane};
+use crate::metric::inspect::{Deviation, Inspection, Limits, Plane, Verdict};
 
 /// The report of an inspected part.
 #[derive(Clone, Debug, Serialize)]
@@ -18,9 +18,9 @@ pub struct InspectReport {
     header: Header,
     /// Version of parfocal that wrote it.
     pub version: &'static str,
-    /// `go` or `no-go`.
-    pub verdict: &'static str,
-    /// Reasons for the verdict no-go; one sentence each.
+    /// `go`, `no-go` or `cannot-judge`.
+    pub verdict: Verdict,
+    /// Reasons for any verdict but go; one sentence each.
     pub reasons: Vec<String>,
     /// The folder of the part.
     pub part: String,
@@ -37,12 +37,16 @@ pub struct InspectReport {
     pub transform: Similarity,
     /// The plane of the part minus that of the golden part, in heights and heights per pixel; it is subtracted.
     pub plane: Plane,
-    /// Pixels where both parts have a height.
+    /// Pixels that were judged.
     pub judged_px: usize,
     /// Pixels where only the golden part has a height.
     pub unjudged_px: usize,
     /// `unjudged_px` as a fraction of the golden part's pixels.
     pub unjudged: f64,
+    /// Pixels where both parts have a height, and the part's is too uncertain for the tolerance.
+    pub uncertain_px: usize,
+    /// The least tolerance that the part's uncertainty allows to judge; null if too many heights are missing.
+    pub least_tolerance: Option<f64>,
     /// Deviating regions, the largest first.
     pub regions: Vec<DeviationReport>,
     #[serde(flatten)]
@@ -66,13 +70,19 @@ struct ListedFiles {
 }
 
 impl InspectReport {
-    /// Report of an inspection; part and golden parts are named by their folders.
+    /// Report of an inspection; part and golden parts are named by their folders. With `doubts` about their results, a
+    /// sentence each, a part cannot be judged as go.
     pub fn new(
         [part, golden]: [&[String]; 2],
         (quantity, unit): (&str, &'static str),
         (limits, transform): (Limits, Similarity),
         (inspection, size): (&Inspection, [u32; 2]),
+        doubts: Vec<String>,
     ) -> Self {
+        let verdict = match inspection.verdict(&limits) {
+            Verdict::Go if !doubts.is_empty() => Verdict::CannotJudge,
+            verdict => verdict,
+        };
         let middle = crate::base::centre(size[0], size[1]);
         let of = |deviation: &Deviation| DeviationReport {
             deviation: *deviation,
@@ -81,8 +91,8 @@ impl InspectReport {
         Self {
             header: Header::new(Kind::Inspection),
             version: env!("CARGO_PKG_VERSION"),
-            verdict: if inspection.is_go(&limits) { "go" } else { "no-go" },
-            reasons: reasons(inspection, &limits, unit),
+            verdict,
+            reasons: reasons(inspection, &limits, unit).into_iter().chain(doubts).collect(),
             part: part.concat(),
             golden: golden.to_vec(),
             quantity: quantity.to_string(),
@@ -93,14 +103,11 @@ impl InspectReport {
             judged_px: inspection.judged,
             unjudged_px: inspection.unjudged,
             unjudged: inspection.unjudged_share(),
+            uncertain_px: inspection.uncertain,
+            least_tolerance: inspection.least_tolerance,
             regions: inspection.regions.iter().map(of).collect(),
             listed: None,
         }
-    }
-
-    /// Whether the verdict is go.
-    pub fn is_go(&self) -> bool {
-        self.verdict == "go"
     }
 
     /// The report as text, without a newline at its end.
@@ -126,7 +133,18 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
         let (share, most) = (percent(share), percent(limits.max_unjudged));
         format!("{share:.1} % of the golden part's pixels have no height of the part, and {most:.1} % may")
     });
-    deviates.into_iter().chain(missing).collect()
+    let uncertain = inspection.uncertain_share();
+    let blurred = (share <= limits.max_unjudged && share + uncertain > limits.max_unjudged).then(|| {
+        let least = inspection
+            .least_tolerance
+            .map_or(String::new(), |least| format!("; a tolerance of {least:.2} {unit} could be judged"));
+        format!(
+            "{:.1} % of the golden part's pixels are too uncertain on the part for a tolerance of {} {unit}{least}",
+            100.0 * uncertain,
+            limits.tolerance
+        )
+    });
+    deviates.into_iter().chain(missing).chain(blurred).collect()
 }
 
 /// Writes report and picture into a folder: both or none. Creates the folder if it is missing. Replaces the files of an
