@@ -2,11 +2,11 @@
 // The small grids of the cascade in one workgroup: sums the system up to the coarsest grid, solves it there, and relaxes
 // on the way back. There a dispatch takes longer than its work. CPU reference: src/engine/stages/coarsest_grids.rs.
 
-#include "grid.glsl"
-
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) coherent buffer GridEquations { vec4 equations[]; };
 layout(binding = 1, std430) coherent buffer GridSteps { float steps[]; };
+#include "grid_equations.glsl"
+
 layout(push_constant) uniform Constants {
     int width, height;               // of the finest of these grids
     int first;                       // its first cell
@@ -44,14 +44,8 @@ void halve(int grid) {
     ivec2 fine = size_of(grid), coarse = halved(fine);
     int from = first_of(grid), to = first_of(grid + 1);
     for (int y = int(gl_LocalInvocationID.y); y < coarse.y; y += step.y) {
-        for (int x = int(gl_LocalInvocationID.x); x < coarse.x; x += step.x) {
-            vec4 of[4];
-            for (int n = 0; n < 4; n++) {
-                ivec2 at = 2 * ivec2(x, y) + ivec2(n & 1, n >> 1);
-                of[n] = all(lessThan(at, fine)) ? equations[from + at.y * fine.x + at.x] : vec4(0.0);
-            }
-            equations[to + y * coarse.x + x] = sum_of(of[0], of[1], of[2], of[3]);
-        }
+        for (int x = int(gl_LocalInvocationID.x); x < coarse.x; x += step.x)
+            equations[to + y * coarse.x + x] = coarse_equation(from, fine, ivec2(x, y));
     }
 }
 
@@ -70,18 +64,10 @@ void relax(int grid, int color) {
     for (int y = int(gl_LocalInvocationID.y); y < size.y; y += step.y) {
         for (int x = 2 * int(gl_LocalInvocationID.x) + (y + color & 1); x < size.x; x += 2 * step.x) {
             int place = from + y * size.x + x;
-            vec4 equation = equations[place], links = vec4(equation.z, 0.0, equation.w, 0.0), around = vec4(0.0);
-            if (x + 1 < size.x) around.x = steps[place + 1];
-            if (x > 0) {
-                links.y = equations[place - 1].z;
-                around.y = steps[place - 1];
-            }
-            if (y + 1 < size.y) around.z = steps[place + size.x];
-            if (y > 0) {
-                links.w = equations[place - size.x].w;
-                around.w = steps[place - size.x];
-            }
-            steps[place] = relaxed(steps[place], equation.xy, links, around, over_relaxation);
+            vec4 around = vec4(x + 1 < size.x ? steps[place + 1] : 0.0, x > 0 ? steps[place - 1] : 0.0,
+                               y + 1 < size.y ? steps[place + size.x] : 0.0, y > 0 ? steps[place - size.x] : 0.0);
+            vec4 links = links_at(place, ivec2(x, y), size.x);
+            steps[place] = relaxed(steps[place], equations[place].xy, links, around, over_relaxation);
         }
     }
 }

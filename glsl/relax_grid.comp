@@ -2,12 +2,12 @@
 // Half a relaxation sweep on a coarse grid of the cascade: the red or the black cells. CPU reference:
 // src/engine/stages/relax_grid.rs.
 
-#include "grid.glsl"
-
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 2) const bool FIRST = false;               // first relaxation sweep: starts from the coarser grid
 layout(binding = 0, std430) readonly buffer GridEquations { vec4 equations[]; };
 layout(binding = 1, std430) buffer GridSteps { float steps[]; };
+#include "grid_equations.glsl"
+
 layout(push_constant) uniform Constants {
     int width, height;
     int first, next;                 // first cell of the grid and of the next coarser one
@@ -34,10 +34,9 @@ void main() {
         if (x.x >= width || x.y >= height) continue;
         const ivec2 R = ivec2(1, 0), D = ivec2(0, 1);
         int place = first + x.y * width + x.x;
-        vec4 equation = equations[place];
-        vec4 links = vec4(equation.z, x.x > 0 ? equations[place - 1].z : 0.0, equation.w, x.y > 0 ? equations[place - width].w : 0.0);
+        vec4 links = links_at(place, x, width);
         vec4 around = vec4(other_at(x + R), other_at(x - R), other_at(x + D), other_at(x - D));
         float before = FIRST ? coarse_at(x) : steps[place];
-        steps[place] = relaxed(before, equation.xy, links, around, over_relaxation);
+        steps[place] = relaxed(before, equations[place].xy, links, around, over_relaxation);
     }
 }
