@@ -1,4 +1,4 @@
-//! Soak test: memory, threads and open files do not grow over many pairs, some of which fail.
+//! Soak test: memory, threads and open files do not grow over many pairs. Some of the pairs fail.
 
 use std::process::Command;
 use std::time::Duration;

@@ -32,7 +32,7 @@ fn check_reference([i1, i2]: [Frame; 2]) {
     let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
     let expected = reference::solve(&i1, &i2, &settings).unwrap();
     let found = TestEngine::alone().solve([&i1, &i2], &settings);
-    // Single and double precision differ over about sixty iterations, each of which continues from the previous one.
+    // Single and double precision differ over all iterations, because each continues from the previous one.
     assert!(
         found.transform.corner_distance(expected.transform, i1.width(), i1.height()) < 2e-3,
         "{:?}",

@@ -1,4 +1,4 @@
-"""Tests of parfocal.ray on a local cluster of two workers, some of which are killed."""
+"""Tests of parfocal.ray on a local cluster of two workers. Some tests kill a worker."""
 
 import os
 import signal
