@@ -31,6 +31,7 @@ mod options {
     pub mod part;
     pub mod photographs;
     pub mod run;
+    pub mod series;
     pub mod settings;
     pub mod solve;
 }

@@ -228,6 +228,45 @@ fn subfolders_may_be_sweeps_and_a_failed_sweep_does_not_stop_the_batch() {
 }
 
 #[test]
+fn photographs_beside_a_sweep_are_left_out_and_listed() {
+    let desk = Desk::new(&[]);
+    fs::remove_dir(desk.path("shots")).unwrap();
+    let scene = ["simulate", "relief", "--frames", "8", "--size", "80x64", "-o", "shots/one", "--quiet"];
+    desk.command().args(scene).assert().success();
+    fs::copy(desk.path("shots/one/frame_01.png"), desk.path("shots/one/mask.png")).unwrap();
+    let tally = desk.tally("shots", &[], 0);
+    assert_eq!(statuses(&tally), ["one solved"]);
+    assert_eq!(tally["pairs"][0]["frames"].as_array().unwrap().len(), 8);
+    let listed = tally["left_over"].to_string();
+    assert!(listed.contains("one: mask.png: not named like frame_01.png to frame_08.png"), "{listed}");
+    let report: Value = serde_json::from_slice(&fs::read(desk.path("out/one/report.json")).unwrap()).unwrap();
+    assert_eq!(report["left_out"], serde_json::json!(["mask.png"]));
+    // The folder itself: one sweep, four pairs, or neither.
+    let output = desk.batch("shots/one", &[]);
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && stderr.contains("are a series of 8 beside other photographs"), "{stderr}");
+    // The same folder for `stack`, and with a second series.
+    let stack = |extra: &[&str]| {
+        let output = desk.command().args(["stack", "shots/one", "-o", "stacked", "--no-html"]).args(extra).output();
+        let output = output.unwrap();
+        (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (is_done, stderr) = stack(&[]);
+    assert!(is_done && stderr.contains("note: left out: mask.png, not named like frame_01.png to"), "{stderr}");
+    let frames = "frames     8, frame_01.png to frame_08.png; left out: mask.png";
+    assert!(stderr.contains(frames), "{stderr}");
+    for n in 1..4 {
+        fs::copy(desk.path("shots/one/mask.png"), desk.path(&format!("shots/one/again_{n}.png"))).unwrap();
+    }
+    let (is_done, stderr) = stack(&["--quiet"]);
+    let problem = "holds 2 series of photographs: again_1.png to again_3.png (3), frame_01.png to frame_08.png (8)";
+    assert!(!is_done && stderr.replace('\n', " ").contains(problem), "{stderr}");
+    let output = desk.batch("shots", &[]);
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && stderr.contains("again_1.png to again_3.png are a series of 3"), "{stderr}");
+}
+
+#[test]
 fn shards_together_solve_the_whole_batch() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]);
     for (shard, names) in [("1/2", &["a solved", "c solved"][..]), ("2/2", &["b solved"]), ("5/5", &[])] {

@@ -9,21 +9,26 @@ use parfocal::internals::bounded_read;
 use serde::Deserialize;
 
 use crate::cli::batch::summary::SUMMARY;
-use crate::cli::options::photographs::{self, file_name, list_folder, stem, with_format};
+use crate::cli::options::photographs::{
+    self, SweepFiles, file_name, in_short, list_folder, one_series, stem, with_format,
+};
+use crate::cli::options::series;
 use crate::cli::output::failure::Failure;
 
 /// The photographs of a pair or a sweep in order, and the name of the folder of their results.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Group {
     pub(crate) name: String,
     pub(crate) files: Vec<PathBuf>,
+    /// Names of the photographs beside the frames of a sweep that do not belong to their series.
+    pub(crate) left_out: Vec<String>,
 }
 
 /// The pairs and sweeps of a folder or a manifest.
 #[derive(Debug, Default)]
 pub(crate) struct Grouped {
     pub(crate) groups: Vec<Group>,
-    /// Photographs that belong to no pair, and the reasons, one line each.
+    /// Photographs that belong to no pair or sweep, and the reasons, one line each.
     pub(crate) left_over: Vec<String>,
 }
 
@@ -31,9 +36,10 @@ pub(crate) struct Grouped {
 pub(crate) const RULE: &str = "\
 Pairs of a folder: photographs whose names differ only at the end are pairs, in the order of the ends. An end is a number \
 (shot_1.png shot_2.png; IMG_0417.tif IMG_0418.tif IMG_0419.tif IMG_0420.tif are two pairs), _near and _far, or _a and \
-_b; the first is I1. Photographs without a pair are reported and ignored. If the folder holds folders and no photographs, the \
-rule applies to each of them; but a folder of three or more photographs whose names differ only in a number is a focus \
-sweep, in the order of the numbers.
+_b; the first is I1. Photographs without a pair are reported and ignored, and so is a series of more than two beside other \
+photographs. If the folder holds folders and no photographs, the rule applies to each of them; but three or more \
+photographs whose names differ only in their numbers are a focus sweep, in the order of the numbers. Photographs beside \
+them are reported and ignored.
 
 A manifest is CSV, lines of I1,I2 or I1,I2,NAME (or with semicolons; a header is allowed, # begins a comment), or JSON lines, \
 {\"i1\": FILE, \"i2\": FILE, \"name\": NAME}, the name optional; {\"sweep\": FOLDER} or {\"sweep\": [FILE, ...]} is a focus \
@@ -47,7 +53,7 @@ pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Resul
     let Grouped { groups, left_over } = of_folder(folder, out, raw)?;
     let candidates = groups.into_iter().map(Candidate::of_folder).collect();
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", folder.display()));
-    Ok(Grouped { groups: settled(candidates, raw).map_err(failed)?, left_over })
+    settled(candidates, left_over, raw).map_err(failed)
 }
 
 /// The pairs and sweeps of a folder or a manifest. Leaves out results in `out`.
@@ -56,7 +62,7 @@ pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<
     let found = if source.is_dir() {
         so_far(source, out, raw)?
     } else if source.exists() {
-        Grouped { groups: settled(of_manifest(source, raw)?, raw).map_err(failed)?, left_over: Vec::new() }
+        settled(of_manifest(source, raw)?, Vec::new(), raw).map_err(failed)?
     } else {
         let hint = crate::cli::output::failure::did_you_mean(source);
         return Err(failed(format!("there is no such folder or manifest{hint}")));
@@ -69,13 +75,17 @@ pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<
     Ok(found)
 }
 
-/// Gives each pair or sweep a unique name, and adds the format to its files without a header.
-fn settled(pairs: Vec<Candidate>, raw: Option<RawFormat>) -> Result<Vec<Group>, String> {
+/// Gives each pair or sweep a unique name, and adds the format to its files without a header. Adds to `left_over` what
+/// lies beside the frames of sweeps.
+fn settled(pairs: Vec<Candidate>, mut left_over: Vec<String>, raw: Option<RawFormat>) -> Result<Grouped, String> {
     let mut groups = named_apart(pairs)?;
+    for Group { name, files, left_out } in groups.iter().filter(|group| !group.left_out.is_empty()) {
+        left_over.push(format!("{name}: {}: not named like {}", in_short(left_out), series::ends(files)));
+    }
     for file in groups.iter_mut().flat_map(|group| &mut group.files) {
         *file = with_format(std::mem::take(file), raw);
     }
-    Ok(groups)
+    Ok(Grouped { groups, left_over })
 }
 
 fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
@@ -88,8 +98,8 @@ fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Groupe
     for inner in folders.iter().filter(|inner| !crate::cli::same_file(inner, out)) {
         let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let files = list_folder(inner, raw)?.0;
-        if let Some(files) = as_sweep(&files) {
-            all.groups.push(Group { name: folder_name, files });
+        if let Some(SweepFiles { frames, left_out }) = one_series(&files) {
+            all.groups.push(Group { name: folder_name, files: frames, left_out });
             continue;
         }
         let found = by_name(&files).map_err(|problem| named(inner, problem))?;
@@ -128,21 +138,9 @@ fn split(stem: &str) -> Option<(&str, Kind, u64)> {
     })
 }
 
-/// The files of a folder in the order of their numbers, if they are a sweep.
-fn as_sweep(files: &[PathBuf]) -> Option<Vec<PathBuf>> {
-    let stems: Vec<String> = files.iter().map(|file| stem(file)).collect();
-    let numbered = stems.iter().zip(files).map(|(stem, file)| {
-        let (rest, kind, number) = split(stem)?;
-        (kind == Kind::Number).then_some((rest, number, file))
-    });
-    let mut frames = numbered.collect::<Option<Vec<_>>>()?;
-    let is_sweep = frames.len() > 2 && frames.iter().all(|frame| frame.0 == frames[0].0);
-    frames.sort_by_key(|frame| frame.1);
-    is_sweep.then(|| frames.into_iter().map(|frame| frame.2.clone()).collect())
-}
-
 /// Pairs files by their names. Returns the files without a pair. All files of a series of odd length are returned,
-/// since it is unknown which file is missing.
+/// since it is unknown which file is missing. So are those of a series of more than two beside other files: it may be a
+/// focus sweep.
 fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
     let mut series: BTreeMap<(String, Kind), BTreeMap<u64, &PathBuf>> = BTreeMap::new();
     let mut found = Grouped::default();
@@ -162,6 +160,18 @@ fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
     }
     for ((rest, _), members) in &series {
         let members: Vec<&PathBuf> = members.values().copied().collect();
+        if let [first, .., last] = members[..]
+            && members.len() > 2
+            && members.len() < files.len()
+        {
+            found.left_over.push(format!(
+                "{} to {} are a series of {} beside other photographs: {APART}",
+                file_name(first),
+                file_name(last),
+                members.len()
+            ));
+            continue;
+        }
         if let [.., last] = members[..]
             && members.len() % 2 == 1
         {
@@ -172,7 +182,8 @@ fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
         for two in members.chunks_exact(2) {
             let trimmed = rest.trim_end_matches(['_', '-', '.', ' ']);
             let name = if members.len() == 2 && !trimmed.is_empty() { trimmed.to_string() } else { stem(two[0]) };
-            found.groups.push(Group { name, files: two.iter().map(|file| (*file).clone()).collect() });
+            let files = two.iter().map(|file| (*file).clone()).collect();
+            found.groups.push(Group { name, files, left_out: Vec::new() });
         }
     }
     Ok(found)
@@ -180,6 +191,8 @@ fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
 
 const ENDS: &str = "names of a pair differ only in a number, near and far, or a and b at their end; rename it, move it \
                     away, or give a manifest";
+
+const APART: &str = "put each focus sweep, or each pair, into a folder of its own, or give a manifest";
 
 fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
@@ -201,9 +214,9 @@ fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Fa
             return Err(failed(format!("line {number}: '{name}' is the name in line {other} already; give another")));
         }
         let is_given = name.is_some();
-        let (files, otherwise) =
+        let (SweepFiles { frames: files, left_out }, otherwise) =
             line.files(folder, raw).map_err(|problem| failed(format!("line {number}: {problem}")))?;
-        let pair = Group { name: name.unwrap_or(otherwise), files };
+        let pair = Group { name: name.unwrap_or(otherwise), files, left_out };
         pairs.push(Candidate { pair, line: Some(number), is_given });
     }
     Ok(pairs)
@@ -291,13 +304,14 @@ enum Sweep {
 
 impl Line {
     /// The files, and the default name. `folder` is the folder of the manifest.
-    fn files(self, folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, String), String> {
+    fn files(self, folder: &Path, raw: Option<RawFormat>) -> Result<(SweepFiles, String), String> {
         let is_pair = self.sweep.is_none();
-        let (files, name): (Vec<PathBuf>, _) = match (self.i1, self.i2, self.sweep) {
-            (Some(i1), Some(i2), None) => (vec![folder.join(&i1), folder.join(i2)], stem(&i1)),
+        let named = |frames| SweepFiles { frames, left_out: Vec::new() };
+        let (files, name) = match (self.i1, self.i2, self.sweep) {
+            (Some(i1), Some(i2), None) => (named(vec![folder.join(&i1), folder.join(i2)]), stem(&i1)),
             (None, None, Some(Sweep::Frames(frames))) => {
                 let name = frames.first().map(|first| stem(first)).unwrap_or_default();
-                (frames.iter().map(|frame| folder.join(frame)).collect(), name)
+                (named(frames.iter().map(|frame| folder.join(frame)).collect()), name)
             }
             (None, None, Some(Sweep::Folder(path))) => {
                 let path = folder.join(path);
@@ -310,8 +324,8 @@ impl Line {
             }
             _ => return Err(format!("is not {JSON}")),
         };
-        if !is_pair && files.len() < 3 {
-            return Err(format!("has {} frames, and a sweep has three or more", files.len()));
+        if !is_pair && files.frames.len() < 3 {
+            return Err(format!("has {} frames, and a sweep has three or more", files.frames.len()));
         }
         Ok((files, name))
     }
@@ -406,6 +420,13 @@ mod tests {
             (&["a_1.png", "a_2.png", "a_3.png"][..], "0; a_3.png is left over, of a series of 3"),
             (&["a_1.png", "a_2.png", "b_7.png"], "1; b_7.png is left over:"),
             (&["a_1.png", "a_2.png", "banana.png"], "1; banana.png belongs to no pair"),
+            (&["1.png", "2.png", "3.png", "4.png", "mask.png"], "0; mask.png belongs to no pair"),
+            (
+                &["1.png", "2.png", "3.png", "4.png", "mask.png"],
+                "1.png to 4.png are a series of 4 beside other photographs",
+            ),
+            (&["a1.png", "a2.png", "a3.png", "a4.png", "b1.png", "b2.png"], "1; a1.png to a4.png are a series of 4"),
+            (&["a1.png", "a2.png", "a3.png", "a4.png", "b1.png", "b2.png", "b3.png"], "0; a1.png to a4.png"),
             (&["a_1.png", "a_1.jpg"], "a_1.png and a_1.jpg have one place"),
         ] {
             let problem = names(files).unwrap_err();

@@ -230,7 +230,7 @@ pub(crate) struct BatchSummary {
     not_done: usize,
     interrupted: bool,
     seconds: f64,
-    /// Photographs that belong to no pair, and the reasons, one line each.
+    /// Photographs that belong to no pair or sweep, and the reasons, one line each.
     left_over: Vec<String>,
     pairs: Vec<Row>,
 }

@@ -20,6 +20,7 @@ use crate::cli::batch::pairs::Group;
 use crate::cli::batch::summary::{Outcome, Row};
 use crate::cli::commands::solve::{PairJob, Photographs};
 use crate::cli::commands::stack::SweepJob;
+use crate::cli::options::photographs::SweepFiles;
 use crate::cli::options::run::{EngineArguments, RunArguments};
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
@@ -162,11 +163,14 @@ fn solve_pair(
 }
 
 impl Task {
-    pub(crate) fn new(out: &Path, Group { name, files }: Group) -> Self {
+    pub(crate) fn new(out: &Path, Group { name, files, left_out }: Group) -> Self {
         let out = out.join(&name);
         let job = match <[PathBuf; 2]>::try_from(files) {
             Ok(files) => Job::Pair(PairJob { files, out }),
-            Err(files) => Job::Sweep(SweepJob { files, positions: Positions::Counted, reference: None, out }),
+            Err(frames) => {
+                let (files, positions) = (SweepFiles { frames, left_out }, Positions::Counted);
+                Job::Sweep(SweepJob { files, positions, reference: None, out })
+            }
         };
         Self { name, job }
     }
@@ -233,7 +237,7 @@ impl Job {
     fn files(&self) -> &[PathBuf] {
         match self {
             Self::Pair(job) => &job.files,
-            Self::Sweep(job) => &job.files,
+            Self::Sweep(job) => &job.files.frames,
         }
     }
 

@@ -59,7 +59,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return list(arguments, &names);
     }
     // One photograph for each frame of a sweep, all written or none.
-    let images = photographs::sweep_frames(&arguments.images, false, None)?;
+    let files = photographs::sweep_frames(&arguments.images, false, None)?;
+    files.note().iter().for_each(|note| arguments.report.print_line(note));
+    let images = files.frames;
     let count = registration.frames.len();
     if images.len() != count {
         let problem = format!("registers {count} frames, and {} images are given; give one for each", images.len());

@@ -92,10 +92,12 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     }
     let files = photographs::sweep_frames(&arguments.images, false, arguments.settings.raw())?;
     let reference = arguments.reference.map(|n| n as usize - 1);
-    let fits = SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.len());
+    let fits =
+        SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.frames.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
-    check_output(arguments, &files)?;
+    check_output(arguments, &files.frames)?;
     let run = &arguments.run;
+    files.note().iter().for_each(|note| run.report.print_line(note));
     let found = stack::register(run, settings, &files, reference)?;
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &found)?;

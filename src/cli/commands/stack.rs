@@ -18,8 +18,9 @@ use crate::cli::commands::measure::rows;
 use crate::cli::commands::solve::{check_inputs, check_results, fitting, write_results};
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT};
 use crate::cli::options::part::PartArguments;
-use crate::cli::options::photographs::{self, FocusPositionArguments};
+use crate::cli::options::photographs::{self, FocusPositionArguments, SweepFiles};
 use crate::cli::options::run::RunArguments;
+use crate::cli::options::series;
 use crate::cli::options::settings::{SettingsArguments, one_or_two};
 use crate::cli::options::solve::{Request, ResultArguments};
 use crate::cli::output::failure::Failure;
@@ -30,6 +31,9 @@ use crate::cli::output::summary::values_in_words;
 #[command(after_long_help = AFTER_HELP)]
 pub(crate) struct Arguments {
     /// Three or more frames of one size and format in the order of their focus, or their folder
+    ///
+    /// The frames of a folder are the photographs whose names differ in their numbers only, such as IMG_0001.JPG and
+    /// 0.5mm.tif, in the order of the numbers. Others are left out and listed.
     #[arg(required = true, num_args = 1.., value_name = "FRAME")]
     frames: Vec<PathBuf>,
     /// Focus setting of each frame [default: 0, 1, 2, ...]
@@ -74,12 +78,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let part = arguments.part.part();
     let request = arguments.results.request(&arguments.settings, Method::Unified, false, part, arguments.nearer)?;
     job.check(&request)?;
+    job.files.note().iter().for_each(|note| request.run.report.print_line(note));
     let mut engine = None;
     let read = job.read(&request, |_| Ok(false), || request.run.info(&mut engine))?;
     let Some(read) = read else { return Ok(()) };
     let engine = request.run.engine(engine)?;
     let bar = request.run.bar();
-    let solved = read.solve(&engine, Some(bar.reporter())).map_err(|e| Failure::of_solve(e, &job.files[0]))?;
+    let solved = read.solve(&engine, Some(bar.reporter())).map_err(|e| Failure::of_solve(e, &job.files.frames[0]))?;
     drop(bar);
     crate::cli::check_validation(&engine)?;
     let report = job.write(&request, engine.info(), &read, &solved)?;
@@ -90,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// The files of a sweep, and the folder for its results.
 #[derive(Clone, Debug)]
 pub(crate) struct SweepJob {
-    pub(crate) files: Vec<PathBuf>,
+    pub(crate) files: SweepFiles,
     pub(crate) positions: Positions,
     /// Index of the reference frame, from 0.
     pub(crate) reference: Option<usize>,
@@ -129,11 +134,11 @@ impl SweepJob {
                 "is a focus sweep, and takes no lens, --flat or --method; leave them out, or use parfocal stack";
             return Err(Failure::Usage(format!("{}: {problem}", self.out.display())));
         }
-        let fits = self.options(request.settings.clone()).check(self.files.len());
+        let fits = self.options(request.settings.clone()).check(self.files.frames.len());
         fits.map_err(|e| Failure::Usage(e.to_string()))?;
         photographs::nearer_end(request.nearer, &self.positions)?;
-        request.models.check_labels(self.files.len())?;
-        check_inputs(request, &self.files, &self.out)?;
+        request.models.check_labels(self.files.frames.len())?;
+        check_inputs(request, &self.files.frames, &self.out)?;
         check_results(request, Kind::Sweep, &self.out, self.positions.millimetres().is_some(), false)
     }
 
@@ -145,14 +150,14 @@ impl SweepJob {
         device: impl FnOnce() -> Result<DeviceInfo, Failure>,
     ) -> Result<Option<SweepFrames>, Failure> {
         let started = Instant::now();
-        let (frames, inputs) = decode(&self.files, |first| match request.part.is_whole() {
+        let (frames, inputs) = decode(&self.files.frames, |first| match request.part.is_whole() {
             true => photographs::check_size([first; 2], &request.settings, false, device),
             false => Ok(()),
         })?;
         if settled(&inputs)? {
             return Ok(None);
         }
-        check_alike(&self.files, &frames)?;
+        check_alike(&self.files.frames, &frames)?;
         let values = Values::of(request.settings.decode, &inputs)?;
         let options = self.options(Settings { decode: values.decode, ..request.settings.clone() });
         let in_mm = self.positions.millimetres().is_some();
@@ -170,7 +175,9 @@ impl SweepJob {
         (sweep, total_ms): &(Sweep, f64),
     ) -> Result<Report, Failure> {
         let nearer = photographs::nearer_end(request.nearer, &self.positions)?;
-        let mut report = Report::sweep(sweep, &read.options.settings, &names(&self.files), device, nearer, *total_ms);
+        let files = names(&self.files.frames);
+        let mut report = Report::sweep(sweep, &read.options.settings, &files, device, nearer, *total_ms);
+        report.left_out.clone_from(&self.files.left_out);
         report.values = read.values;
         report.set_inputs(read.inputs.clone(), crate::cli::is_validation_requested());
         report.nearer_by = Some(match (self.positions.millimetres(), request.nearer) {
@@ -181,7 +188,7 @@ impl SweepJob {
         report.request = self.digest(request)?;
         let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
         let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
-        let names = sweep.order.iter().map(|n| photographs::file_name(&self.files[*n])).collect();
+        let names = sweep.order.iter().map(|n| photographs::file_name(&self.files.frames[*n])).collect();
         let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
         write_results(request, &self.out, results, frames, names, labels)
     }
@@ -239,7 +246,7 @@ fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
 pub(crate) fn register(
     run: &RunArguments,
     settings: &Settings,
-    files: &[PathBuf],
+    SweepFiles { frames: files, left_out }: &SweepFiles,
     reference: Option<usize>,
 ) -> Result<Report, Failure> {
     let (started, engine) = (Instant::now(), run.engine.open()?);
@@ -257,6 +264,7 @@ pub(crate) fn register(
     crate::cli::check_validation(&engine)?;
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut report = Report::sweep_registration(&found, &options.settings, &names(files), engine.info(), total_ms);
+    report.left_out.clone_from(left_out);
     report.values = values;
     report.set_inputs(inputs, crate::cli::is_validation_requested());
     Ok(report)
@@ -273,6 +281,7 @@ fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> S
     let focus = report.focus.as_ref().map_or_else(String::new, |focus| in_words(focus, unit));
     let (valid, rate) = (report.valid_fraction.unwrap_or(0.0), report.blur_rate_px2.unwrap_or(0.0));
     let mut lines = vec![
+        format!("frames     {}", frames_in_words(report)),
         format!("values     {}", values_in_words(inputs, report.values)),
         format!("focus      {focus}; {:.1} % of the frame", 100.0 * valid),
         format!("blur       grows by {rate:.4} px² per squared distance from the focus ({unit})"),
@@ -287,6 +296,16 @@ fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> S
     lines.extend(report.warnings.iter().map(|warning| format!("warning    {warning}")));
     lines.push(format!("results    {}", out.display()));
     lines.join("\n")
+}
+
+/// The number of frames that were used, the first and the last, and what was left out of their folder.
+fn frames_in_words(report: &Report) -> String {
+    let files: Vec<PathBuf> = report.frames.iter().map(|frame| PathBuf::from(&frame.file)).collect();
+    let left_out = match &report.left_out[..] {
+        [] => String::new(),
+        names => format!("; left out: {}", photographs::in_short(names)),
+    };
+    format!("{}, {}{left_out}", files.len(), series::ends(&files))
 }
 
 fn near_and_far(report: &Report, palette: Palette) -> String {

@@ -9,6 +9,7 @@ use parfocal::sweep::Positions;
 use parfocal::{Engine, PairSolver, Settings, settings::DeviceInfo};
 
 use crate::cli::help::INPUT;
+use crate::cli::options::series;
 use crate::cli::output::failure::Failure;
 
 /// The two photographs of a pair.
@@ -76,24 +77,87 @@ pub(crate) fn with_format(path: PathBuf, raw: Option<RawFormat>) -> PathBuf {
     }
 }
 
-/// The photographs of a folder in natural order, `frame_2` before `frame_10`, or the named files. Named files in
-/// alphabetical order, as from a shell, are also put in natural order, unless their positions are `stated`.
-pub(crate) fn sweep_frames(named: &[PathBuf], stated: bool, raw: Option<RawFormat>) -> Result<Vec<PathBuf>, Failure> {
-    let folder = named.first().filter(|path| named.len() == 1 && path.is_dir());
-    let mut files = match folder {
-        Some(folder) => list_folder(folder, raw)?.0,
-        None => named.to_vec(),
-    };
-    if folder.is_some() || !stated && files.is_sorted() {
-        files.sort_by_cached_key(|file| natural_key(file));
+/// The frames of a sweep in order, and what their folder holds besides.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SweepFiles {
+    pub(crate) frames: Vec<PathBuf>,
+    /// Names of the photographs of the folder that do not belong to the series.
+    pub(crate) left_out: Vec<String>,
+}
+
+impl SweepFiles {
+    /// A line that lists the photographs that were left out.
+    pub(crate) fn note(&self) -> Option<String> {
+        let note =
+            || format!("note: left out: {}, not named like {}", in_short(&self.left_out), series::ends(&self.frames));
+        (!self.left_out.is_empty()).then(note)
     }
-    match folder {
-        Some(folder) if files.len() < 3 => {
-            let (count, folder) = (files.len(), folder.display());
-            Err(Failure::Failed(format!("{folder}: holds {count} photographs, and a sweep has three or more")))
+}
+
+/// The most names in a message.
+const MOST_NAMES: usize = 8;
+
+/// Lists names for a message, the first of many.
+pub(crate) fn in_short(names: &[String]) -> String {
+    let more = names.len().saturating_sub(MOST_NAMES);
+    let shown = names[..names.len() - more].join(", ");
+    if more > 0 { format!("{shown} and {more} more") } else { shown }
+}
+
+/// The series of photographs of a folder, or the named files. Named files in alphabetical order, as from a shell, are
+/// put in natural order, `frame_2` before `frame_10`, unless their positions are `stated`.
+pub(crate) fn sweep_frames(named: &[PathBuf], stated: bool, raw: Option<RawFormat>) -> Result<SweepFiles, Failure> {
+    let mut files = match named {
+        [folder] if folder.is_dir() => of_folder(folder, list_folder(folder, raw)?.0)?,
+        _ => {
+            let mut frames = named.to_vec();
+            if !stated && frames.is_sorted() {
+                frames.sort_by_cached_key(|file| natural_key(file));
+            }
+            SweepFiles { frames, left_out: Vec::new() }
         }
-        _ => Ok(files.into_iter().map(|file| with_format(file, raw)).collect()),
+    };
+    for file in &mut files.frames {
+        *file = with_format(std::mem::take(file), raw);
     }
+    Ok(files)
+}
+
+/// The series of the photographs of a folder; `None` if they have no series, or several.
+pub(crate) fn one_series(files: &[PathBuf]) -> Option<SweepFiles> {
+    let [frames] = <[_; 1]>::try_from(series::find(files)).ok()?;
+    let left_out = files.iter().filter(|file| !frames.contains(file)).map(|file| file_name(file)).collect();
+    Some(SweepFiles { frames, left_out })
+}
+
+/// The series of the photographs of a folder, or all if their names have no numbers.
+fn of_folder(folder: &Path, mut files: Vec<PathBuf>) -> Result<SweepFiles, Failure> {
+    let refused = |problem: String| Failure::Failed(format!("{}: holds {problem}", folder.display()));
+    if files.len() < 3 {
+        return Err(refused(format!("{} photographs, and a sweep has three or more", files.len())));
+    }
+    if let Some(found) = one_series(&files) {
+        return Ok(found);
+    }
+    let several = series::find(&files);
+    if several.len() > 1 {
+        let listed: Vec<_> = several.iter().map(|one| format!("{} ({})", series::ends(one), one.len())).collect();
+        let problem = format!("{} series of photographs: {}", several.len(), in_short(&listed));
+        return Err(refused(format!("{problem}; name the frames of one, or move the others away")));
+    }
+    let extension = |file: &PathBuf| file.extension().map(|extension| extension.to_ascii_lowercase());
+    let is_one_kind = files.iter().all(|file| extension(file) == extension(&files[0]));
+    if is_one_kind && files.iter().all(|file| !stem(file).contains(|c: char| c.is_ascii_digit())) {
+        files.sort_by_cached_key(|file| natural_key(file));
+        return Ok(SweepFiles { frames: files, left_out: Vec::new() });
+    }
+    let names: Vec<String> = files.iter().map(|file| file_name(file)).collect();
+    Err(refused(format!(
+        "{} photographs and no series of three or more, whose names differ in a number only ({}); name the frames in \
+         the order of their focus",
+        files.len(),
+        in_short(&names)
+    )))
 }
 
 /// The name of a file without its folders.
@@ -188,24 +252,42 @@ mod tests {
         let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
         let listed = paths(&["a/image_1.jpg", "a/image_10.jpg", "a/image_2.jpg"]);
         let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);
-        assert_eq!(sweep_frames(&listed, false, None).unwrap(), counted);
-        assert_eq!(sweep_frames(&listed, true, None).unwrap(), listed, "positions are stated beside them");
+        assert_eq!(sweep_frames(&listed, false, None).unwrap().frames, counted);
+        assert_eq!(sweep_frames(&listed, true, None).unwrap().frames, listed, "positions are stated beside them");
         let chosen = paths(&["z_3.png", "z_1.png", "z_2.png"]);
-        assert_eq!(sweep_frames(&chosen, false, None).unwrap(), chosen);
+        assert_eq!(sweep_frames(&chosen, false, None).unwrap().frames, chosen);
         assert_eq!(natural_key(Path::new("9999999999999999999999.png"))[0].1, 9_999_999_999_999_999_999);
     }
 
     #[test]
-    fn a_folder_is_in_natural_order() {
+    fn a_folder_is_the_series_of_its_names() {
         let folder = tempfile::TempDir::new().unwrap();
-        for name in ["f_2.png", "f_10.png", "f_1.png", "notes.txt", "fused.png"] {
-            std::fs::write(folder.path().join(name), name).unwrap();
+        let of = |names: &[&str]| {
+            for entry in std::fs::read_dir(folder.path()).unwrap() {
+                std::fs::remove_file(entry.unwrap().path()).unwrap();
+            }
+            names.iter().for_each(|name| std::fs::write(folder.path().join(name), name).unwrap());
+            let found = sweep_frames(&[folder.path().to_path_buf()], true, None);
+            found.map(|found| (found.frames.iter().map(|file| file_name(file)).collect::<Vec<_>>(), found.left_out))
+        };
+        let (frames, left_out) = of(&["f_2.png", "f_10.png", "f_1.png", "notes.txt", "fused.png", "mask.png"]).unwrap();
+        assert_eq!(
+            (&frames[..], &left_out[..]),
+            (&["f_1.png", "f_2.png", "f_10.png"].map(String::from)[..], &["mask.png".to_string()][..])
+        );
+        let (frames, left_out) = of(&["near.png", "middle.png", "far.png"]).unwrap();
+        assert_eq!((frames.len(), left_out.len()), (3, 0));
+        for (names, problem) in [
+            (&["f_10.png", "f_1.png"][..], "holds 2 photographs"),
+            (&["near.png", "middle.png", "far.png", "expected.jpg"], "no series of three or more"),
+            (&["a_1.png", "a_2.png", "b_1.png", "b_2.png"], "no series of three or more"),
+            (
+                &["1.png", "2.png", "3.png", "x1.png", "x2.png", "x3.png"],
+                "2 series of photographs: 1.png to 3.png (3), x1.png to x3.png (3)",
+            ),
+        ] {
+            let refused = of(names).unwrap_err();
+            assert!(refused.message().contains(problem), "{}", refused.message());
         }
-        let found = sweep_frames(&[folder.path().to_path_buf()], true, None).unwrap();
-        let names: Vec<_> = found.iter().map(|file| file.file_name().unwrap().to_str().unwrap()).collect();
-        assert_eq!(names, ["f_1.png", "f_2.png", "f_10.png"]);
-        std::fs::remove_file(folder.path().join("f_2.png")).unwrap();
-        let refused = sweep_frames(&[folder.path().to_path_buf()], false, None).unwrap_err();
-        assert!(matches!(refused, Failure::Failed(problem) if problem.contains("holds 2 photographs")));
     }
 }

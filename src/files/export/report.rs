@@ -100,6 +100,9 @@ pub struct Report {
     /// Index of each frame among the files that were passed, from 0; empty for a pair.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub order: Vec<usize>,
+    /// Photographs in the folder of a sweep that are not frames of it, by their names.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<String>,
     /// The files that hold a value for each pixel.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fields: Vec<FieldReport>,

@@ -1,0 +1,219 @@
+//! The series of photographs in a folder, by their names.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use crate::cli::options::photographs::{file_name, stem};
+
+/// The fewest photographs of a series. Two are a pair.
+const FEWEST: usize = 3;
+
+/// Digits of a fraction that are compared.
+const FRACTION_DIGITS: usize = 9;
+
+/// Returns each series of three or more photographs in the order of its numbers.
+///
+/// The names of a series differ in their numbers only: `IMG_0001.JPG`, `frame-1.png`, `0.5mm.tif`. A single letter at
+/// the end of a name counts like a number: `a.png`. Case does not matter.
+pub(crate) fn find(files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
+    let mut groups: BTreeMap<Vec<String>, Vec<Named>> = BTreeMap::new();
+    for file in files {
+        let (texts, numbers) = split(file);
+        if !numbers.is_empty() {
+            groups.entry(texts).or_default().push(Named { numbers, file: file.clone() });
+        }
+    }
+    join_negative(&mut groups);
+    let mut found: Vec<_> = groups.into_values().flat_map(|group| apart(ordered(group))).collect();
+    found.retain(|series| series.len() >= FEWEST);
+    found.into_iter().map(|series| series.into_iter().map(|named| named.file).collect()).collect()
+}
+
+/// The first and the last name of a series, for messages.
+pub(crate) fn ends(frames: &[PathBuf]) -> String {
+    let [first, last] = [frames.first(), frames.last()].map(|file| file.map_or(String::new(), |file| file_name(file)));
+    format!("{first} to {last}")
+}
+
+/// A photograph, and the numbers in its name.
+#[derive(Clone, Debug)]
+struct Named {
+    numbers: Vec<Number>,
+    file: PathBuf,
+}
+
+/// A number in a name, as written.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Number {
+    whole: i128,
+    /// The digits after a point or a comma.
+    fraction: String,
+    is_negative: bool,
+}
+
+impl Number {
+    fn is_zero(&self) -> bool {
+        self.whole == 0 && self.fraction.bytes().all(|digit| digit == b'0')
+    }
+
+    /// A key that orders numbers. `is_count`: the fraction is a number of its own, so that 1.10 follows 1.9.
+    fn key(&self, is_count: bool) -> i128 {
+        let digits: String = self.fraction.chars().take(FRACTION_DIGITS).collect();
+        let padded = if is_count { digits } else { format!("{digits:0<FRACTION_DIGITS$}") };
+        let value = self.whole * 10i128.pow(FRACTION_DIGITS as u32) + padded.parse::<i128>().unwrap_or(0);
+        if self.is_negative { -value } else { value }
+    }
+}
+
+/// Splits a name into the texts around its numbers, and the numbers.
+fn split(file: &Path) -> (Vec<String>, Vec<Number>) {
+    let stem = stem(file).to_lowercase();
+    let extension = file.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let (mut texts, mut numbers, mut rest) = (Vec::new(), Vec::new(), stem.as_str());
+    while let Some(at) = rest.find(|c: char| c.is_ascii_digit()) {
+        texts.push(rest[..at].to_string());
+        let (whole, after) = digits(&rest[at..]);
+        let (fraction, after) = match after.strip_prefix(['.', ',']).map(digits) {
+            Some((fraction, after)) if !fraction.is_empty() => (fraction, after),
+            _ => ("", after),
+        };
+        // A number of more than 18 digits is a date or a hash. Its last 18 digits are used.
+        let whole = whole[whole.len().saturating_sub(18)..].parse().unwrap_or(0);
+        numbers.push(Number { whole, fraction: fraction.to_string(), is_negative: false });
+        rest = after;
+    }
+    let mut tail = rest.chars().rev();
+    let letter =
+        tail.next().filter(char::is_ascii_alphabetic).filter(|_| !tail.next().is_some_and(char::is_alphabetic));
+    match letter {
+        Some(letter) => {
+            numbers.push(Number { whole: i128::from(u32::from(letter)), fraction: String::new(), is_negative: false });
+            // The mark keeps letters apart from numbers.
+            texts.extend([rest[..rest.len() - 1].to_string(), format!("\0.{extension}")]);
+        }
+        None => texts.push(format!("{rest}.{extension}")),
+    }
+    (texts, numbers)
+}
+
+/// Splits a text after its leading digits.
+fn digits(text: &str) -> (&str, &str) {
+    text.split_at(text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len()))
+}
+
+/// Reads a dash before a number as a minus sign if the same names without it include the number 0: `z-5`, `z0`, `z5`.
+/// Elsewhere it is a hyphen, as in `frame-1`.
+fn join_negative(groups: &mut BTreeMap<Vec<String>, Vec<Named>>) {
+    let keys: Vec<Vec<String>> = groups.keys().cloned().collect();
+    for key in keys {
+        for n in 0..key.len() - 1 {
+            let Some(text) = key[n].strip_suffix('-') else { continue };
+            let mut positive = key.clone();
+            positive[n] = text.to_string();
+            let has_zero = |group: &Vec<Named>| group.iter().any(|named| named.numbers[n].is_zero());
+            if !groups.get(&positive).is_some_and(has_zero) {
+                continue;
+            }
+            let Some(mut negative) = groups.remove(&key) else { continue };
+            negative.iter_mut().for_each(|named| named.numbers[n].is_negative = true);
+            groups.entry(positive).or_default().extend(negative);
+            break;
+        }
+    }
+}
+
+/// Orders photographs by their numbers.
+fn ordered(mut group: Vec<Named>) -> Vec<Named> {
+    let is_count: Vec<bool> = (0..group[0].numbers.len()).map(|n| is_count(&group, n)).collect();
+    group.sort_by_cached_key(|named| {
+        named.numbers.iter().zip(&is_count).map(|(number, is_count)| number.key(*is_count)).collect::<Vec<_>>()
+    });
+    group
+}
+
+/// Whether the fractions of number `n` are numbers of their own, as in `1.9, 1.10`. A decimal is rarely padded with a
+/// zero to more digits than another one: two would be equal, or one of a single range would end in 0.
+fn is_count(group: &[Named], n: usize) -> bool {
+    let distinct =
+        |key: &dyn Fn(&Number) -> i128| group.iter().map(|named| key(&named.numbers[n])).collect::<BTreeSet<_>>().len();
+    let shortest = group.iter().map(|named| named.numbers[n].fraction.len()).min().unwrap_or(0);
+    let is_padded =
+        |named: &Named| named.numbers[n].fraction.len() > shortest && named.numbers[n].fraction.ends_with('0');
+    distinct(&|number| number.key(false)) < distinct(&|number| number.key(true))
+        || distinct(&|number| number.whole) == 1 && group.iter().any(is_padded)
+}
+
+/// Splits photographs with several numbers into series: if one number counts within several values of the others, and
+/// begins again in each. Where it does not begin again, as in times of day, the photographs are one series.
+fn apart(group: Vec<Named>) -> Vec<Vec<Named>> {
+    for n in 0..group[0].numbers.len() {
+        let mut parts: BTreeMap<Vec<Number>, Vec<Named>> = BTreeMap::new();
+        for named in &group {
+            let mut others = named.numbers.clone();
+            others.remove(n);
+            parts.entry(others).or_default().push(named.clone());
+        }
+        let long: Vec<&Vec<Named>> = parts.values().filter(|part| part.len() >= FEWEST).collect();
+        let mut seen = BTreeSet::new();
+        let begins_again = long.iter().flat_map(|part| part.iter()).any(|named| !seen.insert(&named.numbers[n]));
+        if long.len() > 1 && begins_again {
+            return parts.into_values().collect();
+        }
+    }
+    vec![group]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(names: &[&str]) -> Vec<Vec<String>> {
+        let files: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
+        find(&files).iter().map(|series| series.iter().map(|file| file_name(file)).collect()).collect()
+    }
+
+    #[test]
+    fn names_with_a_number_that_counts_are_a_series_in_its_order() {
+        for names in [
+            &["IMG_0001.JPG", "IMG_0002.JPG", "IMG_0003.jpg", "img_0010.JPG"][..],
+            &["frame-1.png", "frame-2.png", "frame-9.png", "frame-10.png", "frame-12.png"],
+            &["0.25mm.tif", "0.5mm.tif", "0.75mm.tif", "1mm.tif", "1.25mm.tif", "10mm.tif"],
+            &["0,5mm.tif", "1,0mm.tif", "1,5mm.tif"],
+            &["s_1.1.png", "s_1.2.png", "s_1.9.png", "s_1.10.png", "s_1.11.png"],
+            &["t1.8.png", "t1.9.png", "t1.10.png"],
+            &["z-10.tif", "z-5.tif", "z0.tif", "z5.tif"],
+            &["a.png", "b.png", "c.png"],
+            &["part_a.png", "part_b.png", "part_C.png"],
+            &["20240501_120001.jpg", "20240501_120003.jpg", "20240501_120103.jpg"],
+            &["2024-05-01 12.00.58.jpg", "2024-05-01 12.01.01.jpg", "2024-05-01 12.01.04.jpg"],
+            &["01_5.0mm.png", "02_5.5mm.png", "03_6.0mm.png"],
+            &["1.png", "2.png", "3.png"],
+            &["IMG_1 (1).png", "IMG_1 (2).png", "IMG_1 (3).png"],
+            &["stack.0001.ome.tif", "stack.0002.ome.tif", "stack.0003.ome.tif"],
+        ] {
+            let mut shuffled = names.to_vec();
+            shuffled.rotate_left(2);
+            shuffled.swap(0, 1);
+            assert_eq!(found(&shuffled), [names]);
+        }
+    }
+
+    #[test]
+    fn other_photographs_belong_to_no_series() {
+        let stray = ["mask.png", "expected.jpg", "f_1_preview.png", "f_1.jpg", "truth.exr", "f.png"];
+        let files = [&["f_1.png", "f_2.png", "f_10.png"][..], &stray].concat();
+        assert_eq!(found(&files), [["f_1.png", "f_2.png", "f_10.png"]]);
+        let two = found(&["a_1.png", "a_2.png", "a_3.png", "b_1.png", "b_2.png", "b_3.png", "b_4.png"]);
+        assert_eq!(two.iter().map(Vec::len).collect::<Vec<_>>(), [3, 4]);
+        let scans: Vec<String> = (0..8).map(|n| format!("scan{}_{:03}.png", n / 4, n % 4)).collect();
+        let scans = found(&scans.iter().map(String::as_str).collect::<Vec<_>>());
+        assert_eq!(scans.iter().map(Vec::len).collect::<Vec<_>>(), [4, 4]);
+        let both = found(&["1.jpg", "1.tif", "2.jpg", "2.tif", "3.jpg", "3.tif"]);
+        assert_eq!(both, [["1.jpg", "2.jpg", "3.jpg"], ["1.tif", "2.tif", "3.tif"]]);
+        for none in
+            [&["near.png", "middle.png", "far.png"][..], &["a_1.png", "a_2.png"], &["3f2a.png", "b81e.png", "0c.png"]]
+        {
+            assert_eq!(found(none), Vec::<Vec<String>>::new());
+        }
+    }
+}
