@@ -83,7 +83,7 @@ impl Hash {
     }
 
     /// Whether a file has this size and hash; false for a file that cannot be read.
-    fn matches(&self, path: &Path) -> bool {
+    pub(crate) fn matches(&self, path: &Path) -> bool {
         // Reads at most one byte more than the stated size.
         open(path).is_ok_and(|file| {
             let is_long = file.metadata().is_ok_and(|found| found.len() == self.bytes);

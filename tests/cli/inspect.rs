@@ -34,6 +34,17 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// States the file's present size and SHA-256 in the report, as if the solve had written it.
+fn sign(folder: &Path, name: &str) {
+    let file = folder.join(name);
+    let output = std::process::Command::new("sha256sum").arg(&file).output().unwrap();
+    let sha256 = String::from_utf8(output.stdout).unwrap().split(' ').next().unwrap().to_string();
+    let path = folder.join("report.json");
+    let mut report: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    report["hashes"][name] = serde_json::json!({ "bytes": fs::metadata(&file).unwrap().len(), "sha256": sha256 });
+    fs::write(&path, report.to_string()).unwrap();
+}
+
 /// Adds a square bump of 4 px², 12 px wide, to V of a results folder.
 fn add_bump(folder: &Path, [left, top]: [u32; 2]) {
     use exr::prelude::*;
@@ -48,6 +59,7 @@ fn add_bump(folder: &Path, [left, top]: [u32; 2]) {
     let value = move |at: Vec2<usize>| (values[at.y() * size.0 + at.x()],);
     let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(value);
     Image::from_channels(size, channels).write().to_file(&file).unwrap();
+    sign(folder, "relative_blur.exr");
 }
 
 #[test]
@@ -127,4 +139,36 @@ fn a_part_too_uncertain_for_the_tolerance_cannot_be_judged() {
     let output = desk.run(&["inspect", "hasty", "--golden", "golden", "--tolerance", "5", "--in-place"]);
     assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
     assert!(stderr(&output).contains("hasty had not converged"), "{}", stderr(&output));
+}
+
+#[test]
+fn results_that_were_changed_or_have_other_settings_are_refused() {
+    let desk = Desk(TempDir::new().unwrap());
+    assert!(desk.run(&["simulate", "relief", "-o", "shots", "--size", "160x120"]).status.success());
+    let solve = |out: &str, extra: &[&str]| {
+        let own = ["solve", "shots/i1.png", "shots/i2.png", "-o", out, "--no-html"];
+        assert!(desk.run(&[&own, extra].concat()).status.success());
+    };
+    solve("golden", &[]);
+    // These change the path of the solve, and not its result.
+    solve("part", &["--outer-iterations", "90", "--levels", "2"]);
+    desk.inspect("part", 0, &["--in-place"]);
+
+    solve("smooth", &["--regularization", "0.3", "--kernel", "gaussian"]);
+    let refused = stderr(&desk.inspect("smooth", 1, &["--in-place"]));
+    assert!(refused.contains("smooth and golden: have other settings: regularization is 0.3 and null"), "{refused}");
+    assert!(refused.contains(r#"kernel is "gaussian" and "auto"; solve both with the same settings"#), "{refused}");
+
+    for name in ["uncertainty.exr", "fused.png"] {
+        let (file, taken) = (desk.path("part").join(name), desk.path("smooth").join(name));
+        let own = fs::read(&file).unwrap();
+        fs::copy(&taken, &file).unwrap();
+        let refused = stderr(&desk.inspect("part", 1, &["--in-place"]));
+        let problem = format!("{name}: has changed since the solve: its SHA-256 is not the one in report.json");
+        assert!(refused.contains(&problem) && refused.contains("solve again"), "{refused}");
+        fs::write(&file, own).unwrap();
+    }
+    desk.inspect("part", 0, &["--in-place"]);
+    let golden = desk.run(&["inspect", "part", "--golden", "part", "smooth", "--tolerance", "1", "--in-place"]);
+    assert!(stderr(&golden).contains("smooth and part: have other settings"), "{}", stderr(&golden));
 }

@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Results, listed_in, write_inspection};
+use parfocal::export::{
+    INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Report, Results, listed_in, write_inspection,
+};
 use parfocal::metric::inspect::{Heights, Limits, Verdict, golden, inspect};
 use parfocal::{
     Frame,
@@ -13,6 +15,9 @@ use parfocal::{
     transform::{Brightness, Similarity},
 };
 
+use serde_json::Value;
+
+use crate::cli::commands::compare::differing;
 use crate::cli::options::part::within;
 use crate::cli::options::run::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
@@ -78,6 +83,8 @@ struct Part {
     folder: PathBuf,
     /// Whether its solve converged; `None` for a sweep.
     converged: Option<bool>,
+    /// The settings that its heights depend on.
+    settings: Value,
     /// The fused image, used to register the part.
     picture: Frame,
     /// Quantities with name, unit, and heights towards the camera; the best one is last.
@@ -94,6 +101,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // clap requires at least one.
     let Some(first) = goldens.first() else { return Ok(()) };
     let (quantity, unit) = common(&part, &goldens)?;
+    std::iter::once(&part).chain(&goldens[1..]).try_for_each(|other| other.check_settings(first))?;
     let on_first = |other: &Part| other.on(first, quantity, arguments.in_place);
     let golden = {
         let all = goldens[1..].iter().map(|other| on_first(other).map(|(heights, _)| heights));
@@ -151,6 +159,7 @@ fn common<'a>(part: &'a Part, goldens: &[Part]) -> Result<(&'a str, &'static str
 impl Part {
     fn read(folder: &Path) -> Result<Self, Failure> {
         let results = Results::read(folder)?;
+        results.check_hashes()?;
         let fields = results.measured().into_iter().map(|quantity| {
             let sign = if quantity.nearer == Nearer::First { 1.0 } else { -1.0 };
             let towards: Vec<f32> = quantity.values.iter().map(|v| sign * v).collect();
@@ -158,8 +167,20 @@ impl Part {
             Ok((quantity.label(), quantity.unit, heights))
         });
         let fields = fields.collect::<Result<_, Failure>>()?;
-        let converged = results.report.converged;
-        Ok(Self { folder: folder.to_path_buf(), converged, picture: results.fused()?, fields })
+        let report = &results.report;
+        let (converged, settings) = (report.converged, settings(report)?);
+        Ok(Self { folder: folder.to_path_buf(), converged, settings, picture: results.fused()?, fields })
+    }
+
+    /// Refuses results of other settings: then heights differ for another reason than the part.
+    fn check_settings(&self, first: &Self) -> Result<(), Failure> {
+        let differing = differing(&self.settings, &first.settings);
+        if differing.is_empty() {
+            return Ok(());
+        }
+        let each = differing.iter().map(|(name, [own, golden])| format!("{name} is {own} and {golden}"));
+        let all = each.collect::<Vec<_>>().join(", ");
+        Err(self.failed(first, format!("have other settings: {all}; solve both with the same settings")))
     }
 
     /// The heights of the part on the pixels of a golden part, and the transform T from those pixels to its own.
@@ -192,6 +213,36 @@ impl Part {
     fn failed(&self, other: &Self, problem: impl std::fmt::Display) -> Failure {
         Failure::Failed(format!("{} and {}: {problem}", self.folder.display(), other.folder.display()))
     }
+}
+
+/// Settings that change how a solve arrives at its result, and not the result of one that converged.
+const PATH: [&str; 9] = [
+    "start",
+    "start_photometric",
+    "registration_step",
+    "levels",
+    "outer_iterations",
+    "relaxation_sweeps",
+    "over_relaxation",
+    "continuation",
+    "largest_step",
+];
+
+/// The settings that the heights of results depend on. For a sweep whose focus is in settings, they include the number
+/// of frames, since one setting is the distance between two frames.
+fn settings(report: &Report) -> Result<Value, Failure> {
+    let failed = |e: serde_json::Error| Failure::Failed(e.to_string());
+    let mut settings = serde_json::to_value(&report.settings).map_err(failed)?;
+    if let Some(map) = settings.as_object_mut() {
+        map.retain(|name, _| !PATH.contains(&name.as_str()));
+        // As found, since `auto` may find another curve for each part.
+        map.insert("decode".to_string(), serde_json::to_value(report.values.decode).map_err(failed)?);
+        map.insert("flattened".to_string(), report.flattened.into());
+        if report.focus_unit.as_deref() == Some("settings") {
+            map.insert("number of frames".to_string(), report.frames.len().into());
+        }
+    }
+    Ok(settings)
 }
 
 /// The summary.

@@ -309,10 +309,33 @@ impl<'a> Results<'a> {
         if let Some(fused) = &self.fused {
             return fused.frame(fused.depth);
         }
-        let float = self.report.has_file(FUSED_FLOAT_FILE);
-        let path = self.folder.join(if float { FUSED_FLOAT_FILE } else { FUSED_FILE });
+        let path = self.folder.join(self.fused_file());
         let image = image_io::read(&path)?;
         self.check_size(&path, (image.width(), image.height())).map(|()| image)
+    }
+
+    /// Checks that the fields and the fused image in the folder are the files that the solve wrote.
+    ///
+    /// # Errors
+    /// [`Error::File`] for the first file whose size or SHA-256 is not the one that the report states.
+    pub fn check_hashes(&self) -> Result<(), Error> {
+        let fields = self.report.kind.fields().iter().map(|(_, file, _)| *file);
+        for file in fields.chain([self.fused_file()]) {
+            let path = self.folder.join(file);
+            let Some(hash) = self.report.hashes.get(file) else {
+                return Err(Error::file(&path, format!("has no SHA-256 in {REPORT_FILE}; solve again")));
+            };
+            if !hash.matches(&path) {
+                let problem = format!("has changed since the solve: its SHA-256 is not the one in {REPORT_FILE}");
+                return Err(Error::file(&path, format!("{problem}; solve again")));
+            }
+        }
+        Ok(())
+    }
+
+    /// The file of the fused image.
+    fn fused_file(&self) -> &'static str {
+        if self.report.has_file(FUSED_FLOAT_FILE) { FUSED_FLOAT_FILE } else { FUSED_FILE }
     }
 
     fn check_size(&self, path: &Path, (width, height): (u32, u32)) -> Result<(), Error> {
