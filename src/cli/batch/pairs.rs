@@ -9,10 +9,9 @@ use parfocal::internals::bounded_read;
 use serde::Deserialize;
 
 use crate::cli::batch::summary::SUMMARY;
-use crate::cli::options::photographs::{
-    self, SweepFiles, file_name, in_short, list_folder, one_series, stem, with_format,
-};
+use crate::cli::options::photographs::{self, SweepFiles, in_short, list_folder, one_series, with_format};
 use crate::cli::options::series;
+use crate::cli::options::series::{file_name, stem};
 use crate::cli::output::failure::Failure;
 
 /// The photographs of a pair or a sweep in order, and the name of the folder of their results.

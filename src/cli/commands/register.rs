@@ -13,6 +13,7 @@ use crate::cli::commands::stack;
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
 use crate::cli::options::photographs;
 use crate::cli::options::run::RunArguments;
+use crate::cli::options::series;
 use crate::cli::options::settings::SettingsArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
@@ -112,7 +113,7 @@ fn sweep_summary(found: &Report, file: Option<&Path>) -> String {
         let ([x, y], t) = (frame.transform.translation(), &frame.transform);
         let (rotation, scale, gain) = (t.rotation_deg(), t.scale(), frame.photometric.gain);
         let note = if n == found.reference { "  (reference)" } else { "" };
-        let name = photographs::file_name(Path::new(&frame.file));
+        let name = series::file_name(Path::new(&frame.file));
         format!("{name}  {x:+.3} {y:+.3} px, {rotation:+.4}°, scale {scale:.5}, gain {gain:.4}{note}")
     };
     let mut lines: Vec<String> = found.frames.iter().enumerate().map(frame).collect();

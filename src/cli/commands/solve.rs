@@ -13,6 +13,7 @@ use parfocal::{Frame, Lens, PairSolver, Settings, Solution, SolveOptions, frame:
 
 use crate::cli::help::{AFTER_HELP, OUTPUT};
 use crate::cli::options::photographs::{self, PairArguments};
+use crate::cli::options::series;
 use crate::cli::options::solve::{Request, SolveArguments};
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
@@ -137,7 +138,7 @@ impl PairJob {
         // V before the subtraction of the flat reference determines which photograph is sharper.
         let sharpness = photographs.scope.flat.as_ref().map(|flat| flat.restored(solution));
         let labels = request.models.is_labels().then(|| export::labels(sharpness.as_ref().unwrap_or(solution)));
-        let names = self.files.iter().map(|file| photographs::file_name(file)).collect();
+        let names = self.files.iter().map(|file| series::file_name(file)).collect();
         write_results(request, &self.out, results, photographs.frames.iter().collect(), names, labels)
     }
 }

@@ -188,7 +188,7 @@ impl SweepJob {
         report.request = self.digest(request)?;
         let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
         let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
-        let names = sweep.order.iter().map(|n| photographs::file_name(&self.files.frames[*n])).collect();
+        let names = sweep.order.iter().map(|n| series::file_name(&self.files.frames[*n])).collect();
         let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
         write_results(request, &self.out, results, frames, names, labels)
     }

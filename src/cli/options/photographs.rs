@@ -9,7 +9,7 @@ use parfocal::sweep::Positions;
 use parfocal::{Engine, PairSolver, Settings, settings::DeviceInfo};
 
 use crate::cli::help::INPUT;
-use crate::cli::options::series;
+use crate::cli::options::series::{self, file_name, stem};
 use crate::cli::output::failure::Failure;
 
 /// The two photographs of a pair.
@@ -158,16 +158,6 @@ fn of_folder(folder: &Path, mut files: Vec<PathBuf>) -> Result<SweepFiles, Failu
         files.len(),
         in_short(&names)
     )))
-}
-
-/// The name of a file without its folders.
-pub(crate) fn file_name(file: &Path) -> String {
-    file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
-}
-
-/// The name of a file without folders and extension.
-pub(crate) fn stem(file: &Path) -> String {
-    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The photographs and the folders in a folder, sorted, without hidden files and results.

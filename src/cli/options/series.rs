@@ -3,8 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use crate::cli::options::photographs::{file_name, stem};
-
 /// The fewest photographs of a series. Two are a pair.
 const FEWEST: usize = 3;
 
@@ -161,6 +159,16 @@ fn apart(group: Vec<Named>) -> Vec<Vec<Named>> {
         }
     }
     vec![group]
+}
+
+/// The name of a file without its folders.
+pub(crate) fn file_name(file: &Path) -> String {
+    file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// The name of a file without folders and extension.
+pub(crate) fn stem(file: &Path) -> String {
+    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 #[cfg(test)]
