@@ -70,7 +70,7 @@ fn library_flags(include: &Path, lib: &Path) -> Vec<String> {
 fn c_solves_a_pair() {
     for flags in [&["-std=c11"][..], &["-std=c11", "-static-parfocal"]] {
         let output = done(&Command::new(compile("cc", "solve.c", flags)).output().expect("the program"));
-        assert!(output.contains("V in the middle 1.0") && output.contains("T 0.800 -0.600 px, converged"), "{output}");
+        assert!(output.contains("V in the middle 1.00") && output.contains("T 0.800 -0.600 px, converged"), "{output}");
     }
 }
 
@@ -78,9 +78,9 @@ fn c_solves_a_pair() {
 fn cpp_solves_registers_streams_and_stacks() {
     let output = done(&Command::new(compile("c++", "solve.cpp", &["-std=c++17"])).output().expect("the program"));
     let parts = [
-        "V in the middle 1.0",
+        "V in the middle 1.00",
         "the solve was cancelled\n",
-        "from 12 bits, V in the middle 1.0",
+        "from 12 bits, V in the middle 1.00",
         "depth in the middle 30",
         "line of 57",
         "24x16 px from 32, 40",
@@ -136,6 +136,6 @@ fn cmake_finds_the_package() {
     run(&["--build", "build"]);
     for program in ["found", "static"] {
         let output = done(&Command::new(project.path().join("build").join(program)).output().expect("the program"));
-        assert!(output.contains("V in the middle 1.0"), "{output}");
+        assert!(output.contains("V in the middle 1.00"), "{output}");
     }
 }
