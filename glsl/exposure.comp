@@ -19,67 +19,79 @@ layout(push_constant) uniform Constants {
     float dependent;                 // samples that are worth one independent sample
 };
 
-// A sample of both images, its share, and its place on I2, -1 to 1 along either side.
+// A sample of both images, its share, its weight, and its place on I2, -1 to 1 along either side.
 struct Sample {
     float u, v;
     float share;
+    float weight;                    // one over its expected squared residual, 1 in the dark
     vec2 place;
 };
+
+const float DARK = 0.01;
 
 int columns() { return (width + 2 * every - 1) / (2 * every); }
 int samples() { return columns() * ((height + 2 * every - 1) / (2 * every)); }
 
 Sample sample_at(int n, Registration r) {
-    const Sample NONE = Sample(0.0, 0.0, 0.0, vec2(0.0));
+    const Sample NONE = Sample(0.0, 0.0, 0.0, 0.0, vec2(0.0));
     if (n >= samples()) return NONE;
     ivec2 h = every * ivec2(n % columns(), n / columns()), x = 2 * h;
     float share = imageLoad(pair, ivec3(h, 2)).r;
     if (!(share > 0.5)) return NONE;
     vec2 centre = vec2(centre_x, centre_y);
     vec2 place = (vec2(x) + displacement(r, x, factor, centre) - centre) / centre;
-    return Sample(imageLoad(pair, ivec3(h, 0)).r / share, imageLoad(pair, ivec3(h, 1)).r / share, share, place);
+    float u = imageLoad(pair, ivec3(h, 0)).r / share, v = imageLoad(pair, ivec3(h, 1)).r / share;
+    float middle = 0.5 * (u + v);
+    return Sample(u, v, share, DARK * DARK / (DARK * DARK + middle * middle), place);
 }
 
-const int MOMENTS = 6;               // pixels, I1, I2, I1², I2², I1 I2; intensities minus ½, to keep digits
+const int MOMENTS = 3;
 shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][MOMENTS];
+shared float added[MOMENTS];
 
 // Written by invocation 0, read by all: barrier() orders shared memory, but not writes to the state.
 shared float correlation, gain, offset;
 shared float shading[TERMS];
 
-// Gain and offset from mean and deviation of both images.
-void match_moments(Registration r) {
-    float moments[MOMENTS] = float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+// Sums over the samples, with weights: of 1, I1, I2 less `centre` if not `square`, else of I1², I2², I1 I2.
+vec3 moments(Registration r, vec2 centre, bool square) {
+    vec3 own = vec3(0.0);
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
         Sample p = sample_at(n, r);
-        float u = p.u - 0.5, v = p.v - 0.5;
-        float terms[MOMENTS] = float[](1.0, u, v, u * u, v * v, u * v);
-        for (int i = 0; i < MOMENTS; i++) moments[i] += p.share * terms[i];
+        float u = p.u - centre.x, v = p.v - centre.y;
+        own += p.share * p.weight * (square ? vec3(u * u, v * v, u * v) : vec3(1.0, u, v));
     }
-    for (int i = 0; i < MOMENTS; i++) {
-        float sum = subgroupAdd(moments[i]);
-        if (subgroupElect()) by_subgroup[gl_SubgroupID][i] = sum;
+    vec3 sum = subgroupAdd(own);
+    if (subgroupElect()) {
+        for (int i = 0; i < MOMENTS; i++) by_subgroup[gl_SubgroupID][i] = sum[i];
     }
     barrier();
+    if (gl_LocalInvocationIndex < MOMENTS) {
+        float all = 0.0;
+        for (uint group = 0; group < gl_NumSubgroups; group++) all += by_subgroup[group][gl_LocalInvocationIndex];
+        added[gl_LocalInvocationIndex] = all;
+    }
+    barrier();
+    return vec3(added[0], added[1], added[2]);
+}
+
+// Gain and offset from mean and deviation of both images.
+void match_moments(Registration r) {
+    vec3 first = moments(r, vec2(0.0), false);
+    float count = max(first.x, 1e-12);
+    vec2 mean = first.yz / count;
+    vec3 second = moments(r, mean, true) / count;
     if (gl_LocalInvocationIndex == 0) {
-        float m[MOMENTS];
-        for (int i = 0; i < MOMENTS; i++) {
-            m[i] = 0.0;
-            for (uint group = 0; group < gl_NumSubgroups; group++) m[i] += by_subgroup[group][i];
-        }
-        float count = max(m[0], 1.0);
-        vec2 mean = vec2(m[1], m[2]) / count;
-        vec2 variance = max(vec2(m[3], m[4]) / count - mean * mean, vec2(0.0));
-        float covariance = m[5] / count - mean.x * mean.y;
-        // 1e-6: a deviation of 0.001, below which differences of squares are rounding errors.
+        vec2 variance = second.xy;
+        // 1e-6: a deviation of 0.001, below which the images hardly have contrast.
         bool contrast = min(variance.x, variance.y) > 1e-6;
-        correlation = contrast ? covariance / (sqrt(variance.x) * sqrt(variance.y)) : 0.0;
+        correlation = contrast ? second.z / (sqrt(variance.x) * sqrt(variance.y)) : 0.0;
         state.correlation = correlation;
         // Images that hardly correlate, for example because they are far apart, do not determine the gain.
         if (adopt > 0) {
             gain = correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;
-            offset = mean.x + 0.5 - gain * (mean.y + 0.5);
+            offset = mean.x - gain * mean.y;
             state.registration.gain = gain;
             state.registration.offset = offset;
         }
@@ -88,11 +100,11 @@ void match_moments(Registration r) {
 }
 
 // I1 minus the offset is a polynomial of the place times I2. The sums are the upper triangle of the normal equations of
-// its coefficients, row by row, with the right side as last column; then the weights, the squares that the previous
-// polynomial leaves, and those that its constant term alone leaves.
+// its coefficients, row by row, with the right side as last column; then the shares that count, the squares that the
+// previous polynomial leaves, and those that its constant term alone leaves, both times the weight.
 const int ALL = TERMS + 1;
 const int PAIRS = (ALL + 1) * (ALL + 2) / 2;
-const int WEIGHT = PAIRS, LEFT = WEIGHT + 1, BEFORE = WEIGHT + 2, FITTED = WEIGHT + 3;
+const int COUNT = PAIRS, LEFT = COUNT + 1, BEFORE = COUNT + 2, FITTED = COUNT + 3;
 const int ROUNDS = 3;
 // Sums whose subgroups' shares are in shared memory at a time.
 const int BATCH = 16;
@@ -114,7 +126,8 @@ void add_up(Registration r, float constant, bool first) {
         // I2 without its shading.
         float second = p.v / shading_at(applied, p.place), target = p.u - offset;
         float left = target - constant * second * shading_at(before, p.place), alone = target - constant * second;
-        float weight = first ? p.share : p.share / (1.0 + left * left / (scale * scale));
+        float counts = first ? p.share : p.share / (1.0 + p.weight * left * left / (scale * scale));
+        float weight = counts * p.weight;
         float px[5], py[5], terms[ALL + 1];
         legendre(p.place.x, px);
         legendre(p.place.y, py);
@@ -128,7 +141,7 @@ void add_up(Registration r, float constant, bool first) {
             float weighed = weight * terms[i];
             [[unroll]] for (int j = i; j <= ALL; j++, at++) sums[at] += weighed * terms[j];
         }
-        sums[WEIGHT] += weight;
+        sums[COUNT] += counts;
         sums[LEFT] += weight * left * left;
         sums[BEFORE] += weight * alone * alone;
     }
@@ -185,14 +198,14 @@ void match_shading(Registration r) {
                 solve();
                 for (int i = 0; i < TERMS; i++) shading[i] = coefficients[i + 1] / max(coefficients[0], 1e-3);
             }
-            // Twice the deviation of the residuals; in the first round those of the previous polynomial.
-            scale = 2.0 * sqrt(fitted[LEFT] / max(fitted[WEIGHT], 1.0)) + 1e-6;
+            // Twice the deviation of the residuals in the dark; in the first round those of the previous polynomial.
+            scale = 2.0 * sqrt(fitted[LEFT] / max(fitted[COUNT], 1.0)) + 1e-6;
         }
         barrier();
     }
     if (n != 0) return;
     // James and Stein: subtracts what chance explains with as many terms and independent samples.
-    float chance = fitted[LEFT] * float(TERMS) * dependent / max(fitted[WEIGHT], 1.0), explained = fitted[BEFORE] - fitted[LEFT];
+    float chance = fitted[LEFT] * float(TERMS) * dependent / max(fitted[COUNT], 1.0), explained = fitted[BEFORE] - fitted[LEFT];
     float significant = explained > chance ? 1.0 - chance / explained : 0.0;
     for (int i = 0; i < TERMS; i++) state.shading[i] = significant * shading[i];
 }
