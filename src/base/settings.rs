@@ -335,6 +335,9 @@ settings! {
     /// Its pass takes a twentieth of the solve of 1 Mpx in grey (`parfocal bench`, lavapipe). Without it a quarter less is
     /// read back, of colour half.
     fused: bool = true;
+    /// Whether frames of a sweep are kept that do not show the scene of the others.
+    /// Otherwise they are left out, and a warning names each with its reason.
+    keep_frames: bool = false;
     /// Over-relaxation ω.
     over_relaxation: f64 = 1.3, 0.01 to 1.99, flag "Fine tuning" "W";
     /// On the coarsest level α starts 1 + C times too large.

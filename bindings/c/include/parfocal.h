@@ -230,8 +230,8 @@ typedef struct {
   double start_offset;
   // 1: also compute the fused image of a pair. Depth and registration do not need it.
   uint32_t fused;
-  // Must be 0.
-  uint32_t reserved;
+  // 1: keep the frames of a sweep that do not show the scene of the others. 0: leave them out.
+  uint32_t keep_frames;
 } parfocal_settings;
 
 // A photograph: rows of pixels with one sample, or with three (red, green, blue). The call copies it before it returns.

@@ -124,8 +124,8 @@ pub struct parfocal_settings {
     pub start_offset: f64,
     /// 1: also compute the fused image of a pair. Depth and registration do not need it.
     pub fused: u32,
-    /// Must be 0.
-    pub reserved: u32,
+    /// 1: keep the frames of a sweep that do not show the scene of the others. 0: leave them out.
+    pub keep_frames: u32,
 }
 
 // SAFETY: `repr(C)`, numbers, the size first.
@@ -159,7 +159,7 @@ unsafe impl Versioned for parfocal_settings {
             start_gain: s.start_photometric.gain,
             start_offset: s.start_photometric.offset,
             fused: s.fused.into(),
-            reserved: 0,
+            keep_frames: s.keep_frames.into(),
         }
     }
 }
@@ -229,6 +229,7 @@ fn settings(stated: &parfocal_settings) -> Result<Settings, Fault> {
         start: homography(&stated.start)?,
         start_photometric: Photometric { gain: stated.start_gain, offset: stated.start_offset },
         fused: one_of("fused", stated.fused, &[false, true])?,
+        keep_frames: one_of("keep_frames", stated.keep_frames, &[false, true])?,
     })
 }
 

@@ -37,6 +37,9 @@ pub(crate) struct SettingsArguments {
     /// A file with a transform object alone is accepted too. If the file states the exposure, that is a start as well.
     #[arg(long, value_name = "FILE", help_heading = REGISTRATION, value_parser = registration_file)]
     transform: Option<PathBuf>,
+    /// Keep the frames of a sweep that are blank, of another scene or merged from others, instead of leaving them out
+    #[arg(long, help_heading = INPUT)]
+    keep_frames: bool,
     /// Do not match the exposure (gain, offset and shading) of the two images
     #[arg(long, help_heading = REGISTRATION)]
     no_photometric: bool,
@@ -179,6 +182,7 @@ impl SettingsArguments {
             method,
             photometric: !self.no_photometric && exposure.is_none(),
             start_photometric: exposure.unwrap_or_default(),
+            keep_frames: self.keep_frames,
             ..self.table.0.clone()
         };
         if method == Method::Sift && settings.motion != Motion::Similarity {

@@ -3,6 +3,7 @@
 //! [`SweepSolver`] computes the focus setting of every pixel, an all-in-focus image, and the registration of all
 //! frames. All frames are solved together, on the pixels of one of them, the reference.
 
+mod foreign;
 mod fuse;
 mod order;
 mod positions;
@@ -11,15 +12,13 @@ use std::borrow::Cow;
 use std::ops::{Deref, DerefMut};
 
 use self::fuse::FocusedFrames;
-use self::order::Order;
+use self::order::{MIN_FRAMES, Order};
 pub use self::positions::{Positions, SweepDepth};
 use crate::base::{Brightness, Channels, Decode, Error, Format, Frame, Homography, Mask, Region, Settings, centre};
 use crate::engine::{Engine, JointRegistration, JointSolution, JointSolver, SweepInput};
 use crate::solve::SolveOptions;
 use crate::solve::pair_solver::{margin, reuse};
 
-/// The least number of frames of a sweep.
-const MIN_FRAMES: usize = 3;
 /// The largest standard deviation of u at which a pixel has a result, steps.
 const MAX_DEVIATION: f32 = 2.0;
 /// The blur at which a pixel counts as out of range, px: that of its focus in the first or the last frame. The solve
@@ -281,6 +280,8 @@ fn check(frames: &[Frame], options: &SweepOptions) -> Result<(), Error> {
 /// The frames of one solve in order, cut to the region with a margin, and their focus settings in steps.
 struct Task<'a> {
     options: &'a SweepOptions,
+    /// The positions of the frames that are solved.
+    positions: Positions,
     frames: Cow<'a, [Frame]>,
     order: Order,
     reference: usize,
@@ -306,15 +307,11 @@ impl<'a> Task<'a> {
         }
         let photograph = [frames[0].width(), frames[0].height()];
         solve.check(photograph)?;
-        let order = order::judge(frames, options.positions != Positions::Counted);
+        let order = order::judge(frames, options.positions != Positions::Counted, options.settings.keep_frames)?;
+        let positions = options.positions.of(&order.frames);
         let mut reference = options.reference;
         let mut frames = Cow::Borrowed(frames);
         if !order.frames.iter().copied().eq(0..frames.len()) {
-            if order.frames.len() < MIN_FRAMES {
-                let count = order.frames.len();
-                let problem = format!("only {count} of the frames differ: a sweep has {MIN_FRAMES} or more");
-                return Err(Error::Mismatch(problem));
-            }
             reference = reference.and_then(|given| {
                 let is_same = |n: &usize| *n == given || frames[*n].samples() == frames[given].samples();
                 order.frames.iter().position(is_same)
@@ -329,12 +326,11 @@ impl<'a> Task<'a> {
             frames = cut.collect::<Result<Cow<'_, [Frame]>, Error>>()?;
             mask = mask.map(|mask| Cow::Owned(mask.cropped(part)));
         }
-        let settings = options.positions.settings(frames.len());
-        let last = frames.len() - 1;
+        let (settings, last) = (positions.settings(frames.len()), frames.len() - 1);
         let (first, step) = (settings[0], (settings[last] - settings[0]) / last as f64);
         let steps = settings.iter().map(|p| (p - first) / step).collect();
         let (reference, is_cut) = (reference.unwrap_or(frames.len() / 2), solve.region.is_some());
-        Ok(Self { options, frames, order, reference, mask, photograph, part, is_cut, first, step, steps })
+        Ok(Self { options, positions, frames, order, reference, mask, photograph, part, is_cut, first, step, steps })
     }
 
     fn input(&self) -> SweepInput<'_> {
@@ -387,7 +383,7 @@ impl<'a> Task<'a> {
             move_into(&mut transforms, &mut brightness, self.part, self.photograph);
         }
         let positions: Vec<f64> = settings.iter().map(|steps| self.first + self.step * steps).collect();
-        let stated = &self.options.positions;
+        let stated = &self.positions;
         let uneven = stated.uneven_warning(&positions, &self.order.frames);
         RegisteredSweep {
             photograph: self.photograph,

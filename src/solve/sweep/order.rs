@@ -1,12 +1,16 @@
-//! Detects repeated frames, and frames out of focus order.
+//! Decides which frames of a sweep are solved, and in which order: repeated and foreign frames are left out.
 //!
 //! Across a sweep each place of the image becomes sharper up to one frame, and less sharp after it. A frame out of
 //! order violates this at most places. The detection finds the frame whose move repairs most of the violation. A
 //! reversed sweep is in order.
 
+use super::foreign::{Coarse, Foreign, foreign, halved, merged};
 use super::fuse::squared_laplacian;
-use crate::base::{Decode, Frame, workers};
+use crate::base::{Decode, Error, Frame, workers};
 use crate::solve::resample::luminance;
+
+/// The least number of frames of a sweep.
+pub(super) const MIN_FRAMES: usize = 3;
 
 /// The frames to solve in order, by their index among those passed, and warnings.
 pub(super) struct Order {
@@ -33,17 +37,24 @@ const NEGLIGIBLE_SHARE: f64 = 0.005;
 /// The largest distance that a frame is moved, frames.
 const MAX_MOVE: usize = 8;
 
-/// Determines the order of the frames. If their positions are `stated`, the order does not change.
-pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
+/// Determines which frames are solved, and their order. If their positions are `stated`, the order does not change. If
+/// foreign frames are to be kept, warnings alone say which they are.
+///
+/// # Errors
+/// [`Error::Mismatch`] if fewer than three frames, or no more than half of them, differ and show one scene.
+pub(super) fn judge(frames: &[Frame], stated: bool, keep_foreign: bool) -> Result<Order, Error> {
     let mut warnings = Vec::new();
     let distinct = without_repetitions(frames, stated, &mut warnings);
-    let sharpness = workers::map(distinct.len(), |n| Sharpness::of(&frames[distinct[n]]));
-    let sharpness: Option<Vec<_>> = sharpness.into_iter().collect();
-    let unmoved = || (0..distinct.len()).collect::<Vec<_>>();
-    let (best, certain) = sharpness.map_or((unmoved(), false), |sharpness| in_order(&logarithms(&sharpness)));
-    let best: Vec<usize> = best.into_iter().map(|n| distinct[n]).collect();
-    if best == distinct {
-        return Order { frames: distinct, warnings };
+    let reduced = workers::map(distinct.len(), |n| Reduced::of(&frames[distinct[n]]));
+    let Some(reduced) = reduced.into_iter().collect::<Option<Vec<_>>>() else {
+        return Ok(Order { frames: enough(distinct, frames.len())?, warnings });
+    };
+    let (kept, logarithms) = without_foreign(&distinct, reduced, keep_foreign, &mut warnings);
+    let kept = enough(kept, frames.len())?;
+    let (best, certain) = in_order(&logarithms);
+    let best: Vec<usize> = best.into_iter().map(|n| kept[n]).collect();
+    if best == kept {
+        return Ok(Order { frames: kept, warnings });
     }
     let numbers: Vec<String> = best.iter().map(|n| (n + 1).to_string()).collect();
     let numbers = numbers.join(", ");
@@ -54,7 +65,46 @@ pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
     } else {
         format!("the frames may be out of order, and would fit better as {numbers}; they are taken as given")
     });
-    Order { frames: if certain && !stated { best } else { distinct }, warnings }
+    Ok(Order { frames: if certain && !stated { best } else { kept }, warnings })
+}
+
+/// The frames, if they are enough for a sweep out of so many.
+fn enough(kept: Vec<usize>, passed: usize) -> Result<Vec<usize>, Error> {
+    let count = kept.len();
+    if count >= MIN_FRAMES && 2 * count > passed {
+        return Ok(kept);
+    }
+    let least = MIN_FRAMES.max(passed / 2 + 1);
+    Err(Error::Mismatch(format!(
+        "only {count} of {passed} frames differ and show one scene: a sweep needs {least} of them; remove the others, or \
+         keep them all (keep_frames)"
+    )))
+}
+
+/// The frames that show the scene of most frames, and the logarithms of their sharpness. `distinct` has the index of
+/// each frame among those passed. If all are to be kept, the warnings alone say which are foreign.
+fn without_foreign(
+    distinct: &[usize],
+    reduced: Vec<Reduced>,
+    keep: bool,
+    warnings: &mut Vec<String>,
+) -> (Vec<usize>, Vec<Vec<f32>>) {
+    let (sharpness, coarse): (Vec<_>, Vec<_>) =
+        reduced.into_iter().map(|frame| (frame.sharpness, frame.coarse)).unzip();
+    let mut reasons = foreign(&coarse);
+    let showing: Vec<usize> = (0..distinct.len()).filter(|&n| reasons[n].is_none()).collect();
+    let of_scene: Vec<_> = showing.iter().map(|n| &sharpness[*n]).collect();
+    let are_merged = merged(&logarithms(&of_scene), PLACES * PLACES);
+    showing.iter().zip(are_merged).filter(|(_, is)| *is).for_each(|(&n, _)| reasons[n] = Some(Foreign::Merged));
+    for (n, reason) in reasons.iter().enumerate() {
+        if let Some(reason) = reason {
+            let action = if keep { "it is kept as asked" } else { "it is left out" };
+            warnings.push(format!("frame {} {}; {action}", distinct[n] + 1, reason.words()));
+        }
+    }
+    let kept: Vec<usize> = (0..distinct.len()).filter(|&n| keep || reasons[n].is_none()).collect();
+    let left: Vec<_> = kept.iter().map(|n| &sharpness[*n]).collect();
+    (kept.iter().map(|n| distinct[*n]).collect(), logarithms(&left))
 }
 
 /// The frames without repetitions: a frame is left out if its samples equal those of an earlier frame.
@@ -74,9 +124,15 @@ fn without_repetitions(frames: &[Frame], stated: bool, warnings: &mut Vec<String
 }
 
 /// The mean squared Laplacian at each place over the squared mean of the frame, for each octave.
-struct Sharpness([Vec<f32>; OCTAVES]);
+type Sharpness = [Vec<f32>; OCTAVES];
 
-impl Sharpness {
+/// What is compared of a frame.
+struct Reduced {
+    sharpness: Sharpness,
+    coarse: Coarse,
+}
+
+impl Reduced {
     /// `None` for a frame that is too small.
     fn of(frame: &Frame) -> Option<Self> {
         let mut size = [frame.width() as usize, frame.height() as usize];
@@ -87,24 +143,15 @@ impl Sharpness {
         if size[0].min(size[1]) < SHORTEST {
             return None;
         }
+        let coarse = Coarse::of(&values, size);
         let bright = (values.iter().sum::<f32>() / values.len() as f32).max(f32::MIN_POSITIVE).powi(2);
-        Some(Self(std::array::from_fn(|_| {
+        let sharpness = std::array::from_fn(|_| {
             let places = at_places(&values, size).into_iter().map(|e| e / bright).collect();
             (values, size) = halved(&values, size);
             places
-        })))
+        });
+        Some(Self { sharpness, coarse })
     }
-}
-
-/// The means of two by two pixels.
-fn halved(values: &[f32], [width, height]: [usize; 2]) -> (Vec<f32>, [usize; 2]) {
-    let size = [width / 2, height / 2];
-    let pairs = values.chunks_exact(2 * width).take(size[1]).flat_map(|rows| {
-        let (upper, lower) = rows.split_at(width);
-        let both = upper.chunks_exact(2).zip(lower.chunks_exact(2));
-        both.map(|(a, b)| 0.25 * (a[0] + a[1] + b[0] + b[1]))
-    });
-    (pairs.collect(), size)
 }
 
 /// The mean squared Laplacian of each place, without the border, where a part of the Laplacian is missing.
@@ -119,15 +166,15 @@ fn at_places(values: &[f32], size @ [width, height]: [usize; 2]) -> Vec<f32> {
 }
 
 /// The logarithm of sharpness by frame, octave and place, with the least 2 % of all values added as a floor.
-fn logarithms(frames: &[Sharpness]) -> Vec<Vec<f32>> {
+fn logarithms(frames: &[&Sharpness]) -> Vec<Vec<f32>> {
     let floor = |octave: usize| {
-        let mut all: Vec<f32> = frames.iter().flat_map(|frame| frame.0[octave].iter().copied()).collect();
+        let mut all: Vec<f32> = frames.iter().flat_map(|frame| frame[octave].iter().copied()).collect();
         all.sort_by(f32::total_cmp);
         all[all.len() / 50].max(f32::MIN_POSITIVE)
     };
     let floors: Vec<f32> = (0..OCTAVES).map(floor).collect();
-    let of = |frame: &Sharpness| {
-        let octaves = frame.0.iter().zip(&floors);
+    let of = |frame: &&Sharpness| {
+        let octaves = frame.iter().zip(&floors);
         octaves.flat_map(|(values, floor)| values.iter().map(move |e| (e + floor).ln())).collect()
     };
     frames.iter().map(of).collect()
@@ -206,6 +253,7 @@ fn standard_error(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::random::Random;
     use crate::base::{Channels, Samples};
 
     /// Frames of a slope that is in focus on the left in frame 0 and on the right in the last frame. The texture is
@@ -231,7 +279,7 @@ mod tests {
     fn judged(numbers: &[usize], stated: bool) -> (Vec<usize>, Vec<String>) {
         let frames = slope(7);
         let given: Vec<Frame> = numbers.iter().map(|n| frames[*n].clone()).collect();
-        let order = judge(&given, stated);
+        let order = judge(&given, stated, false).unwrap();
         (order.frames.iter().map(|n| numbers[*n]).collect(), order.warnings)
     }
 
@@ -261,5 +309,71 @@ mod tests {
         assert_eq!((order, warnings.len()), (vec![0, 1, 2, 3, 4], 1));
         assert!(warnings[0].contains("frame 4 is the same photograph as frame 3"), "{warnings:?}");
         assert_eq!(judged(&[0, 1, 2, 2, 3, 4], true).0, [0, 1, 2, 2, 3, 4]);
+    }
+
+    fn uniform(count: usize, seed: u64) -> Vec<f64> {
+        let mut random = Random::new(seed, 0);
+        (0..count).map(|_| random.uniform()).collect()
+    }
+
+    /// A frame of the same size, of these values by pixel.
+    fn replaced(like: &Frame, value: impl Fn(usize, usize) -> f64) -> Frame {
+        let [width, height] = [like.width(), like.height()];
+        let pixel = |i: usize| (value(i % width as usize, i / width as usize).clamp(0.0, 1.0) * 65535.0) as u16;
+        let samples = Samples::U16((0..(width * height) as usize).map(pixel).collect());
+        Frame::new(width, height, Channels::Gray, samples).unwrap()
+    }
+
+    #[test]
+    fn a_foreign_frame_is_left_out_and_named_unless_it_is_to_be_kept() {
+        let frames = slope(7);
+        let value = |n: usize, x: usize, y: usize| f64::from(frames[n].intensities(Decode::None)[y * 192 + x]);
+        let stack: Vec<_> = frames.iter().map(|frame| frame.intensities(Decode::None)).collect();
+        let noise = uniform(192 * 128, 3);
+        let middle = &frames[3];
+        let mirrored = replaced(middle, |x, y| stack[3][y * 192 + 191 - x].into());
+        let turned = replaced(middle, |x, y| stack[3][(127 - y) * 192 + 191 - x].into());
+        let noisy = replaced(middle, |x, y| noise[y * 192 + x]);
+        // The frame in focus at x is frame 6 x/192.
+        let merged = replaced(middle, |x, y| value((6 * x + 96) / 192, x, y));
+        for (foreign, words) in [
+            (mirrored, "does not show the scene"),
+            (turned, "does not show the scene"),
+            (noisy, "does not show the scene"),
+            (replaced(middle, |_, _| 1.0), "is blank"),
+            (replaced(middle, |_, _| 0.0), "is blank"),
+            (merged, "is sharp wherever any other frame is"),
+        ] {
+            for place in [0, 2, 3, 6] {
+                let mut given = frames.clone();
+                given[place] = foreign.clone();
+                let order = judge(&given, false, false).unwrap();
+                let expected: Vec<usize> = (0..7).filter(|n| *n != place).collect();
+                assert_eq!(order.frames, expected, "{words}: {:?}", order.warnings);
+                let named = format!("frame {} {words}", place + 1);
+                assert!(order.warnings[0].starts_with(&named) && order.warnings.len() == 1, "{:?}", order.warnings);
+                let kept = judge(&given, false, true).unwrap();
+                assert!(
+                    kept.frames.len() == 7 && kept.warnings[0].ends_with("it is kept as asked"),
+                    "{:?}",
+                    kept.warnings
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn frames_of_several_scenes_are_refused() {
+        let frames = slope(3);
+        let other = |seed: u64| {
+            let waves = uniform(64, seed);
+            replaced(&frames[0], |x, y| {
+                let wave =
+                    |n: usize| ((0.05 + 0.6 * waves[n]) * (x as f64 * (7.0 * waves[n + 1]).cos() + y as f64)).sin();
+                0.5 + 0.05 * (0..12).map(|n| wave(5 * n)).sum::<f64>()
+            })
+        };
+        let error = judge(&[frames[0].clone(), other(1), other(2)], false, false).err().unwrap();
+        assert!(error.to_string().contains("only 1 of 3 frames differ and show one scene"), "{error}");
     }
 }

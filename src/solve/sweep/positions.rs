@@ -51,6 +51,17 @@ impl Positions {
         }
     }
 
+    /// The positions of these frames, by their index.
+    pub(super) fn of(&self, frames: &[usize]) -> Self {
+        let of = |stated: &[f64]| frames.iter().map(|n| stated[*n]).collect();
+        match self {
+            Self::Counted => Self::Counted,
+            Self::Settings(p) => Self::Settings(of(p)),
+            Self::Distances(p) => Self::Distances(of(p)),
+            Self::Stage(p) => Self::Stage(of(p)),
+        }
+    }
+
     /// The focus position of each frame, mm, if it is known.
     pub fn millimetres(&self) -> Option<&[f64]> {
         match self {
