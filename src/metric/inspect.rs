@@ -5,11 +5,21 @@
 
 use crate::base::{Error, Region};
 
-pub use super::heights::{Heights, Plane};
+pub use super::{heights::Heights, plane::Plane};
 
 /// The standard deviation of the registration error, px, which gives an error of height on slopes. Key-points of
 /// photographs of one part agree to 0.1 to 0.2 px.
 const REGISTRATION_SIGMA: f64 = 0.25;
+
+/// The share of the tolerance from which a difference has no weight in the fit of the plane, where noise is less. With
+/// all of the tolerance, a plane that halves a step of 1.5 tolerances over half of the part would fit better than one
+/// that lies on a half of the part.
+const FLAT: f64 = 1.0 / 3.0;
+
+/// The default of [`Limits::max_tilt`], in tolerances. A part that is thicker at one side looks tilted, so that tilt needs
+/// a bound, and only the user knows how well the fixture holds. Up to here the tilt itself leaves no difference: good
+/// parts that lie tilted by 4 to 8 tolerances are found tilted by that, within 0.5 %, and nothing deviates.
+const MAX_TILT: f64 = 10.0;
 
 /// The limits of an inspection.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,14 +34,16 @@ pub struct Limits {
     /// The largest fraction of the golden part's pixels that may stay without a judgement, 0 to 1: pixels without a
     /// height of the part, or with one too uncertain for the tolerance.
     pub max_unjudged: f64,
+    /// The largest tilt of the part over the golden part, [`Plane::tilt`], in the unit of the heights.
+    pub max_tilt: f64,
 }
 
 impl Limits {
-    /// Returns the default limits: 3 standard deviations, an area of 50 px, and a quarter of the pixels without
-    /// heights. Noise that is correlated over 2 px exceeds 3 standard deviations in regions of 5 px on average, and in
+    /// Returns the default limits: 3 standard deviations, an area of 50 px, a quarter of the pixels without heights, and
+    /// a tilt of ten tolerances from one corner of the picture to the opposite one. Noise that is correlated over 2 px exceeds 3 standard deviations in regions of 5 px on average, and in
     /// one of 50 px once in twenty images of 2 Mpx.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, sigmas: 3.0, min_area_px: 50, max_unjudged: 0.25 }
+        Self { tolerance, sigmas: 3.0, min_area_px: 50, max_unjudged: 0.25, max_tilt: MAX_TILT * tolerance }
     }
 }
 
@@ -43,7 +55,7 @@ pub enum Verdict {
     Go,
     /// A region deviates, or too many pixels have no height of the part.
     NoGo,
-    /// The part is too uncertain for the tolerance.
+    /// The part is too uncertain for the tolerance, or lies more tilted than is allowed.
     CannotJudge,
 }
 
@@ -63,6 +75,8 @@ impl Verdict {
 pub struct Inspection {
     /// The plane of the part over the golden part.
     pub plane: Plane,
+    /// The tilt of the plane over the picture.
+    pub tilt: f64,
     /// The number of pixels that were judged: both have a height, and the part's is certain enough for the tolerance, or
     /// deviates for certain.
     pub judged: usize,
@@ -99,7 +113,7 @@ impl Inspection {
     pub fn verdict(&self, limits: &Limits) -> Verdict {
         if !self.regions.is_empty() || self.unjudged_share() > limits.max_unjudged {
             Verdict::NoGo
-        } else if self.unjudged_share() + self.uncertain_share() > limits.max_unjudged {
+        } else if self.unjudged_share() + self.uncertain_share() > limits.max_unjudged || self.tilt > limits.max_tilt {
             Verdict::CannotJudge
         } else {
             Verdict::Go
@@ -112,7 +126,7 @@ impl Inspection {
 /// # Errors
 /// [`Error::Mismatch`] if their sizes differ, or too few pixels have both heights.
 pub fn inspect(part: &Heights, golden: &Heights, limits: &Limits) -> Result<Inspection, Error> {
-    let (plane, difference) = difference(part, golden)?;
+    let (plane, difference) = difference(part, golden, limits)?;
     let allowed = |i: usize| {
         let sigma = f64::from(part.deviation[i]).hypot(f64::from(golden.deviation[i]));
         limits.tolerance.max(limits.sigmas * sigma.hypot(REGISTRATION_SIGMA * golden.slope(i)))
@@ -135,19 +149,20 @@ pub fn inspect(part: &Heights, golden: &Heights, limits: &Limits) -> Result<Insp
     let last = ((1.0 - limits.max_unjudged) * valid as f64).ceil() as usize;
     let least_tolerance = all.get(last.saturating_sub(1)).copied().filter(|t| t.is_finite());
     let (judged, unjudged) = (compared - uncertain, valid - compared);
-    Ok(Inspection { plane, judged, unjudged, uncertain, least_tolerance, difference, regions, labels })
+    let tilt = plane.tilt([golden.width, golden.height]);
+    Ok(Inspection { plane, tilt, judged, unjudged, uncertain, least_tolerance, difference, regions, labels })
 }
 
 /// Makes a golden part from several good parts that are registered to the pixels of the first.
 ///
-/// The plane of each part over the first is subtracted. The height is the mean where more than half of the parts have
+/// The plane of each part over the first is subtracted, as [`inspect`] does with these limits. The height is the mean where more than half of the parts have
 /// one. The standard deviation includes the scatter of good parts: with the variance τ² between parts and σ² of the
 /// measurement, n heights have the variance τ² + σ², and a good part differs from their mean by τ² + (τ² + σ²) / n,
 /// besides its own σ².
 ///
 /// # Errors
 /// As for [`inspect`].
-pub fn golden(parts: &[Heights]) -> Result<Heights, Error> {
+pub fn golden(parts: &[Heights], limits: &Limits) -> Result<Heights, Error> {
     let Some((first, others)) = parts.split_first() else {
         return Err(Error::Mismatch("no golden part was given".to_string()));
     };
@@ -155,7 +170,7 @@ pub fn golden(parts: &[Heights]) -> Result<Heights, Error> {
     let mut on_first = vec![first.values.clone()];
     for other in others {
         let mut values = other.values.clone();
-        difference(other, first)?.0.subtract_from(size, &mut values);
+        difference(other, first, limits)?.0.subtract_from(size, &mut values);
         on_first.push(values);
     }
     let pixel = |i: usize| {
@@ -181,14 +196,18 @@ fn combine(heights: &[(f64, f64)]) -> (f64, f64) {
 
 /// Returns the plane of a part over another, and the differences of their heights without it. NaN where either has no
 /// height.
-fn difference(part: &Heights, other: &Heights) -> Result<(Plane, Vec<f32>), Error> {
+fn difference(part: &Heights, other: &Heights, limits: &Limits) -> Result<(Plane, Vec<f32>), Error> {
     let size = [other.width, other.height];
     if [part.width, part.height] != size {
         let sizes = format!("{}x{} and {}x{}", part.width, part.height, size[0], size[1]);
         return Err(Error::Mismatch(format!("heights of {sizes} pixels differ in size")));
     }
     let mut difference: Vec<f32> = part.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
-    let plane = Plane::fit(size, &difference).ok_or_else(|| {
+    let noise = |i: usize| {
+        let sigma = f64::from(part.deviation[i]).hypot(f64::from(other.deviation[i]));
+        limits.sigmas * sigma.hypot(REGISTRATION_SIGMA * other.slope(i))
+    };
+    let plane = Plane::fit(size, &difference, |i| noise(i).max(FLAT * limits.tolerance)).ok_or_else(|| {
         Error::Mismatch("both have a height at too few pixels: is it the same part, and in the picture?".to_string())
     })?;
     plane.subtract_from(size, &mut difference);
@@ -318,8 +337,9 @@ mod tests {
 
     #[test]
     fn tilt_and_shift_alone_pass() {
-        let found = inspect(&part(|_, _| 0.0, 0.01), &good(0.01), &Limits::new(0.1)).unwrap();
-        assert_eq!(found.verdict(&Limits::new(0.1)), Verdict::Go, "{:?}", found.regions);
+        let limits = Limits { max_tilt: 4.0, ..Limits::new(0.1) };
+        let found = inspect(&part(|_, _| 0.0, 0.01), &good(0.01), &limits).unwrap();
+        assert_eq!(found.verdict(&limits), Verdict::Go, "{:?}", found.regions);
         let most = found.difference.iter().filter(|off| off.is_finite()).fold(0.0f32, |a, b| a.max(b.abs()));
         assert!(most < 0.02, "bilinear in the relief: {most}");
         // What left the picture.
@@ -328,6 +348,30 @@ mod tests {
         // The tilt in the part's pixels, turned by 2° and scaled.
         let [a, b] = found.plane.slope;
         assert!((a.hypot(b) - 1.01 * 0.02f64.hypot(0.015)).abs() < 1e-3, "{:?}", found.plane);
+        assert!((found.tilt - (a.abs() * 119.0 + b.abs() * 89.0)).abs() < 1e-9 && found.tilt > 3.5);
+        // More than ten tolerances.
+        assert_eq!(found.verdict(&Limits::new(0.1)), Verdict::CannotJudge);
+        assert_eq!(found.verdict(&Limits { max_tilt: 3.5, ..limits }), Verdict::CannotJudge);
+    }
+
+    #[test]
+    fn a_step_over_up_to_half_of_a_tilted_part_is_no_go() {
+        for (n, share) in [0.3, 0.4, 0.5].into_iter().enumerate() {
+            for (seed, height) in [(0, 1.5), (1, -1.5), (2, 3.0)] {
+                let noise = smooth_noise([120, 90], 2.0, 3 * n as u64 + seed);
+                let at = |x: f64, y: f64| {
+                    let step = if x < 119.0 * share { height } else { 0.0 };
+                    relief([x, y]) + step + 0.01 * x - 0.02 * y + 0.05 * noise[y as usize * 120 + x as usize]
+                };
+                let limits = Limits::new(1.0);
+                let found = inspect(&heights(at, 0.05), &good(0.05), &limits).unwrap();
+                assert_eq!(found.verdict(&limits), Verdict::NoGo, "{share} {height}: {:?}", found.plane);
+                let area = found.regions[0].area_px as f64 / (120.0 * 90.0);
+                // Of two halves either may be the part.
+                assert!((area - share).abs() < 0.02, "{share} {height}: {area}");
+                assert!((found.tilt - (1.19 + 1.78)).abs() < 0.1, "{share} {height}: {}", found.tilt);
+            }
+        }
     }
 
     #[test]
@@ -426,7 +470,7 @@ mod tests {
             )
         };
         let parts: Vec<Heights> = (0..8).map(&mut one).collect();
-        let golden = golden(&parts).unwrap();
+        let golden = golden(&parts, &Limits::new(0.1)).unwrap();
         assert!(golden.values.iter().all(|v| v.is_finite()), "six of eight parts have a height");
         let at = |x: usize| f64::from(golden.deviation[45 * 120 + x]);
         assert!(at(12) > 0.15 && at(12) < 0.6, "{}", at(12));

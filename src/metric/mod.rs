@@ -4,6 +4,7 @@ mod calibrate;
 mod heights;
 pub mod inspect;
 pub mod measure;
+mod plane;
 
 pub use calibrate::{CalibratedParameter, Calibration, LensParameter, Target, calibrate};
 

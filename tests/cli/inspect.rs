@@ -172,3 +172,21 @@ fn results_that_were_changed_or_have_other_settings_are_refused() {
     let golden = desk.run(&["inspect", "part", "--golden", "part", "smooth", "--tolerance", "1", "--in-place"]);
     assert!(stderr(&golden).contains("smooth and part: have other settings"), "{}", stderr(&golden));
 }
+
+#[test]
+fn a_part_that_lies_more_tilted_than_allowed_cannot_be_judged() {
+    let desk = Desk(TempDir::new().unwrap());
+    for (name, range) in [("golden", "0.5"), ("part", "2.5")] {
+        let simulate = ["simulate", "plane", "-o", "shots", "--size", "120x90", "--range", range];
+        assert!(desk.run(&simulate).status.success());
+        let shots = ["i1.png", "i2.png"].map(|shot| format!("shots/{shot}"));
+        assert!(desk.run(&["solve", &shots[0], &shots[1], "-o", name, "--no-html"]).status.success());
+    }
+    // The plane falls by 2 px² more on each side of the middle.
+    let output = desk.inspect("part", 0, &["--in-place", "--json"]);
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let tilt = found["tilt"].as_f64().unwrap();
+    assert!((tilt - 4.0).abs() < 0.3 && found["max_tilt"] == 10.0, "{found:#}");
+    let refused = stderr(&desk.inspect("part", 4, &["--in-place", "--max-tilt", "3"]));
+    assert!(refused.contains("tilted by 4.0") && refused.contains("allow more by --max-tilt"), "{refused}");
+}

@@ -46,6 +46,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "SHARE", default_value_t = Limits::new(0.0).max_unjudged,
           value_parser = within(0.0..=1.0, "give a share from 0 to 1"))]
     max_unjudged: f64,
+    /// The allowed tilt of the part over the golden one, from one corner of the picture to the opposite one, in the unit
+    /// of the tolerance [default: 10 tolerances]
+    #[arg(long, value_name = "TILT", value_parser = from_zero)]
+    max_tilt: Option<f64>,
     /// Do not register the pictures: the fixture holds every part in the same position
     #[arg(long)]
     in_place: bool,
@@ -60,10 +64,11 @@ pub(crate) struct Arguments {
 
 const AFTER_HELP: &str = "\
 The part's picture is registered onto the golden one's by key-points (a similarity), its heights are brought along, and the plane
-that most of the difference lies in is taken out: how the part lies is no defect. A pixel deviates where what is left is more than
+that most of the difference lies in is taken out: how the part lies is no defect, up to the tilt that is allowed. A pixel deviates where what is left is more than
 the tolerance, and more than K standard deviations of both; of several golden parts, what they differ by at that pixel counts
 too. Pixels that touch are a region. Where the golden part has a height and the part has none, or one too uncertain for the
-tolerance, nothing is judged. A part cannot be judged if that is too much of it, or if a solve had not converged.
+tolerance, nothing is judged. A part cannot be judged if that is too much of it, if it lies tilted by more than is allowed,
+or if a solve had not converged.
 
 Results, with -o, both or none:
   inspect.json  verdict, reasons, registration, plane, and of each region area, mean, extreme, place
@@ -103,18 +108,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (quantity, unit) = common(&part, &goldens)?;
     std::iter::once(&part).chain(&goldens[1..]).try_for_each(|other| other.check_settings(first))?;
     let on_first = |other: &Part| other.on(first, quantity, arguments.in_place);
+    let limits = arguments.limits();
     let golden = {
         let all = goldens[1..].iter().map(|other| on_first(other).map(|(heights, _)| heights));
         let own = first.field(quantity, first)?.clone();
-        golden(&std::iter::once(Ok(own)).chain(all).collect::<Result<Vec<_>, Failure>>()?)?
+        golden(&std::iter::once(Ok(own)).chain(all).collect::<Result<Vec<_>, Failure>>()?, &limits)?
     };
     let (heights, transform) = on_first(&part)?;
-    let limits = Limits {
-        tolerance: arguments.tolerance,
-        sigmas: arguments.sigmas,
-        min_area_px: arguments.min_area,
-        max_unjudged: arguments.max_unjudged,
-    };
     let found = inspect(&heights, &golden, &limits).map_err(|e| part.failed(first, e))?;
     let names = |folders: &[PathBuf]| folders.iter().map(|f| f.display().to_string()).collect::<Vec<_>>();
     let (own, of) = (names(std::slice::from_ref(&arguments.part)), names(&arguments.golden));
@@ -132,6 +132,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Verdict::Go => Ok(()),
         Verdict::NoGo => Err(Failure::NoGo),
         Verdict::CannotJudge => Err(Failure::CannotJudge),
+    }
+}
+
+impl Arguments {
+    fn limits(&self) -> Limits {
+        let default = Limits::new(self.tolerance);
+        Limits {
+            sigmas: self.sigmas,
+            min_area_px: self.min_area,
+            max_unjudged: self.max_unjudged,
+            max_tilt: self.max_tilt.unwrap_or(default.max_tilt),
+            ..default
+        }
     }
 }
 
@@ -254,8 +267,8 @@ fn summary(report: &InspectReport, out: Option<&Path>) -> String {
     lines.push(format!("part lies      {x:+.2} {y:+.2} px, {turn:+.3}°, scale {scale:.4} off"));
     let [right, down] = report.plane.slope;
     lines.push(format!(
-        "plane          {:+.4} {unit}, {right:+.6} {down:+.6} {unit}/px right, down",
-        report.plane.offset
+        "plane          {:+.4} {unit}, {right:+.6} {down:+.6} {unit}/px right, down; tilt {:.2} of {:.2} {unit} allowed",
+        report.plane.offset, report.tilt, report.limits.max_tilt
     ));
     let all = (report.judged_px + report.unjudged_px + report.uncertain_px).max(1) as f64;
     let share = |pixels: usize| 100.0 * pixels as f64 / all;

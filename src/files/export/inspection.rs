@@ -37,6 +37,8 @@ pub struct InspectReport {
     pub transform: Similarity,
     /// The plane of the part minus that of the golden part, in heights and heights per pixel; it is subtracted.
     pub plane: Plane,
+    /// The tilt of the plane: the difference of the highest and the lowest corner of the picture.
+    pub tilt: f64,
     /// Pixels that were judged.
     pub judged_px: usize,
     /// Pixels where only the golden part has a height.
@@ -100,6 +102,7 @@ impl InspectReport {
             limits,
             transform,
             plane: inspection.plane,
+            tilt: inspection.tilt,
             judged_px: inspection.judged,
             unjudged_px: inspection.unjudged,
             unjudged: inspection.unjudged_share(),
@@ -144,7 +147,14 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
             limits.tolerance
         )
     });
-    deviates.into_iter().chain(missing).chain(blurred).collect()
+    let tilted = (inspection.tilt > limits.max_tilt).then(|| {
+        let (tilt, most) = (inspection.tilt, limits.max_tilt);
+        format!(
+            "the part lies tilted by {tilt:.2} {unit} over the picture, and {most:.2} is allowed; lay it as the golden \
+             part lies, or allow more by --max-tilt"
+        )
+    });
+    deviates.into_iter().chain(missing).chain(blurred).chain(tilted).collect()
 }
 
 /// Writes report and picture into a folder: both or none. Creates the folder if it is missing. Replaces the files of an
