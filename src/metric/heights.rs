@@ -14,10 +14,13 @@ pub struct Heights {
     pub values: Vec<f32>,
     /// Standard deviations, in the unit of the heights. NaN where there is no height.
     pub deviation: Vec<f32>,
+    /// The evidence for each height: the standard deviation of the picture's texture over that of its noise. Infinite
+    /// where it is not known; NaN outside of the picture.
+    pub evidence: Vec<f32>,
 }
 
 impl Heights {
-    /// Makes a height map from row-major fields. Pixels whose height or standard deviation is not finite have no
+    /// Makes a height map from row-major fields, with evidence that is not known. Pixels whose height or standard deviation is not finite have no
     /// height.
     ///
     /// # Errors
@@ -31,23 +34,46 @@ impl Heights {
         let is_valid = |v: f32, s: f32| v.is_finite() && s.is_finite() && s >= 0.0;
         let pixel = |(&v, &s): (&f32, &f32)| if is_valid(v, s) { (v, s) } else { (f32::NAN, f32::NAN) };
         let (values, deviation) = values.iter().zip(deviation).map(pixel).unzip();
-        Ok(Self { width, height, values, deviation })
+        Ok(Self { width, height, values, deviation, evidence: vec![f32::INFINITY; pixels] })
+    }
+
+    /// Sets the evidence for the heights.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if it has another size.
+    pub fn with_evidence(self, evidence: Vec<f32>) -> Result<Self, Error> {
+        if evidence.len() != self.values.len() {
+            let lengths = format!("evidence of {} pixels for {} heights", evidence.len(), self.values.len());
+            return Err(Error::Mismatch(lengths));
+        }
+        Ok(Self { evidence, ..self })
+    }
+
+    /// Returns the map without the heights for which there is less evidence.
+    pub(super) fn supported(&self, least: f32) -> Self {
+        let keep = |field: &[f32]| {
+            let pixels = field.iter().zip(&self.evidence);
+            pixels.map(|(value, evidence)| if *evidence < least { f32::NAN } else { *value }).collect()
+        };
+        let (values, deviation) = (keep(&self.values), keep(&self.deviation));
+        Self { values, deviation, evidence: self.evidence.clone(), ..*self }
     }
 
     /// Samples the map at `T x` for each pixel x of an image of the given size, with T about its centre.
     ///
-    /// Both fields are interpolated bilinearly. Errors of adjacent pixels are correlated, so that interpolation does
+    /// The fields are interpolated bilinearly. Errors of adjacent pixels are correlated, so that interpolation does
     /// not reduce the standard deviation.
     pub fn resample(&self, [width, height]: [u32; 2], t: &Similarity) -> Self {
-        let [values, deviation] = [&self.values, &self.deviation].map(|values| Values { width: self.width, values });
+        let fields = [&self.values, &self.deviation, &self.evidence];
+        let fields = fields.map(|values| Values { width: self.width, values });
         let (middle, count) = (centre(width, height), width as usize * height as usize);
         let point = |i: usize| {
             let pixel = [(i % width as usize) as f64, (i / width as usize) as f64];
             t.apply(pixel, middle).map(snap_to_pixel)
         };
-        let at = |i: usize| (values.at(point(i)) as f32, deviation.at(point(i)) as f32);
-        let (values, deviation) = (0..count).map(at).unzip();
-        Self { width, height, values, deviation }
+        let [values, deviation, evidence] =
+            fields.map(|field| (0..count).map(|i| field.at(point(i)) as f32).collect::<Vec<_>>());
+        Self { width, height, values, deviation, evidence }
     }
 
     /// Returns the slope at a pixel, in heights per pixel, from the adjacent pixels that have a height.

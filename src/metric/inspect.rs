@@ -3,6 +3,9 @@
 //! Both are registered to the same pixels. The tilt of the part in its fixture, a plane, is subtracted first. A pixel
 //! deviates if the remaining difference exceeds the tolerance and the uncertainty of both.
 
+use super::plane::MIN_POINTS;
+use super::regions::{Extent, connected_regions};
+use crate::base::statistics::median;
 use crate::base::{Error, Region};
 
 pub use super::{heights::Heights, plane::Plane};
@@ -20,6 +23,20 @@ const FLAT: f64 = 1.0 / 3.0;
 /// a bound, and only the user knows how well the fixture holds. Up to here the tilt itself leaves no difference: good
 /// parts that lie tilted by 4 to 8 tolerances are found tilted by that, within 0.5 %, and nothing deviates.
 const MAX_TILT: f64 = 10.0;
+
+/// The least evidence of a height of the part: the texture must exceed the noise, and the evidence of both together is
+/// then √2. Areas that show only noise have up to 1.06 in scenes of all noise levels, and the solve fills them in from
+/// their surroundings. At 1.1 to 1.5, defects of 1.5 to 3 px² and 14 px across came out as a tenth to a third of their
+/// height, with a standard deviation of a tenth of what was missing.
+const LEAST_EVIDENCE: f32 = 1.5;
+
+/// The least evidence of a height of the golden part: twice as much, so that a part in somewhat less light is measured
+/// wherever the golden part is.
+pub(super) const GOLDEN_EVIDENCE: f32 = 2.0 * LEAST_EVIDENCE;
+
+/// The largest evidence of a bare surface, as a share of what the rest of the part has over the golden part. A grey
+/// area on a textured part has up to 0.05 in scenes, a good part of the same light from 0.75.
+const BARE: f64 = 1.0 / 3.0;
 
 /// The limits of an inspection.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,11 +68,11 @@ impl Limits {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize), serde(rename_all = "kebab-case"))]
 pub enum Verdict {
-    /// No region deviates, and enough pixels were judged.
+    /// No region deviates, enough pixels were judged, and all that were not are scattered.
     Go,
-    /// A region deviates, or too many pixels have no height of the part.
+    /// A region deviates, or its surface is bare; or too many pixels have no height of the part.
     NoGo,
-    /// The part is too uncertain for the tolerance, or lies more tilted than is allowed.
+    /// The part is too uncertain for the tolerance, over all or in a region, or lies more tilted than is allowed.
     CannotJudge,
 }
 
@@ -80,12 +97,16 @@ pub struct Inspection {
     /// The number of pixels that were judged: both have a height, and the part's is certain enough for the tolerance, or
     /// deviates for certain.
     pub judged: usize,
-    /// The number of pixels at which only the golden part has a height.
+    /// The number of other pixels at which only the golden part has a height that there is evidence for.
     pub unjudged: usize,
-    /// The number of pixels at which both have a height, but the part's is too uncertain for the tolerance.
+    /// The number of pixels at which the part is too uncertain for the tolerance, or has no height since all of it has as
+    /// little evidence.
     pub uncertain: usize,
     /// The least tolerance that the part's uncertainty allows to judge; `None` if too many of its heights are missing.
     pub least_tolerance: Option<f64>,
+    /// Regions that are not judged although the golden part is certain there, the largest first. Pixels outside the
+    /// picture of the part are not among them.
+    pub gaps: Vec<Gap>,
     /// The row-major heights of the part minus those of the golden part and the plane. NaN where not judged.
     pub difference: Vec<f32>,
     /// The deviating regions, the largest first.
@@ -111,9 +132,14 @@ impl Inspection {
 
     /// Returns the verdict.
     pub fn verdict(&self, limits: &Limits) -> Verdict {
-        if !self.regions.is_empty() || self.unjudged_share() > limits.max_unjudged {
+        let too_many = |share: f64| share > limits.max_unjudged;
+        let is_bare = self.gaps.iter().any(|gap| gap.is_bare);
+        if !self.regions.is_empty() || is_bare || too_many(self.unjudged_share()) {
             Verdict::NoGo
-        } else if self.unjudged_share() + self.uncertain_share() > limits.max_unjudged || self.tilt > limits.max_tilt {
+        } else if too_many(self.unjudged_share() + self.uncertain_share())
+            || !self.gaps.is_empty()
+            || self.tilt > limits.max_tilt
+        {
             Verdict::CannotJudge
         } else {
             Verdict::Go
@@ -123,14 +149,20 @@ impl Inspection {
 
 /// Inspects a part that is registered to the pixels of a golden part.
 ///
+/// Heights without evidence count as missing: on the golden part they are not compared, on the part they are not
+/// judged.
+///
 /// # Errors
-/// [`Error::Mismatch`] if their sizes differ, or too few pixels have both heights.
+/// [`Error::Mismatch`] if their sizes differ, or the golden part has too few heights.
 pub fn inspect(part: &Heights, golden: &Heights, limits: &Limits) -> Result<Inspection, Error> {
-    let (plane, difference) = difference(part, golden, limits)?;
-    let allowed = |i: usize| {
-        let sigma = f64::from(part.deviation[i]).hypot(f64::from(golden.deviation[i]));
-        limits.tolerance.max(limits.sigmas * sigma.hypot(REGISTRATION_SIGMA * golden.slope(i)))
-    };
+    let (part, golden) = (&part.supported(LEAST_EVIDENCE), &golden.supported(GOLDEN_EVIDENCE));
+    let valid = golden.values.iter().filter(|v| v.is_finite()).count();
+    if valid < MIN_POINTS {
+        let problem = "the golden part has a height at too few pixels: take one, and light, that show its texture";
+        return Err(Error::Mismatch(problem.to_string()));
+    }
+    let (plane, mut difference) = difference(part, golden, limits)?;
+    let allowed = |i: usize| limits.tolerance.max(limits.sigmas * deviation(part, golden, i));
     let sign = |(i, difference): (usize, &f32)| match f64::from(*difference) {
         above if above > allowed(i) => 1,
         below if below < -allowed(i) => -1,
@@ -139,77 +171,92 @@ pub fn inspect(part: &Heights, golden: &Heights, limits: &Limits) -> Result<Insp
     let signs: Vec<i8> = difference.iter().enumerate().map(sign).collect();
     let (regions, labels) = label_regions(golden.width, &signs, &difference, limits.min_area_px);
     let compared = difference.iter().filter(|v| v.is_finite()).count();
-    let valid = golden.values.iter().filter(|v| v.is_finite()).count();
     // A deviation as large as the tolerance would be within this of a good part.
-    let needed = |i: usize| limits.sigmas * f64::from(part.deviation[i]);
+    let needed = |i: usize| limits.sigmas * f64::from(part.deviation[i].max(golden.deviation[i]));
     let is_uncertain = |i: &usize| difference[*i].is_finite() && signs[*i] == 0 && needed(*i) > limits.tolerance;
-    let uncertain = (0..difference.len()).filter(is_uncertain).count();
     let mut all: Vec<f64> = (0..difference.len()).filter(|i| difference[*i].is_finite()).map(needed).collect();
     all.sort_by(f64::total_cmp);
     let last = ((1.0 - limits.max_unjudged) * valid as f64).ceil() as usize;
     let least_tolerance = all.get(last.saturating_sub(1)).copied().filter(|t| t.is_finite());
-    let (judged, unjudged) = (compared - uncertain, valid - compared);
+    let too_uncertain: Vec<usize> = (0..difference.len()).filter(is_uncertain).collect();
+    too_uncertain.iter().for_each(|i| difference[*i] = f32::NAN);
+    let is_bare = bareness(part, golden);
+    // Inside the picture of a part that is as dim all over.
+    let is_dim = |i: usize| part.values[i].is_nan() && !part.evidence[i].is_nan() && !is_bare(i);
+    let dim = (0..difference.len()).filter(|i| golden.values[*i].is_finite() && is_dim(*i)).count();
+    let gaps = gaps(part, golden, &difference, limits, &is_bare);
+    let (judged, unjudged) = (compared - too_uncertain.len(), valid - compared - dim);
+    let uncertain = too_uncertain.len() + dim;
     let tilt = plane.tilt([golden.width, golden.height]);
-    Ok(Inspection { plane, tilt, judged, unjudged, uncertain, least_tolerance, difference, regions, labels })
+    Ok(Inspection { plane, tilt, judged, unjudged, uncertain, least_tolerance, gaps, difference, regions, labels })
 }
 
-/// Makes a golden part from several good parts that are registered to the pixels of the first.
-///
-/// The plane of each part over the first is subtracted, as [`inspect`] does with these limits. The height is the mean where more than half of the parts have
-/// one. The standard deviation includes the scatter of good parts: with the variance τ² between parts and σ² of the
-/// measurement, n heights have the variance τ² + σ², and a good part differs from their mean by τ² + (τ² + σ²) / n,
-/// besides its own σ².
-///
-/// # Errors
-/// As for [`inspect`].
-pub fn golden(parts: &[Heights], limits: &Limits) -> Result<Heights, Error> {
-    let Some((first, others)) = parts.split_first() else {
-        return Err(Error::Mismatch("no golden part was given".to_string()));
-    };
-    let size = [first.width, first.height];
-    let mut on_first = vec![first.values.clone()];
-    for other in others {
-        let mut values = other.values.clone();
-        difference(other, first, limits)?.0.subtract_from(size, &mut values);
-        on_first.push(values);
-    }
-    let pixel = |i: usize| {
-        let all = on_first.iter().zip(parts).map(|(v, part)| (f64::from(v[i]), f64::from(part.deviation[i])));
-        let valid: Vec<(f64, f64)> = all.filter(|(v, sigma)| v.is_finite() && sigma.is_finite()).collect();
-        let (mean, sigma) = if 2 * valid.len() > parts.len() { combine(&valid) } else { (f64::NAN, f64::NAN) };
-        (mean as f32, sigma as f32)
-    };
-    let (values, deviation) = (0..first.values.len()).map(pixel).unzip::<f32, f32, Vec<_>, Vec<_>>();
-    Heights::new(size, &values, &deviation)
+/// Returns the standard deviation of the difference at a pixel.
+fn deviation(part: &Heights, golden: &Heights, i: usize) -> f64 {
+    let sigma = f64::from(part.deviation[i]).hypot(f64::from(golden.deviation[i]));
+    sigma.hypot(REGISTRATION_SIGMA * golden.slope(i))
 }
 
-/// Returns the mean of heights with their standard deviations, and the standard deviation of a good part from it,
-/// without the measurement error of that part.
-fn combine(heights: &[(f64, f64)]) -> (f64, f64) {
-    let count = heights.len() as f64;
-    let mean = heights.iter().map(|(v, _)| v).sum::<f64>() / count;
-    let measured = heights.iter().map(|(_, sigma)| sigma * sigma).sum::<f64>() / count;
-    let spread = heights.iter().map(|(v, _)| (v - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-    let between = (spread - measured).max(0.0);
-    (mean, (between + spread.max(measured) / count).sqrt())
+/// A connected region that is not judged.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Gap {
+    /// The number of pixels.
+    pub area_px: usize,
+    /// The centroid, px.
+    pub centroid_px: [f64; 2],
+    /// The bounding box.
+    pub bounds_px: Region,
+    /// Whether most of it has no height and far less texture than the rest of the part has, compared with the golden
+    /// part: then the surface differs there, and not the light.
+    pub is_bare: bool,
+}
+
+/// Returns whether a pixel of the part is bare: it has far less evidence than the rest of the part has, compared with the
+/// golden part. What is not known does not excuse.
+fn bareness<'a>(part: &'a Heights, golden: &'a Heights) -> impl Fn(usize) -> bool + 'a {
+    let ratio = move |i: usize| f64::from(part.evidence[i]) / f64::from(golden.evidence[i]);
+    let usual = median((0..golden.values.len()).filter(|i| golden.values[*i].is_finite()).map(ratio));
+    move |i| !usual.is_some_and(|usual| ratio(i) >= BARE * usual)
+}
+
+/// Returns the regions that are not judged, without those whose pixels a part like the golden one may miss by chance.
+fn gaps(
+    part: &Heights,
+    golden: &Heights,
+    difference: &[f32],
+    limits: &Limits,
+    is_bare: &impl Fn(usize) -> bool,
+) -> Vec<Gap> {
+    let is_golden = |i: usize| golden.values[i].is_finite();
+    let is_missing = |i: usize| is_golden(i) && difference[i].is_nan() && !part.evidence[i].is_nan();
+    // A part with twice the golden part's standard deviation would be judged.
+    let is_certain = |i: usize| limits.sigmas * 2.0 * f64::from(golden.deviation[i]) <= limits.tolerance;
+    let has_lost = |i: usize| golden.evidence[i].is_finite() && part.evidence[i] < LEAST_EVIDENCE && is_bare(i);
+    let is_gap = |i: usize| is_missing(i) && (is_certain(i) || has_lost(i));
+    let marks: Vec<i8> = (0..difference.len()).map(|i| i8::from(is_gap(i))).collect();
+    let gap = |pixels: Vec<usize>| {
+        let bare = pixels.iter().filter(|i| part.values[**i].is_nan() && is_bare(**i)).count();
+        let Extent { area_px, centroid_px, bounds_px } = Extent::of(&pixels, golden.width);
+        Gap { area_px, centroid_px, bounds_px, is_bare: 2 * bare > pixels.len() }
+    };
+    connected_regions(golden.width, &marks, limits.min_area_px).into_iter().map(gap).collect()
 }
 
 /// Returns the plane of a part over another, and the differences of their heights without it. NaN where either has no
-/// height.
-fn difference(part: &Heights, other: &Heights, limits: &Limits) -> Result<(Plane, Vec<f32>), Error> {
+/// height, and everywhere if they have too few in common for a plane.
+pub(super) fn difference(part: &Heights, other: &Heights, limits: &Limits) -> Result<(Plane, Vec<f32>), Error> {
     let size = [other.width, other.height];
     if [part.width, part.height] != size {
         let sizes = format!("{}x{} and {}x{}", part.width, part.height, size[0], size[1]);
         return Err(Error::Mismatch(format!("heights of {sizes} pixels differ in size")));
     }
     let mut difference: Vec<f32> = part.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
-    let noise = |i: usize| {
-        let sigma = f64::from(part.deviation[i]).hypot(f64::from(other.deviation[i]));
-        limits.sigmas * sigma.hypot(REGISTRATION_SIGMA * other.slope(i))
-    };
-    let plane = Plane::fit(size, &difference, |i| noise(i).max(FLAT * limits.tolerance)).ok_or_else(|| {
-        Error::Mismatch("both have a height at too few pixels: is it the same part, and in the picture?".to_string())
-    })?;
+    let cutoff = |i: usize| (limits.sigmas * deviation(part, other, i)).max(FLAT * limits.tolerance);
+    let plane = Plane::fit(size, &difference, cutoff).unwrap_or_else(|| {
+        difference.fill(f32::NAN);
+        Plane::default()
+    });
     plane.subtract_from(size, &mut difference);
     Ok((plane, difference))
 }
@@ -233,79 +280,42 @@ pub struct Deviation {
 /// Labels the 8-connected regions of pixels with the same sign, -1 or 1, and at least `min_area` pixels. Returns them,
 /// the largest first, with the number of each pixel's region, from 1, or 0.
 fn label_regions(width: u32, signs: &[i8], heights: &[f32], min_area: usize) -> (Vec<Deviation>, Vec<u32>) {
-    let mut visited: Vec<bool> = signs.iter().map(|sign| *sign == 0).collect();
-    let mut regions: Vec<(Deviation, Vec<usize>)> = Vec::new();
-    for first in 0..signs.len() {
-        if visited[first] {
-            continue;
-        }
-        let pixels = connected_pixels(first, width as usize, signs, &mut visited);
-        if pixels.len() >= min_area.max(1) {
-            regions.push((describe(&pixels, width as usize, heights), pixels));
-        }
-    }
-    regions.sort_by_key(|(region, _)| std::cmp::Reverse(region.area_px));
+    let regions = connected_regions(width, signs, min_area);
     let mut labels = vec![0; signs.len()];
-    for (number, (_, pixels)) in (1..).zip(&regions) {
+    for (number, pixels) in (1..).zip(&regions) {
         pixels.iter().for_each(|i| labels[*i] = number);
     }
-    (regions.into_iter().map(|(region, _)| region).collect(), labels)
+    (regions.iter().map(|pixels| Deviation::of(pixels, width, heights)).collect(), labels)
 }
 
-/// Returns the pixels connected with `first` that have its sign.
-fn connected_pixels(first: usize, width: usize, signs: &[i8], visited: &mut [bool]) -> Vec<usize> {
-    let mut pixels = vec![first];
-    visited[first] = true;
-    let mut next = 0;
-    while let Some(&i) = pixels.get(next) {
-        next += 1;
-        let (x, y) = (i % width, i / width);
-        for y in y.saturating_sub(1)..=(y + 1).min(signs.len() / width - 1) {
-            for x in x.saturating_sub(1)..=(x + 1).min(width - 1) {
-                let other = y * width + x;
-                if !visited[other] && signs[other] == signs[first] {
-                    visited[other] = true;
-                    pixels.push(other);
-                }
-            }
+impl Deviation {
+    fn of(pixels: &[usize], width: u32, heights: &[f32]) -> Self {
+        let Extent { area_px, centroid_px, bounds_px } = Extent::of(pixels, width);
+        let heights = || pixels.iter().map(|i| f64::from(heights[*i]));
+        Self {
+            area_px,
+            mean: heights().sum::<f64>() / area_px as f64,
+            extreme: heights().fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a }),
+            centroid_px,
+            bounds_px,
         }
-    }
-    pixels
-}
-
-fn describe(pixels: &[usize], width: usize, heights: &[f32]) -> Deviation {
-    let count = pixels.len() as f64;
-    let mean = |of: &dyn Fn(usize) -> f64| pixels.iter().map(|i| of(*i)).sum::<f64>() / count;
-    let span = |of: &dyn Fn(usize) -> usize| {
-        let (first, last) = pixels.iter().map(|i| of(*i)).fold((usize::MAX, 0), |(a, b), p| (a.min(p), b.max(p)));
-        (first as u32, (last + 1 - first) as u32)
-    };
-    let ((x, columns), (y, rows)) = (span(&|i| i % width), span(&|i| i / width));
-    let heights = |i: usize| f64::from(heights[i]);
-    Deviation {
-        area_px: pixels.len(),
-        mean: mean(&heights),
-        extreme: pixels.iter().map(|i| heights(*i)).fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a }),
-        centroid_px: [mean(&|i| (i % width) as f64), mean(&|i| (i / width) as f64)],
-        bounds_px: Region { x, y, width: columns, height: rows },
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
-    use crate::base::random::Random;
     use crate::base::statistics::tests::smooth_noise;
     use crate::base::{Similarity, centre};
 
     const SIZE: [u32; 2] = [120, 90];
 
     /// The height of a good part at a point.
-    fn relief([x, y]: [f64; 2]) -> f64 {
+    pub(crate) fn relief([x, y]: [f64; 2]) -> f64 {
         5.0 + 1.5 * (0.11 * x).sin() * (0.13 * y).cos()
     }
 
-    fn heights(of: impl Fn(f64, f64) -> f64, sigma: f64) -> Heights {
+    pub(crate) fn heights(of: impl Fn(f64, f64) -> f64, sigma: f64) -> Heights {
         let width = SIZE[0] as usize;
         let pixels = width * SIZE[1] as usize;
         let values: Vec<f32> = (0..pixels).map(|i| of((i % width) as f64, (i / width) as f64) as f32).collect();
@@ -331,7 +341,7 @@ mod tests {
         heights(at, sigma).resample(SIZE, &t)
     }
 
-    fn disk(x: f64, y: f64, [cx, cy]: [f64; 2], radius: f64) -> bool {
+    pub(crate) fn disk(x: f64, y: f64, [cx, cy]: [f64; 2], radius: f64) -> bool {
         (x - cx).hypot(y - cy) < radius
     }
 
@@ -434,7 +444,9 @@ mod tests {
         let strict = Limits { max_unjudged: 0.16, ..limits };
         assert_eq!(found.verdict(&strict), Verdict::NoGo, "a sixth, {}", found.unjudged_share());
         let none = heights(|_, _| nan, 0.1);
-        assert!(inspect(&none, &good(0.1), &limits).unwrap_err().to_string().contains("too few pixels"));
+        let found = inspect(&none, &good(0.1), &limits).unwrap();
+        assert_eq!((found.verdict(&limits), found.unjudged), (Verdict::NoGo, 120 * 90));
+        assert!(inspect(&good(0.1), &none, &limits).unwrap_err().to_string().contains("too few pixels"));
     }
 
     #[test]
@@ -456,36 +468,64 @@ mod tests {
     }
 
     #[test]
-    fn a_golden_part_allows_the_scatter_of_good_parts() {
-        // Good parts scatter by 0.3 at the left, each has another tilt, and two of eight have a hole.
-        let mut random = Random::new(7, 0);
-        let mut one = |n: usize| {
-            let bow = 0.3 * random.normal();
-            heights(
-                move |x, y| match () {
-                    () if n < 2 && disk(x, y, [90.0, 20.0], 6.0) => f64::NAN,
-                    () => relief([x, y]) + 0.4 * n as f64 + 0.01 * x + if x < 25.0 { bow } else { 0.0 },
-                },
-                0.02,
-            )
+    fn a_region_that_is_missing_where_the_golden_part_is_certain_is_no_go() {
+        let limits = Limits::new(0.1);
+        let with_hole = |radius: f64| {
+            let hole = |x: f64, y: f64| if disk(x, y, [40.0, 30.0], radius) { f64::NAN } else { relief([x, y]) };
+            inspect(&heights(hole, 0.01), &good(0.01), &limits).unwrap()
         };
-        let parts: Vec<Heights> = (0..8).map(&mut one).collect();
-        let golden = golden(&parts, &Limits::new(0.1)).unwrap();
-        assert!(golden.values.iter().all(|v| v.is_finite()), "six of eight parts have a height");
-        let at = |x: usize| f64::from(golden.deviation[45 * 120 + x]);
-        assert!(at(12) > 0.15 && at(12) < 0.6, "{}", at(12));
-        // σ / √8, without the error of the plane.
-        assert!((at(80) - 0.02 / 8f64.sqrt()).abs() < 2e-3, "{}", at(80));
-        let of = |left: f64, right: f64| {
-            let added = |x: f64| match () {
-                () if x < 12.0 => left,
-                () if x > 105.0 => right,
-                () => 0.0,
+        assert_eq!(with_hole(3.0).verdict(&limits), Verdict::Go, "smaller than the least region that counts");
+        let found = with_hole(6.0);
+        assert_eq!((found.verdict(&limits), found.gaps.len()), (Verdict::NoGo, 1));
+        let gap = found.gaps[0];
+        assert!(gap.is_bare && gap.area_px.abs_diff(113) < 12 && gap.centroid_px == [40.0, 30.0], "{gap:?}");
+        // Scattered pixels are missing by chance.
+        let scattered = |x: f64, y: f64| if (x + 2.0 * y) % 5.0 == 0.0 { f64::NAN } else { relief([x, y]) };
+        let found = inspect(&heights(scattered, 0.01), &good(0.01), &limits).unwrap();
+        assert_eq!((found.verdict(&limits), found.unjudged), (Verdict::Go, 120 * 90 / 5));
+        // So is what the part's noise hides in a region: it cannot be judged.
+        let mut part = good(0.01);
+        for i in (0..120 * 90).filter(|i| disk((i % 120) as f64, (i / 120) as f64, [40.0, 30.0], 6.0)) {
+            part.deviation[i] = 0.05;
+        }
+        let found = inspect(&part, &good(0.01), &limits).unwrap();
+        assert_eq!((found.verdict(&limits), found.gaps[0].is_bare), (Verdict::CannotJudge, false));
+    }
+
+    #[test]
+    fn heights_without_texture_are_not_judged_and_bare_if_only_they_lack_it() {
+        let limits = Limits::new(0.1);
+        let evidence = |of: &dyn Fn(f64, f64) -> f32, sigma: f64| {
+            let evidence = (0..120 * 90).map(|i| of((i % 120) as f64, (i / 120) as f64)).collect();
+            good(sigma).with_evidence(evidence).unwrap()
+        };
+        let hole = |x: f64, y: f64| disk(x, y, [40.0, 30.0], 6.0);
+        // The golden part has less evidence at the right; at the bottom it has none, and is not compared.
+        let golden = |x: f64, y: f64| match () {
+            () if y > 80.0 => 1.0,
+            () if x > 60.0 => 3.0,
+            () => 20.0,
+        };
+        let golden = evidence(&golden, 0.01);
+        let of = |share: f32, in_hole: f32| {
+            let part = |x: f64, y: f64| match () {
+                () if hole(x, y) => in_hole,
+                () if x > 60.0 => 3.0 * share,
+                () => 20.0 * share,
             };
-            let part = heights(|x, y| relief([x, y]) + added(x), 0.02);
-            inspect(&part, &golden, &Limits::new(0.1)).unwrap().regions.len()
+            inspect(&evidence(&part, 0.01), &golden, &limits).unwrap()
         };
-        assert_eq!((of(0.3, 0.0), of(0.0, 0.3)), (0, 1));
+        assert_eq!((of(1.0, 20.0).verdict(&limits), of(1.0, 20.0).judged), (Verdict::Go, 120 * 81));
+        let bare = of(0.9, 0.9);
+        assert_eq!((bare.verdict(&limits), bare.gaps.len(), bare.gaps[0].is_bare), (Verdict::NoGo, 1, true));
+        assert!(bare.difference[30 * 120 + 40].is_nan());
+        // Where the whole part has a third of the evidence, its light is at fault.
+        let dark = of(0.33, 6.6);
+        assert_eq!((dark.gaps.len(), dark.gaps[0].is_bare), (1, false), "{:?}", dark.gaps);
+        assert!((dark.uncertain_share() - 59.0 / 120.0).abs() < 1e-9 && dark.unjudged == 0);
+        assert_eq!(dark.verdict(&limits), Verdict::CannotJudge);
+        let most = Limits { max_unjudged: 0.5, ..limits };
+        assert_eq!(dark.verdict(&most), Verdict::CannotJudge, "as a region");
     }
 
     #[test]

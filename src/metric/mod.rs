@@ -1,10 +1,17 @@
 //! Metric depth from relative blur, calibration of the lens, measurements, and inspection of parts.
 
 mod calibrate;
+mod evidence;
+mod golden;
 mod heights;
 pub mod inspect;
 pub mod measure;
 mod plane;
+mod regions;
+
+pub(crate) use evidence::evidence;
+
+pub use golden::{Disagreement, disagreement, golden};
 
 pub use calibrate::{CalibratedParameter, Calibration, LensParameter, Target, calibrate};
 

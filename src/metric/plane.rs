@@ -9,7 +9,7 @@ use crate::base::statistics::{TUKEY, deviation, median, tukey};
 /// The largest number of pixels for the fit of a plane; more are subsampled, since three parameters need no more.
 const MAX_POINTS: usize = 1 << 16;
 /// The smallest number of pixels.
-const MIN_POINTS: usize = 16;
+pub(super) const MIN_POINTS: usize = 16;
 /// Iterations towards least absolute deviations, which have a unique minimum. After a dozen they exclude a defect of
 /// any height on less than a quarter of the part. A larger defect at one side gives a tilt.
 const L1_ITERATIONS: usize = 30;

@@ -27,10 +27,11 @@ pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) ->
     let (width, height) = picture.dimensions();
     let size = (TEXT * width.max(height) as f32).max(LEAST_TEXT);
     let line = 1.5 * size;
+    let unjudged = inspection.unjudged_share() + inspection.uncertain_share();
     let keys = [
         (Some(NEARER), format!("nearer to the camera: {}", extreme(inspection, unit, true))),
         (Some(FURTHER), format!("further away: {}", extreme(inspection, unit, false))),
-        (Some(GRAY), format!("striped: not judged, {:.1} %", 100.0 * inspection.unjudged_share())),
+        (Some(GRAY), format!("striped: not judged, {:.1} %", 100.0 * unjudged)),
         (None, verdict.to_string()),
     ];
     let widest = keys.iter().map(|(_, words)| text_width(words, size)).fold(0.0, f32::max);

@@ -190,3 +190,93 @@ fn a_part_that_lies_more_tilted_than_allowed_cannot_be_judged() {
     let refused = stderr(&desk.inspect("part", 4, &["--in-place", "--max-tilt", "3"]));
     assert!(refused.contains("tilted by 4.0") && refused.contains("allow more by --max-tilt"), "{refused}");
 }
+
+/// Writes a pair of photographs in which only noise shows wherever `is_bare` says.
+fn cover(desk: &Desk, from: &str, to: &str, is_bare: impl Fn(f64, f64) -> bool) {
+    fs::create_dir(desk.path(to)).unwrap();
+    let mut random = 1u32;
+    for name in ["i1.png", "i2.png"] {
+        let mut picture = image::open(desk.path(from).join(name)).unwrap().into_luma16();
+        for (x, y, pixel) in picture.enumerate_pixels_mut().filter(|(x, y, _)| is_bare(f64::from(*x), f64::from(*y))) {
+            // The sum of four uniform numbers, about 1 % of white.
+            let mut uniform = || {
+                random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                f64::from(random >> 8) / f64::from(1 << 24) - 0.5
+            };
+            let noise = uniform() + uniform() + uniform() + uniform();
+            *pixel = image::Luma([(32768.0 + 1100.0 * noise + f64::from((x + y) % 2)) as u16]);
+        }
+        picture.save(desk.path(to).join(name)).unwrap();
+    }
+}
+
+#[test]
+fn a_bare_area_is_no_go_and_an_empty_wall_is_not_go() {
+    for seed in ["1", "2", "3"] {
+        let desk = Desk(TempDir::new().unwrap());
+        let simulate = ["simulate", "plane", "-o", "good", "--size", "160x120", "--noise", "0.005", "--seed", seed];
+        assert!(desk.run(&simulate).status.success());
+        cover(&desk, "good", "hole", |x, y| (x - 110.0).hypot(y - 70.0) < 14.0);
+        cover(&desk, "good", "half", |x, _| x < 64.0);
+        cover(&desk, "good", "wall", |_, _| true);
+        for (shots, out) in [("good", "golden"), ("hole", "a"), ("half", "b"), ("wall", "c")] {
+            let [first, second] = ["i1.png", "i2.png"].map(|name| format!("{shots}/{name}"));
+            assert!(desk.run(&["solve", &first, &second, "-o", out, "--no-html"]).status.success());
+        }
+        let found: Value = serde_json::from_slice(&desk.inspect("a", 3, &["--json"]).stdout).unwrap();
+        let gap = &found["gaps"][0];
+        let [x, y] = [0, 1].map(|n| gap["centroid_px"][n].as_f64().unwrap());
+        // The rim of the covered disk, radius 14 px, is sharp in both photographs, which no blur explains around it.
+        assert!((x - 110.0).hypot(y - 70.0) < 8.0 && gap["is_bare"] == true, "{found:#}");
+        assert!(found["reasons"].to_string().contains("lacks the texture that the golden part has"), "{found:#}");
+        let found: Value = serde_json::from_slice(&desk.inspect("b", 3, &["--json"]).stdout).unwrap();
+        let unjudged = found["unjudged"].as_f64().unwrap();
+        assert!((unjudged - 0.4).abs() < 0.04, "40 % are grey, not {unjudged}");
+        assert!(matches!(
+            desk.run(&["inspect", "c", "--golden", "golden", "--tolerance", "1", "--in-place"]).status.code(),
+            Some(3 | 4)
+        ));
+    }
+}
+
+#[test]
+fn a_golden_part_that_disagrees_with_the_others_is_named() {
+    let desk = Desk(TempDir::new().unwrap());
+    assert!(desk.run(&["simulate", "relief", "-o", "shots", "--size", "160x120"]).status.success());
+    for name in ["part", "good1", "good2", "bad", "good3"] {
+        let solve = ["solve", "shots/i1.png", "shots/i2.png", "-o", name, "--no-html"];
+        assert!(desk.run(&solve).status.success());
+    }
+    let inspect = |goldens: &[&str]| {
+        let output = desk.run(&[&["inspect", "part", "--tolerance", "1", "--in-place", "--golden"], goldens].concat());
+        (output.status.code(), stderr(&output))
+    };
+    assert_eq!(inspect(&["good1", "good2", "bad", "good3"]).0, Some(0));
+    add_bump(&desk.path("bad"), [70, 50]);
+    let (status, found) = inspect(&["good1", "good2", "bad", "good3"]);
+    assert!(status == Some(4) && found.contains("the golden part bad disagrees with the others at 76,56"), "{found}");
+    let (status, found) = inspect(&["bad", "good1"]);
+    assert!(found.contains("the golden parts bad and good1 disagree at 76,56 by -4"), "{status:?} {found}");
+}
+
+#[test]
+fn a_part_whose_texture_hardly_exceeds_its_noise_cannot_be_judged() {
+    for seed in ["1", "2", "3"] {
+        let desk = Desk(TempDir::new().unwrap());
+        let solved = |out: &str, extra: &[&str]| {
+            let own = ["simulate", "plane", "-o", "shots", "--size", "160x120", "--seed", seed];
+            assert!(desk.run(&[&own, extra].concat()).status.success());
+            let solve = ["solve", "shots/i1.png", "shots/i2.png", "-o", out, "--no-html"];
+            assert!(desk.run(&solve).status.success());
+        };
+        solved("golden", &["--noise", "0.003"]);
+        solved("sharp", &["--noise", "0.01"]);
+        solved("noisy", &["--noise", "0.15"]);
+        solved("faint", &["--noise", "0.005", "--contrast", "0.03"]);
+        desk.inspect("sharp", 0, &["--in-place"]);
+        for part in ["noisy", "faint"] {
+            let output = desk.run(&["inspect", part, "--golden", "golden", "--tolerance", "1", "--in-place"]);
+            assert_eq!(output.status.code(), Some(4), "{part} is good: {}", stderr(&output));
+        }
+    }
+}

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use parfocal::export::{
     INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Report, Results, listed_in, write_inspection,
 };
-use parfocal::metric::inspect::{Heights, Limits, Verdict, golden, inspect};
+use parfocal::metric::inspect::{Heights, Limits, Verdict, inspect};
+use parfocal::metric::{Disagreement, disagreement, golden};
 use parfocal::{
     Frame,
     internals::baseline,
@@ -66,9 +67,10 @@ const AFTER_HELP: &str = "\
 The part's picture is registered onto the golden one's by key-points (a similarity), its heights are brought along, and the plane
 that most of the difference lies in is taken out: how the part lies is no defect, up to the tilt that is allowed. A pixel deviates where what is left is more than
 the tolerance, and more than K standard deviations of both; of several golden parts, what they differ by at that pixel counts
-too. Pixels that touch are a region. Where the golden part has a height and the part has none, or one too uncertain for the
-tolerance, nothing is judged. A part cannot be judged if that is too much of it, if it lies tilted by more than is allowed,
-or if a solve had not converged.
+too. Pixels that touch are a region. Where the golden part has a height and the part has none, no texture, or a height too
+uncertain for the tolerance, nothing is judged. A region that lacks the golden part's texture is no-go. A part cannot be judged
+if too much of it or a region is uncertain, if it lies tilted by more than is allowed, if a solve had not converged, or if
+the golden parts disagree.
 
 Results, with -o, both or none:
   inspect.json  verdict, reasons, registration, plane, and of each region area, mean, extreme, place
@@ -109,17 +111,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     std::iter::once(&part).chain(&goldens[1..]).try_for_each(|other| other.check_settings(first))?;
     let on_first = |other: &Part| other.on(first, quantity, arguments.in_place);
     let limits = arguments.limits();
-    let golden = {
+    let registered = {
         let all = goldens[1..].iter().map(|other| on_first(other).map(|(heights, _)| heights));
         let own = first.field(quantity, first)?.clone();
-        golden(&std::iter::once(Ok(own)).chain(all).collect::<Result<Vec<_>, Failure>>()?, &limits)?
+        std::iter::once(Ok(own)).chain(all).collect::<Result<Vec<_>, Failure>>()?
     };
+    let golden = golden(&registered, &limits)?;
     let (heights, transform) = on_first(&part)?;
     let found = inspect(&heights, &golden, &limits).map_err(|e| part.failed(first, e))?;
     let names = |folders: &[PathBuf]| folders.iter().map(|f| f.display().to_string()).collect::<Vec<_>>();
     let (own, of) = (names(std::slice::from_ref(&arguments.part)), names(&arguments.golden));
     let size = [golden.width, golden.height];
-    let doubts = std::iter::once(&part).chain(&goldens).filter_map(Part::doubt).collect();
+    let disagreeing = disagreement(&registered, &limits)?.map(|found| disagrees(&found, &goldens, unit));
+    let doubts = std::iter::once(&part).chain(&goldens).filter_map(Part::doubt).chain(disagreeing).collect();
     let report = InspectReport::new([&own, &of], (quantity, unit), (limits, transform), (&found, size), doubts);
     let verdict = format!("{}: tolerance {} {unit}, {} σ", report.verdict.text(), limits.tolerance, limits.sigmas);
     if let Some(out) = &arguments.output {
@@ -169,14 +173,35 @@ fn common<'a>(part: &'a Part, goldens: &[Part]) -> Result<(&'a str, &'static str
     })
 }
 
+/// Which golden part disagrees with the others.
+fn disagrees(found: &Disagreement, goldens: &[Part], unit: &str) -> String {
+    let ([x, y], extreme) = (found.deviation.centroid_px, found.deviation.extreme);
+    let place = format!("at {x:.0},{y:.0} by {extreme:+.4} {unit}");
+    match goldens {
+        [first, second] => {
+            let [first, second] = [first, second].map(|part| part.folder.display());
+            format!("the golden parts {first} and {second} disagree {place}; with a third one, the bad one is known")
+        }
+        all => {
+            let folder = all.get(found.part).map(|part| part.folder.display().to_string()).unwrap_or_default();
+            format!("the golden part {folder} disagrees with the others {place}; leave it out, or solve it again")
+        }
+    }
+}
+
 impl Part {
     fn read(folder: &Path) -> Result<Self, Failure> {
         let results = Results::read(folder)?;
         results.check_hashes()?;
+        let evidence = results.evidence()?;
         let fields = results.measured().into_iter().map(|quantity| {
             let sign = if quantity.nearer == Nearer::First { 1.0 } else { -1.0 };
             let towards: Vec<f32> = quantity.values.iter().map(|v| sign * v).collect();
             let heights = Heights::new(results.report.size.into(), &towards, &quantity.deviation)?;
+            let heights = match &evidence {
+                Some(evidence) => heights.with_evidence(evidence.clone())?,
+                None => heights,
+            };
             Ok((quantity.label(), quantity.unit, heights))
         });
         let fields = fields.collect::<Result<_, Failure>>()?;
@@ -270,11 +295,12 @@ fn summary(report: &InspectReport, out: Option<&Path>) -> String {
         "plane          {:+.4} {unit}, {right:+.6} {down:+.6} {unit}/px right, down; tilt {:.2} of {:.2} {unit} allowed",
         report.plane.offset, report.tilt, report.limits.max_tilt
     ));
-    let all = (report.judged_px + report.unjudged_px + report.uncertain_px).max(1) as f64;
-    let share = |pixels: usize| 100.0 * pixels as f64 / all;
+    let all = report.judged_px + report.unjudged_px + report.uncertain_px;
+    let share = |pixels: usize| 100.0 * pixels as f64 / all.max(1) as f64;
     lines.push(format!(
-        "judged         {} px; {:.1} % without a height, {:.1} % too uncertain",
+        "judged         {} of the golden part's {} px; {:.1} % without a height, {:.1} % too uncertain",
         report.judged_px,
+        all,
         share(report.unjudged_px),
         share(report.uncertain_px)
     ));

@@ -9,7 +9,7 @@ use super::report::{Header, Kind, to_json, write_json_to};
 use super::staging::Staging;
 use crate::base::{Error, Similarity};
 use crate::files::bounded_read::Hashes;
-use crate::metric::inspect::{Deviation, Inspection, Limits, Plane, Verdict};
+use crate::metric::inspect::{Deviation, Gap, Inspection, Limits, Plane, Verdict};
 
 /// The report of an inspected part.
 #[derive(Clone, Debug, Serialize)]
@@ -45,10 +45,12 @@ pub struct InspectReport {
     pub unjudged_px: usize,
     /// `unjudged_px` as a fraction of the golden part's pixels.
     pub unjudged: f64,
-    /// Pixels where both parts have a height, and the part's is too uncertain for the tolerance.
+    /// Pixels where the part is too uncertain for the tolerance, or without a height since all of it has as little evidence.
     pub uncertain_px: usize,
     /// The least tolerance that the part's uncertainty allows to judge; null if too many heights are missing.
     pub least_tolerance: Option<f64>,
+    /// Regions that are not judged although the golden part is certain there, the largest first.
+    pub gaps: Vec<Gap>,
     /// Deviating regions, the largest first.
     pub regions: Vec<DeviationReport>,
     #[serde(flatten)]
@@ -108,6 +110,7 @@ impl InspectReport {
             unjudged: inspection.unjudged_share(),
             uncertain_px: inspection.uncertain,
             least_tolerance: inspection.least_tolerance,
+            gaps: inspection.gaps.clone(),
             regions: inspection.regions.iter().map(of).collect(),
             listed: None,
         }
@@ -147,6 +150,20 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
             limits.tolerance
         )
     });
+    let gap = |is_bare: bool| {
+        let mut all = inspection.gaps.iter().filter(move |gap| gap.is_bare == is_bare);
+        all.next().map(|gap| {
+            let ([x, y], more) = (gap.centroid_px, all.count());
+            let more = if more > 0 { format!(", and in {more} smaller ones") } else { String::new() };
+            let area = gap.area_px;
+            format!("in a region of {area} px at {x:.0},{y:.0}{more}; regions from {} px on count", limits.min_area_px)
+        })
+    };
+    let bare = gap(true).map(|places| format!("the part lacks the texture that the golden part has {places}"));
+    // Around a defect, a part is less certain too.
+    let unclear = gap(false).filter(|_| deviates.is_none() && bare.is_none()).map(|places| {
+        format!("the part is far less certain than the golden part {places}; take it in more light, or as a sweep")
+    });
     let tilted = (inspection.tilt > limits.max_tilt).then(|| {
         let (tilt, most) = (inspection.tilt, limits.max_tilt);
         format!(
@@ -154,7 +171,7 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
              part lies, or allow more by --max-tilt"
         )
     });
-    deviates.into_iter().chain(missing).chain(blurred).chain(tilted).collect()
+    deviates.into_iter().chain(bare).chain(missing).chain(blurred).chain(unclear).chain(tilted).collect()
 }
 
 /// Writes report and picture into a folder: both or none. Creates the folder if it is missing. Replaces the files of an

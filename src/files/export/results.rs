@@ -18,7 +18,7 @@ use super::scale::{Nearer, Palette, Quantity, Scale};
 use crate::base::{Channels, Depth, Error, Frame, Lens, Samples};
 use crate::engine::Solution;
 use crate::files::image_io;
-use crate::metric::{DOUBT, MetricDepth};
+use crate::metric::{DOUBT, MetricDepth, evidence};
 use crate::solve::sweep::{Positions, Sweep};
 
 /// The page of results.
@@ -299,6 +299,23 @@ impl<'a> Results<'a> {
         let path = self.folder.join(file);
         let (width, height, values) = image_io::read_field(&path)?;
         self.check_size(&path, (width, height)).map(|()| values.into())
+    }
+
+    /// For a pair, the evidence for each pixel of V: the standard deviation of the fused image around it over that of
+    /// what neither blur nor registration explains. `None` for a sweep, since its results do not state the latter.
+    ///
+    /// # Errors
+    /// As for [`field`](Self::field) and [`fused`](Self::fused).
+    pub fn evidence(&self) -> Result<Option<Vec<f32>>, Error> {
+        if self.report.kind != Kind::Pair {
+            return Ok(None);
+        }
+        let (noise, fused) = (self.field("residual")?, self.fused()?);
+        let channels = fused.format().channels.count() as usize;
+        let intensities = fused.intensities(self.report.values.decode);
+        let grey: Vec<f32> =
+            intensities.chunks_exact(channels).map(|pixel| pixel.iter().sum::<f32>() / channels as f32).collect();
+        Ok(Some(evidence(&grey, &noise, self.report.size.width as usize)))
     }
 
     /// The fused image as stored in its file.

@@ -1,0 +1,173 @@
+//! A golden part from several good ones.
+
+use super::heights::Heights;
+use super::inspect::{Deviation, GOLDEN_EVIDENCE, Limits, difference, inspect};
+use crate::base::Error;
+
+/// By how much the scatter between n - 1 good parts is widened before another is compared with them, from n = 3: the
+/// quantile of Student's t distribution with n - 2 degrees of freedom that 3 standard deviations are of a Gaussian, over
+/// 3. Of parts whose scatter is known from few others, one would seem off too often.
+const WIDER: [f64; 10] = [78.6, 6.4, 3.07, 2.21, 1.84, 1.63, 1.51, 1.43, 1.36, 1.32];
+
+/// Makes a golden part from several good parts that are registered to the pixels of the first.
+///
+/// The plane of each part over the first is subtracted, as [`inspect`] does with these limits. The height is the mean where more than half of the parts have
+/// one. The standard deviation includes the scatter of good parts: with the variance τ² between parts and σ² of the
+/// measurement, n heights have the variance τ² + σ², and a good part differs from their mean by τ² + (τ² + σ²) / n,
+/// besides its own σ².
+///
+/// # Errors
+/// As for [`inspect`].
+pub fn golden(parts: &[Heights], limits: &Limits) -> Result<Heights, Error> {
+    combined(&level(parts, limits)?.iter().collect::<Vec<_>>(), 1.0)
+}
+
+/// A golden part that disagrees with the others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Disagreement {
+    /// Its index among the golden parts.
+    pub part: usize,
+    /// Its largest deviation from the others.
+    pub deviation: Deviation,
+}
+
+/// Returns the golden part that deviates from the golden part of the others by the largest region, beyond what they
+/// differ by. Of two, it is the second, and may as well be the first. `None` if none deviates. The parts are registered to
+/// the pixels of the first.
+///
+/// # Errors
+/// As for [`inspect`].
+pub fn disagreement(parts: &[Heights], limits: &Limits) -> Result<Option<Disagreement>, Error> {
+    let levelled = level(parts, limits)?;
+    let first = if parts.len() == 2 { 1 } else { 0 };
+    let mut found: Option<Disagreement> = None;
+    for part in first..if parts.len() > 1 { parts.len() } else { 0 } {
+        let others: Vec<&Heights> =
+            levelled.iter().enumerate().filter(|(n, _)| *n != part).map(|(_, other)| other).collect();
+        let wider = WIDER.get(parts.len().saturating_sub(3)).or(WIDER.last()).copied().unwrap_or(1.0);
+        let off = inspect(&levelled[part], &combined(&others, wider)?, limits)?;
+        let Some(deviation) = off.regions.first().copied() else { continue };
+        if found.is_none_or(|found| deviation.area_px > found.deviation.area_px) {
+            found = Some(Disagreement { part, deviation });
+        }
+    }
+    Ok(found)
+}
+
+/// Subtracts the plane of each part over the first, and leaves out heights without evidence.
+fn level(parts: &[Heights], limits: &Limits) -> Result<Vec<Heights>, Error> {
+    let first = parts.first().ok_or_else(|| Error::Mismatch("no golden part was given".to_string()))?;
+    let level = |part: &Heights| {
+        let mut part = part.supported(GOLDEN_EVIDENCE);
+        difference(&part, first, limits)?.0.subtract_from([first.width, first.height], &mut part.values);
+        Ok(part)
+    };
+    parts.iter().map(level).collect()
+}
+
+/// Returns the mean of levelled parts where more than half of them have a height, with what a good part may be off by:
+/// the scatter between them is made `wider` by a factor.
+fn combined(parts: &[&Heights], wider: f64) -> Result<Heights, Error> {
+    let Some(first) = parts.first() else { return Err(Error::Mismatch("no golden part was given".to_string())) };
+    let pixel = |i: usize| {
+        let all = parts.iter().map(|part| (f64::from(part.values[i]), f64::from(part.deviation[i])));
+        let valid: Vec<(f64, f64)> = all.filter(|(v, sigma)| v.is_finite() && sigma.is_finite()).collect();
+        let (mean, sigma) = if 2 * valid.len() > parts.len() { combine(&valid, wider) } else { (f64::NAN, f64::NAN) };
+        (mean as f32, sigma as f32)
+    };
+    let (values, deviation) = (0..first.values.len()).map(pixel).unzip::<f32, f32, Vec<_>, Vec<_>>();
+    let evidence = |i: usize| {
+        let valid = parts.iter().filter(|part| part.values[i].is_finite()).map(|part| part.evidence[i]);
+        let (sum, count) = valid.fold((0.0, 0.0), |(sum, count), evidence| (sum + evidence, count + 1.0f32));
+        sum / count
+    };
+    let evidence = (0..first.values.len()).map(evidence).collect();
+    Heights::new([first.width, first.height], &values, &deviation)?.with_evidence(evidence)
+}
+
+/// Returns the mean of heights with their standard deviations, and the standard deviation of a good part from it,
+/// without the measurement error of that part.
+fn combine(heights: &[(f64, f64)], wider: f64) -> (f64, f64) {
+    let count = heights.len() as f64;
+    let mean = heights.iter().map(|(v, _)| v).sum::<f64>() / count;
+    let measured = heights.iter().map(|(_, sigma)| sigma * sigma).sum::<f64>() / count;
+    let spread = heights.iter().map(|(v, _)| (v - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    let between = (spread - measured).max(0.0);
+    (mean, (wider * wider * between + spread.max(measured) / count).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::inspect::tests::{disk, heights, relief};
+    use super::*;
+    use crate::base::random::Random;
+    use crate::base::statistics::tests::smooth_noise;
+
+    #[test]
+    fn a_golden_part_allows_the_scatter_of_good_parts() {
+        // Good parts scatter by 0.3 at the left, each has another tilt, and two of eight have a hole.
+        let mut random = Random::new(7, 0);
+        let mut one = |n: usize| {
+            let bow = 0.3 * random.normal();
+            heights(
+                move |x, y| match () {
+                    () if n < 2 && disk(x, y, [90.0, 20.0], 6.0) => f64::NAN,
+                    () => relief([x, y]) + 0.4 * n as f64 + 0.01 * x + if x < 25.0 { bow } else { 0.0 },
+                },
+                0.02,
+            )
+        };
+        let parts: Vec<Heights> = (0..8).map(&mut one).collect();
+        let golden = golden(&parts, &Limits::new(0.1)).unwrap();
+        assert!(golden.values.iter().all(|v| v.is_finite()), "six of eight parts have a height");
+        let at = |x: usize| f64::from(golden.deviation[45 * 120 + x]);
+        assert!(at(12) > 0.15 && at(12) < 0.6, "{}", at(12));
+        // σ / √8, without the error of the plane.
+        assert!((at(80) - 0.02 / 8f64.sqrt()).abs() < 2e-3, "{}", at(80));
+        let of = |left: f64, right: f64| {
+            let added = |x: f64| match () {
+                () if x < 12.0 => left,
+                () if x > 105.0 => right,
+                () => 0.0,
+            };
+            let part = heights(|x, y| relief([x, y]) + added(x), 0.02);
+            inspect(&part, &golden, &Limits::new(0.1)).unwrap().regions.len()
+        };
+        assert_eq!((of(0.3, 0.0), of(0.0, 0.3)), (0, 1));
+    }
+
+    #[test]
+    fn one_bad_golden_part_is_named_and_good_ones_never_are() {
+        let limits = Limits::new(1.0);
+        for seed in 0..4 {
+            for count in [2, 3, 4, 6] {
+                let mut random = Random::new(seed, count as u64);
+                let bad = (random.uniform() * count as f64) as usize;
+                // Good parts lie tilted, and an edge of theirs varies by more than the tolerance.
+                let parts = |bad: usize, edge: f64| -> Vec<Heights> {
+                    let mut random = Random::new(seed, 99);
+                    let part = |n: usize| {
+                        let noise = smooth_noise([120, 90], 2.0, 20 * seed + n as u64);
+                        let (tilt, edge) = (0.01 * random.normal(), edge * random.normal());
+                        let at = |x: f64, y: f64| {
+                            let bump = if n == bad && disk(x, y, [40.0, 30.0], 8.0) { 2.0 } else { 0.0 };
+                            let edge = if x > 112.0 { edge } else { 0.0 };
+                            let noise = 0.1 * noise[y as usize * 120 + x as usize];
+                            relief([x, y]) + tilt * x + bump + edge + noise
+                        };
+                        heights(at, 0.1)
+                    };
+                    (0..count).map(part).collect()
+                };
+                let found = disagreement(&parts(bad, 0.0), &limits).unwrap().unwrap();
+                let [x, y] = found.deviation.centroid_px;
+                assert!((x - 40.0).hypot(y - 30.0) < 1.0, "{found:?}");
+                assert!(found.part == bad || count == 2, "{seed} {count}: {found:?}");
+                assert_eq!(disagreement(&parts(count, 0.0), &limits).unwrap(), None, "{seed} {count}");
+                if count == 6 {
+                    assert_eq!(disagreement(&parts(count, 1.0), &limits).unwrap(), None, "{seed} {count}");
+                }
+            }
+        }
+    }
+}
