@@ -7,7 +7,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 4) const bool MASKED = false;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform readonly image2DArray terms;      // on every other pixel: means of D, b², (∇²V)², S²
+layout(binding = 1, r32f) uniform readonly image2DArray terms;      // on every other pixel: means of C, b², (∇²V)², S²
 layout(binding = 2, r32f) uniform writeonly image2DArray result;       // layers: V, its standard deviation, residual
 layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 4, std430) readonly buffer Mask { uint mask[]; };     // a byte per pixel: 0 where there are no results
@@ -15,7 +15,6 @@ layout(push_constant) uniform Constants {
     int width, height;
     float centre_x, centre_y;
     float pixels;                    // pixels of a window
-    float calibration;
     float bending;                   // weight of (∇²V)² relative to the data's variance
     float largest;                   // standard deviation, px²
 };
@@ -37,7 +36,7 @@ void main() {
     vec4 mean = 0.25 * (terms_at(low) + terms_at(ivec2(high.x, low.y)) + terms_at(ivec2(low.x, high.y))
                         + terms_at(high));
     float data = mean.y / (pixels * mean.x * mean.x);
-    float deviation = mean.x > 0.0 ? min(calibration * sqrt(data + bending * mean.z), largest) : largest;
+    float deviation = mean.x > 0.0 ? min(sqrt(data + bending * mean.z), largest) : largest;
     const float NONE = uintBitsToFloat(0x7fc00000u);
     imageStore(result, ivec3(x, 0), vec4(valid ? v : NONE));
     imageStore(result, ivec3(x, 1), vec4(valid ? deviation : NONE));

@@ -1,11 +1,11 @@
 #version 460
-// The terms of the uncertainty, on every other pixel along x and y: D, b² and (∇²V)². CPU reference:
-// src/engine/stages/uncertainty_terms.rs.
+// The terms of the uncertainty, on every other pixel along x and y: the curvature C of the data term, b² and (∇²V)².
+// CPU reference: src/engine/stages/uncertainty_terms.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b
-layout(binding = 2, r32f) uniform writeonly image2DArray terms;   // half as wide and high; layers: D, b², (∇²V)²
+layout(binding = 2, r32f) uniform writeonly image2DArray terms;   // half as wide and high; layers: curvature, b², (∇²V)²
 layout(push_constant) uniform Constants {
     int width, height;
     float eta;
@@ -22,7 +22,9 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     float d = imageLoad(normal_equations, ivec3(x, 0)).r, b = imageLoad(normal_equations, ivec3(x, 1)).r;
     bool determined = d > least;
-    imageStore(terms, ivec3(h, 0), vec4(determined ? d : 0.0));
+    // b²/D is S²/ψ(S), from which S² follows; the second derivative of ψ is its weight times η²/(S² + η²).
+    float pull = determined ? b * b / d : 0.0, square = 0.5 * pull * (pull + sqrt(pull * pull + 4.0 * eta * eta));
+    imageStore(terms, ivec3(h, 0), vec4(determined ? d * eta * eta / (square + eta * eta) : 0.0));
     imageStore(terms, ivec3(h, 1), vec4(determined ? b * b + noise * noise / eta * d : 0.0));
     // The divergence of central differences two pixels apart, which is insensitive to noise of single pixels.
     float around = v_at(x + ivec2(2, 0)) + v_at(x - ivec2(2, 0)) + v_at(x + ivec2(0, 2)) + v_at(x - ivec2(0, 2));

@@ -10,8 +10,7 @@ use serde::Deserialize;
 
 use crate::cli::batch::summary::SUMMARY;
 use crate::cli::options::photographs::{self, SweepFiles, in_short, list_folder, one_series, with_format};
-use crate::cli::options::series;
-use crate::cli::options::series::{file_name, stem};
+use crate::cli::options::series::{self, file_name, stem};
 use crate::cli::output::failure::Failure;
 
 /// The photographs of a pair or a sweep in order, and the name of the folder of their results.

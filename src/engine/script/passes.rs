@@ -30,7 +30,7 @@ pub(crate) const MOST_MOVING: f32 = 0.25;
 /// And no more than this share by half of it: pixels at depth edges. Without this bound twice as many pixels of bars
 /// end more than five standard deviations off.
 const MOST_FAR: f32 = 0.05;
-/// T is at rest if its step is less than about half of its standard deviation: ¼ of 1.8² times Σ b² / Σ D, for each
+/// T is at rest if its step is less than about half of its standard deviation: ¼ of 1.8² (as of a step of V) times Σ b² / Σ D, for each
 /// unknown. About, since the sums of T have a wider η where noise is strong.
 const STEADY: f32 = 0.25 * 3.24;
 /// The largest |dV| as a share of |V|, where that is more than [`Settings::largest_step`](crate::Settings).

@@ -2,18 +2,19 @@
 //!
 //! The residual is the root of its mean square over a window. Section 7 of `docs/method.md`.
 //!
-//! Over a window of N pixels, with V as one unknown, least squares give it the variance `Σb²/(ΣD)²`: the pull of each
-//! residual, by misfit and noise, over the weight of V. Where V bends, smoothness and displacement change it in
-//! proportion. With means over the window,
+//! Over a window of N pixels, with V as one unknown, the estimate that minimises the robust norm ψ has the variance
+//! `Σb²/(ΣC)²` (Huber, Robust Statistics, 1981, section 6.3): b is the pull of each residual, by misfit and noise, and C
+//! the curvature of ψ by V. Where V bends, smoothness and displacement change it in proportion. With means over the
+//! window,
 //!
 //! ```text
-//! σ_V = κ sqrt(mean b² / (N (mean D)²) + β mean (∇²V)²)
+//! σ_V = sqrt(mean b² / (N (mean C)²) + β mean (∇²V)²)
 //! ```
 //!
-//! κ and β are such that 60 to 75 % of true errors are within σ and 90 to 97 % within 2 σ, for planes, reliefs, steps
-//! and cylinders at noise 0 to 0.03 and for occluding cards and blocks. (mean b)² instead of mean b² is no better; with
-//! β 2.75 up to 4 % of errors exceed 5 σ. A slope is no error: with |∇V|² instead of (∇²V)², σ of a noiseless plane is
-//! five times its error.
+//! β is such that 60 to 75 % of true errors are within σ, for planes, reliefs, steps and cylinders at noise 0.003 to 0.03
+//! and for occluding cards. With 20 up to twice as many errors exceed 5 σ, with 45 σ is too wide on reliefs. (mean b)²
+//! instead of mean b² is no better. A slope is no error: with |∇V|² instead of (∇²V)², σ of a noiseless plane is five
+//! times its error.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
@@ -21,10 +22,8 @@ use super::uncertainty_terms::{self, WINDOW};
 use super::{Field, pixels};
 use crate::engine::vulkan::Variant;
 
-/// κ.
-pub const CALIBRATION: f32 = 1.8;
 /// β, px⁴.
-pub const BENDING: f32 = 6.0;
+pub const BENDING: f32 = 30.0;
 /// Pixels in a Gaussian window of σ px: 4π σ².
 pub const WINDOW_PIXELS: f32 = (4.0 * std::f64::consts::PI * WINDOW * WINDOW) as f32;
 /// Standard deviation where the photographs do not determine V, px²: more than any |V|.
@@ -39,8 +38,6 @@ push_constants! {
     centre: [f32; 2],
     /// N.
     pixels: f32,
-    /// κ.
-    calibration: f32,
     /// β, px⁴.
     bending: f32,
     /// Standard deviation where the photographs do not determine V, px².
@@ -51,8 +48,7 @@ impl Constants {
     /// The constants of an image.
     pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2]) -> Self {
         let centre = centre.map(|c| c as f32);
-        let (calibration, bending) = (CALIBRATION, BENDING);
-        Self { width, height, centre, pixels: WINDOW_PIXELS, calibration, bending, largest: LARGEST }
+        Self { width, height, centre, pixels: WINDOW_PIXELS, bending: BENDING, largest: LARGEST }
     }
 }
 
@@ -62,7 +58,7 @@ pub(crate) const MASKED: Variant = [false, false, true, false];
 bindings! {
     UNCERTAINTY:
     v: Reads<RelativeBlur>,
-    /// Means of D, b², (∇²V)² and of the squared residual.
+    /// Means of the curvature, b², (∇²V)² and of the squared residual.
     terms: Reads<UncertaintyTerms>,
     /// Layers: V, its standard deviation, the residual.
     results: Writes<Results>,
@@ -107,13 +103,13 @@ pub fn cpu_reference(
         (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
     };
     let deviation = Field::from_fn(v.width, v.height, |x, y| {
-        let [d, b2, bend, _] = terms.each_ref().map(|f| mean(f, x, y));
+        let [curvature, b2, bend, _] = terms.each_ref().map(|f| mean(f, x, y));
         let largest = f64::from(c.largest);
-        let data = b2 / (f64::from(c.pixels) * d * d);
-        match (valid(x, y), d > 0.0) {
+        let data = b2 / (f64::from(c.pixels) * curvature * curvature);
+        match (valid(x, y), curvature > 0.0) {
             (false, _) => f64::NAN,
             (true, false) => largest,
-            (true, true) => (f64::from(c.calibration) * (data + f64::from(c.bending) * bend).sqrt()).min(largest),
+            (true, true) => (data + f64::from(c.bending) * bend).sqrt().min(largest),
         }
     });
     let or_none = |value: &dyn Fn(usize, usize) -> f64| {
@@ -163,11 +159,11 @@ mod tests {
 
     #[test]
     fn the_deviation_of_equal_pixels_is_that_of_their_mean() {
-        // N pixels with residuals of deviation s, weight w and slope g: D = w g², b² = w² g² s², σ_V = s/(g sqrt(N)).
+        // N pixels with residuals of deviation s, weight w and slope g: C = w g², b² = w² g² s², σ_V = s/(g sqrt(N)).
         let (s, g, w) = (0.02, 0.01, 40.0);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         let terms = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
-        let c = Constants { calibration: 1.0, ..Constants::new([32, 32], [15.5; 2]) };
+        let c = Constants::new([32, 32], [15.5; 2]);
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
         let [_, deviation, residual] = cpu_reference(&c, &r, &Field::zeros(32, 32), &terms, None);
         let actual = deviation.get(16, 16);

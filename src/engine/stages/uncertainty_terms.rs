@@ -1,6 +1,10 @@
-//! Computes the terms of the uncertainty, on every other pixel: D, b² and (∇²V)² after the last step.
+//! Computes the terms of the uncertainty, on every other pixel: the curvature of the data term, b² and (∇²V)² after the
+//! last step.
 //!
 //! Section 7 of `docs/method.md`.
+//!
+//! The curvature is D times `η²/(S² + η²)`: D has the weight `1/ψ(S)`, and the second derivative of ψ is less by this
+//! factor. S² follows from D and b, since `b²/D = S²/ψ(S)`.
 //!
 //! V depends on all pixels within reach of the smoothness, so that a single pixel says little. Averaged over a
 //! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
@@ -10,7 +14,7 @@ use super::{Field, pixels};
 use crate::engine::filter::{self, Filter};
 use crate::engine::vulkan::Variant;
 
-/// Layers: D, b², (∇²V)²; then the squared [residual](mod@super::residual).
+/// Layers: curvature, b², (∇²V)²; then the squared [residual](mod@super::residual).
 pub const LAYERS: usize = 4;
 /// The layer of the residual.
 pub const RESIDUAL: usize = 3;
@@ -68,7 +72,7 @@ pub fn window() -> Filter {
     filter::gaussian((WINDOW / 2.0).powi(2))
 }
 
-/// D, b² (of residuals of at least `noise`) and (∇²V)² on every other pixel. The Laplacian is the divergence of central
+/// The curvature, b² (of residuals of at least `noise`) and (∇²V)² on every other pixel. The Laplacian is the divergence of central
 /// differences, which is insensitive to noise of single pixels.
 pub fn cpu_reference(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3] {
     let [eta, noise, least] = [c.eta, c.noise, c.least].map(f64::from);
@@ -76,7 +80,12 @@ pub fn cpu_reference(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3
         let beside = [(2, 0), (-2, 0), (0, 2), (0, -2)].map(|(i, j)| v.clamped(x as isize + i, y as isize + j));
         let bend = 0.25 * beside.iter().sum::<f64>() - v.get(x, y);
         let (d, b) = (d.get(x, y), b.get(x, y));
-        if d > least { [d, b * b + noise * noise / eta * d, bend * bend] } else { [0.0, 0.0, bend * bend] }
+        if d <= least {
+            return [0.0, 0.0, bend * bend];
+        }
+        let pull = b * b / d;
+        let square = 0.5 * pull * (pull + (pull * pull + 4.0 * eta * eta).sqrt());
+        [d * eta * eta / (square + eta * eta), b * b + noise * noise / eta * d, bend * bend]
     };
     let (width, height) = (v.width.div_ceil(2), v.height.div_ceil(2));
     std::array::from_fn(|layer| Field::from_fn(width, height, |x, y| of(2 * x, 2 * y)[layer]))
@@ -104,13 +113,27 @@ mod tests {
         }
     }
 
+    /// ψ(S) = sqrt(S² + η²) has the second derivative η²/ψ³. A residual S of slope g has D = g²/ψ and b = -g S/ψ.
+    #[test]
+    fn the_curvature_is_the_second_derivative_of_the_norm() {
+        let (slope, eta) = (0.7f64, 0.01f64);
+        for residual in [0.0, 0.001, 0.01, 0.1, -0.5] {
+            let norm = f64::hypot(residual, eta);
+            let flat = |value: f64| Field::from_fn(4, 4, |_, _| value);
+            let equations = [&flat(slope * slope / norm), &flat(-slope * residual / norm)];
+            let c = Constants { width: 4, height: 4, eta: eta as f32, noise: 0.0, least: LEAST };
+            let curvature = cpu_reference(&c, &flat(1.0), equations)[0].get(1, 1);
+            let expected = slope * slope * eta * eta / norm.powi(3);
+            assert!((curvature / expected - 1.0).abs() < 1e-6, "{curvature} {expected}");
+        }
+    }
+
     #[test]
     fn a_parabola_bends_by_its_second_derivative() {
         let v = Field::from_fn(16, 16, |x, _| 0.3 * (x * x) as f64);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         assert_eq!(cpu_reference(&constants(&v), &v, [&flat(0.1), &flat(1.0)])[1].get(3, 3), 0.0, "of rounding");
-        let [d, b2, bend] = cpu_reference(&constants(&v), &v, [&flat(5.0), &flat(-0.2)]);
-        assert_eq!(d.get(3, 3), 5.0);
+        let [_, b2, bend] = cpu_reference(&constants(&v), &v, [&flat(5.0), &flat(-0.2)]);
         // Residuals of 0.001 with weight 1/η are added.
         assert!((b2.get(3, 3) - (0.04 + 5e-4)).abs() < 1e-9, "{}", b2.get(3, 3));
         assert!((bend.get(3, 3) - 0.36).abs() < 1e-12, "{}", bend.get(3, 3));

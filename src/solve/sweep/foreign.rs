@@ -5,6 +5,8 @@
 //! recognised by places that are sharp in it although its neighbours are blurred there and frames further away are
 //! sharp again: focus passes each place once.
 
+use std::collections::BTreeSet;
+
 use crate::base::workers;
 
 /// The longest side of the coarse image, px.
@@ -199,30 +201,29 @@ const LEAST_FRAMES: usize = 2;
 /// of each frame at each place.
 pub(super) fn merged(logarithms: &[Vec<f32>], places: usize) -> Vec<bool> {
     let [sharp, blurred] = SHARP.map(f32::ln);
-    let count = logarithms.len();
     let is_merged = |n: usize| {
-        let (mut all, mut here, mut isolated) = (0, 0, 0);
-        let mut peaks = vec![false; count];
-        for place in 0..places {
-            let at = |frame: usize| logarithms[frame][place];
-            let others = || (0..count).filter(|&other| other != n);
-            let Some(peak) = others().max_by(|&a, &b| at(a).total_cmp(&at(b))) else { return false };
-            if !others().any(|frame| at(frame) < at(peak) + blurred) {
+        let others = || logarithms.iter().enumerate().filter(move |(other, _)| *other != n);
+        let (mut all, mut here, mut isolated, mut peaks) = (0, 0, 0, BTreeSet::new());
+        for (place, own) in logarithms[n].iter().enumerate().take(places) {
+            let by_sharpness = |a: &(usize, f32), b: &(usize, f32)| a.1.total_cmp(&b.1);
+            let Some((peak, most)) = others().map(|(frame, at)| (frame, at[place])).max_by(by_sharpness) else {
+                return false;
+            };
+            let is_blurred = |at: &[f32]| at[place] < most + blurred;
+            if !others().any(|(_, at)| is_blurred(at)) {
                 continue;
             }
             all += 1;
-            if at(n) < at(peak) + sharp {
+            if *own < most + sharp {
                 continue;
             }
             here += 1;
-            let mut beside = others().filter(|frame| frame.abs_diff(n) == 1);
-            if beside.all(|frame| at(frame) < at(peak) + blurred) {
+            if others().filter(|(frame, _)| frame.abs_diff(n) == 1).all(|(_, at)| is_blurred(at)) {
                 isolated += 1;
-                peaks[peak] = true;
+                peaks.insert(peak);
             }
         }
-        let peaks = peaks.iter().filter(|&&is| is).count();
-        isolated >= LEAST_PLACES && peaks >= LEAST_FRAMES && here as f32 >= MERGED_SHARE * all as f32
+        isolated >= LEAST_PLACES && peaks.len() >= LEAST_FRAMES && here as f32 >= MERGED_SHARE * all as f32
     };
-    (0..count).map(is_merged).collect()
+    (0..logarithms.len()).map(is_merged).collect()
 }
