@@ -17,6 +17,7 @@ layout(push_constant) uniform Constants {
     float pixels;                    // pixels of a window
     float bending;                   // weight of (∇²V)² relative to the data's variance
     float largest;                   // standard deviation, px²
+    float at_limit;                  // |V| from which V is only a bound, px²
 };
 
 vec4 terms_at(ivec2 h) {
@@ -36,7 +37,8 @@ void main() {
     vec4 mean = 0.25 * (terms_at(low) + terms_at(ivec2(high.x, low.y)) + terms_at(ivec2(low.x, high.y))
                         + terms_at(high));
     float data = mean.y / (pixels * mean.x * mean.x);
-    float deviation = mean.x > 0.0 ? min(sqrt(data + bending * mean.z), largest) : largest;
+    bool measured = mean.x > 0.0 && abs(v) < at_limit;
+    float deviation = measured ? min(sqrt(data + bending * mean.z), largest) : largest;
     const float NONE = uintBitsToFloat(0x7fc00000u);
     imageStore(result, ivec3(x, 0), vec4(valid ? v : NONE));
     imageStore(result, ivec3(x, 1), vec4(valid ? deviation : NONE));

@@ -5,7 +5,7 @@ use std::ops::{Deref, DerefMut};
 use super::motion::OtherMotion;
 use super::script::MOST_MOVING;
 use super::stages::state::State;
-use super::stages::uncertainty::LARGEST;
+use super::stages::uncertainty::{LARGEST, at_limit};
 use crate::base::{Brightness, Channels, Error, Homography, Photometric, Region, Settings, Shading, centre, workers};
 
 /// The results of a solve without the fields.
@@ -59,7 +59,8 @@ pub struct Solution {
     /// V, px² of I1, row-major; positive where I2 is the more blurred. NaN outside the valid region.
     pub relative_blur: Vec<f32>,
     /// Standard deviation of V, px², from the images around each pixel (`docs/method.md`, section 7). NaN outside the
-    /// valid region; 1000 where only the smoothness determines V.
+    /// valid region; 1000 where V is not measured: where only the smoothness determines it, and at the limit of |V|,
+    /// which is a bound.
     pub uncertainty: Vec<f32>,
     /// `1/(1 + σ²)` of the standard deviation σ in px², from 0 to 1; 0 where the images do not determine V.
     pub confidence: Vec<f32>,
@@ -225,9 +226,10 @@ pub struct Timings {
 
 /// Least valid share of the frame: photographs with less do not overlap.
 const LEAST_VALID: f64 = 0.01;
-/// Least mean confidence, an uncertainty of 14 px² all over: below it smoothness fills in V nearly everywhere.
+/// Least mean confidence of the pixels below the limit of |V|, an uncertainty of 14 px² all over: below it smoothness
+/// fills in V nearly everywhere.
 ///
-/// Of real pairs the widest blurred, a macro photograph half of whose pixels are at the limit of |V|, has 0.02.
+/// Of real pairs the widest blurred, a macro photograph with 89 % of its pixels at the limit of |V|, has 0.02.
 const LEAST_CONFIDENCE: f64 = 0.005;
 /// Least low-pass correlation of images of one scene.
 const LEAST_CORRELATION: f32 = 0.5;
@@ -303,7 +305,7 @@ impl Findings {
                     "the images do not overlap: see whether they belong together, or start from a nearer transform"
                         .to_string(),
                 )
-            } else if self.mean_confidence < LEAST_CONFIDENCE {
+            } else if self.mean_confidence <= LEAST_CONFIDENCE * (1.0 - self.saturated_fraction) {
                 Some(
                     "there is too little texture, or too much blur, to measure blur by: light or focus the scene so that texture shows"
                         .to_string(),
@@ -320,9 +322,14 @@ impl Findings {
     /// A warning, if many pixels are at the limit of |V|, px².
     pub(crate) fn saturation(&self, max_relative_blur: f64) -> Option<String> {
         (self.saturated_fraction > MOST_SATURATED).then(|| {
+            let share = 100.0 * self.saturated_fraction;
+            let advice = if max_relative_blur < 256.0 {
+                "raise max_relative_blur, up to 256 px², or focus the two nearer to each other"
+            } else {
+                "focus the two nearer to each other, close the aperture, or take a sweep"
+            };
             format!(
-                "{:.0} % of the valid pixels are at the limit of |V|, {max_relative_blur} px²: raise the largest relative blur (256 px² at most), or focus the two nearer to each other",
-                100.0 * self.saturated_fraction
+                "{share:.0} % of the valid pixels are at the limit of |V|, {max_relative_blur} px², and count as not measured: {advice}"
             )
         })
     }
@@ -370,8 +377,7 @@ const CHUNK: usize = 1 << 16;
 impl Counts {
     /// Counts fields. Sums of chunks are added in order, so that they do not depend on the number of threads.
     pub(crate) fn new(relative_blur: &[f32], uncertainty: &[f32], max_relative_blur: f64) -> Self {
-        // The limit is reached by clamping: a thousandth below it leaves room for rounding.
-        let limit = 0.999 * max_relative_blur as f32;
+        let limit = at_limit(max_relative_blur);
         let chunk = |n: usize| {
             let part = n * CHUNK..((n + 1) * CHUNK).min(relative_blur.len());
             let mut counts = Self { pixels: part.len(), ..Self::default() };

@@ -138,6 +138,40 @@ fn mixed_bit_depths_give_the_same_result_and_are_reported() {
 }
 
 #[test]
+fn pixels_at_the_limit_of_v_do_not_count_as_measured() {
+    let desk = Desk::new();
+    let scene = ["simulate", "plane", "--range", "12", "--size", "160x120", "--quiet", "-o"];
+    desk.command().args(scene).arg(desk.path("scene")).assert().success();
+    let pair = ["scene/i1.png", "scene/i2.png"];
+    let solve = |limit: &str| {
+        let output = desk.solve(pair, &["--max-relative-blur", limit, "--json", "--no-html"]);
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        (report, String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (report, stderr) = solve("4");
+    let number = |value: &Value| value.as_f64().unwrap();
+    let valid = number(&report["valid_fraction"]);
+    let at_limit = valid * number(&report["saturated_fraction"]);
+    assert!(at_limit > 0.3, "{at_limit}");
+    let marked = number(&report["texture"]["marked_fraction"]);
+    assert!(marked >= at_limit - 1e-9 && marked < at_limit + 0.1, "{marked} {at_limit}");
+    let (_, _, v) = parfocal::image_io::read_field(&desk.path("out/relative_blur.exr")).unwrap();
+    let (_, _, sigma) = parfocal::image_io::read_field(&desk.path("out/uncertainty.exr")).unwrap();
+    let bounds = v.iter().zip(&sigma).filter(|(v, _)| v.abs() >= 3.996);
+    assert!(bounds.clone().count() > 5000 && bounds.clone().all(|(_, sigma)| *sigma == 1000.0));
+    let white = image::open(desk.path("out/valid.png")).unwrap().into_luma8();
+    let measured = white.pixels().filter(|pixel| pixel.0[0] == 255).count() as f64 / (160.0 * 120.0);
+    assert!((measured - (valid - marked)).abs() < 1e-6, "{measured}");
+    let stderr = stderr.split_whitespace().collect::<Vec<_>>().join(" ");
+    for part in [format!("{:.1} % of the pixels measured", 100.0 * measured), "raise max_relative_blur".to_string()] {
+        assert!(stderr.contains(&part), "{part}: {stderr}");
+    }
+    // Beyond the range of the scene nothing is at the limit.
+    let (report, _) = solve("36");
+    assert!(number(&report["saturated_fraction"]) == 0.0 && number(&report["texture"]["marked_fraction"]) < 0.05);
+}
+
+#[test]
 fn strict_fails_on_warnings_and_still_writes_the_results() {
     let desk = Desk::new();
     let output = desk.solve(["near.png", "near.png"], &["--strict", "--quiet"]);

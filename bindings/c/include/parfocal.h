@@ -308,7 +308,7 @@ typedef struct {
   // V, px² of I1, positive where I2 is more blurred than I1; NaN where not valid. This and the next four fields are NULL for
   // a registration.
   const float *relative_blur;
-  // Standard deviation of V, px²; 1000 where the images do not determine V, NaN where V is NaN.
+  // Standard deviation of V, px²; 1000 where the images do not determine V or it is at its limit, NaN where V is NaN.
   const float *uncertainty;
   // Confidence in V, 0 to 1.
   const float *confidence;

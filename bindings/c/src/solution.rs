@@ -59,7 +59,7 @@ pub struct parfocal_solution_view {
     /// V, px² of I1, positive where I2 is more blurred than I1; NaN where not valid. This and the next four fields are NULL for
     /// a registration.
     pub relative_blur: *const f32,
-    /// Standard deviation of V, px²; 1000 where the images do not determine V, NaN where V is NaN.
+    /// Standard deviation of V, px²; 1000 where the images do not determine V or it is at its limit, NaN where V is NaN.
     pub uncertainty: *const f32,
     /// Confidence in V, 0 to 1.
     pub confidence: *const f32,

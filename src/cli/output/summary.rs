@@ -128,10 +128,14 @@ fn blur(report: &Report) -> String {
     let Some((Some(min), Some(max), Some(median))) = range else {
         return "no valid pixel".to_string();
     };
+    // Marked pixels are valid ones, and those at the limit are among them.
+    let marked = report.texture.map_or(0.0, |texture| texture.marked_fraction);
+    let valid = report.valid_fraction.unwrap_or(0.0);
     format!(
-        "{min:+.2} to {max:+.2} px², median {median:+.2}; {:.1} % of the pixels valid, {:.1} % of those at the limit",
-        100.0 * report.valid_fraction.unwrap_or(0.0),
-        100.0 * report.saturated_fraction.unwrap_or(0.0)
+        "{min:+.2} to {max:+.2} px², median {median:+.2}; {:.1} % of the pixels measured ({:.1} % valid, {:.1} % at the limit)",
+        100.0 * (valid - marked),
+        100.0 * valid,
+        100.0 * valid * report.saturated_fraction.unwrap_or(0.0)
     )
 }
 

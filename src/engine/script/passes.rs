@@ -480,9 +480,9 @@ impl Composer<'_> {
             state: slot::STATE.read(),
             mask: slot::MASK.read(),
         };
-        let variant = if self.masked { uncertainty::MASKED } else { NO_VARIANT };
-        let constants = uncertainty::Constants::new(self.plan.size, self.plan.pyramid[0].centre);
-        self.over(self.plan.size, bindings, &constants, variant);
+        let (plan, variant) = (self.plan, if self.masked { uncertainty::MASKED } else { NO_VARIANT });
+        let constants = uncertainty::Constants::new(plan.size, plan.pyramid[0].centre, plan.settings.max_relative_blur);
+        self.over(plan.size, bindings, &constants, variant);
     }
 
     /// One channel of the fused image, equation 37. Its photographs replace the luminance.

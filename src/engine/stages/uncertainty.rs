@@ -15,6 +15,9 @@
 //! and for occluding cards. With 20 up to twice as many errors exceed 5 σ, with 45 σ is too wide on reliefs. (mean b)²
 //! instead of mean b² is no better. A slope is no error: with |∇V|² instead of (∇²V)², σ of a noiseless plane is five
 //! times its error.
+//!
+//! Where V is at its limit, only a bound of it is known. σ there is that of a pixel that the photographs do not
+//! determine, so that no count, mask or measurement takes the bound for a measured value.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
@@ -42,14 +45,22 @@ push_constants! {
     bending: f32,
     /// Standard deviation where the photographs do not determine V, px².
     largest: f32,
+    /// |V| from which V is only a bound, px².
+    at_limit: f32,
 }
 
 impl Constants {
     /// The constants of an image.
-    pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2]) -> Self {
-        let centre = centre.map(|c| c as f32);
-        Self { width, height, centre, pixels: WINDOW_PIXELS, bending: BENDING, largest: LARGEST }
+    pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2], max_relative_blur: f64) -> Self {
+        let (centre, at_limit) = (centre.map(|c| c as f32), at_limit(max_relative_blur));
+        Self { width, height, centre, pixels: WINDOW_PIXELS, bending: BENDING, largest: LARGEST, at_limit }
     }
+}
+
+/// |V| from which a pixel counts as at the limit, px². V reaches the limit by clamping: a thousandth below it leaves
+/// room for rounding.
+pub(crate) fn at_limit(max_relative_blur: f64) -> f32 {
+    0.999 * max_relative_blur as f32
 }
 
 /// The variant for masked pixels.
@@ -106,7 +117,7 @@ pub fn cpu_reference(
         let [curvature, b2, bend, _] = terms.each_ref().map(|f| mean(f, x, y));
         let largest = f64::from(c.largest);
         let data = b2 / (f64::from(c.pixels) * curvature * curvature);
-        match (valid(x, y), curvature > 0.0) {
+        match (valid(x, y), curvature > 0.0 && v.get(x, y).abs() < f64::from(c.at_limit)) {
             (false, _) => f64::NAN,
             (true, false) => largest,
             (true, true) => (data + f64::from(c.bending) * bend).sqrt().min(largest),
@@ -141,7 +152,8 @@ mod tests {
             }
             let transform = Similarity::new(2.2, -1.0, 0.5, 1.03);
             let state = State::new(&Registration::new(transform, &Photometric::IDENTITY));
-            let c = Constants::new(size, [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0]);
+            let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
+            let c = Constants::new(size, centre, 0.9);
             let picture = (0..width * height).map(|n| if n % 7 == 3 { 0.0 } else { 1.0 }).collect();
             let mask = Mask::from_image(&Frame::gray(width, height, picture).unwrap());
             let (state, mask) = (Input::State(&state), Input::Mask(&mask));
@@ -163,12 +175,17 @@ mod tests {
         let (s, g, w) = (0.02, 0.01, 40.0);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         let terms = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
-        let c = Constants::new([32, 32], [15.5; 2]);
+        let c = Constants::new([32, 32], [15.5; 2], 25.0);
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
         let [_, deviation, residual] = cpu_reference(&c, &r, &Field::zeros(32, 32), &terms, None);
         let actual = deviation.get(16, 16);
         assert!((residual.get(16, 16) / s - 1.0).abs() < 1e-9);
         let expected = s / (g * f64::from(WINDOW_PIXELS).sqrt());
         assert!((actual / expected - 1.0).abs() < 1e-9, "{actual} {expected}");
+        // V at its limit is a bound, whatever the residuals.
+        let bound = Field::from_fn(32, 32, |_, _| -2.0);
+        let c = Constants { at_limit: at_limit(2.0), ..c };
+        let [v, deviation, _] = cpu_reference(&c, &r, &bound, &terms, None);
+        assert_eq!((v.get(16, 16), deviation.get(16, 16)), (-2.0, f64::from(LARGEST)));
     }
 }

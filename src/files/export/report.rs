@@ -162,7 +162,7 @@ pub struct Report {
     /// Pixels of a sweep that no frame has in focus.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub never_in_focus: Option<NeverReport>,
-    /// Pixels of a pair that lack texture.
+    /// Pixels of a pair that are marked as not measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub texture: Option<TextureReport>,
     /// Whether the field curvature from a flat reference was subtracted from V.
@@ -332,7 +332,7 @@ impl ShadingReport {
     }
 }
 
-/// Pixels of a pair that are marked as lacking texture.
+/// Pixels of a pair that are marked as not measured: they lack texture, or V is at its limit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TextureReport {
     /// Standard deviation of V above which a pixel is marked, px².

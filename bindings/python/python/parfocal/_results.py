@@ -117,7 +117,7 @@ class Result(Registration):
     relative_blur: Field
     """V, px² of I1, positive where I2 is more blurred than I1; NaN where not valid."""
     uncertainty: Field
-    """Standard deviation of V, px²; 1000 where the images do not determine V, NaN where V is NaN."""
+    """Standard deviation of V, px²; 1000 where the images do not determine V or it is at its limit, NaN where V is NaN."""
     confidence: Field
     """Confidence in V, 0 to 1, computed from the standard deviation."""
     residual: Field
