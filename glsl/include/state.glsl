@@ -32,6 +32,7 @@ struct State {
     float variance;    // Σ b² / Σ D of the latest iteration
     uint moving;       // pixels that the latest step moved by more than a tenth of their standard deviation
     uint moving_far;   // and by more than half of it
+    uint clipped[2];   // clipped pixels of I1 and I2 that no mask excludes
     Registration warped;   // T when I2 was last warped onto I1's pixels
     float shading[TERMS];
     float applied_shading[TERMS];   // the shading that I2 was last multiplied by

@@ -202,6 +202,18 @@ impl Frame {
         }
     }
 
+    /// Returns the fraction of clipped pixels, of those that a mask of the same size does not exclude.
+    pub(crate) fn clipped_fraction(&self, [black, white]: [f32; 2], mask: Option<&[u8]>) -> f64 {
+        let channels = self.channels.count() as usize;
+        let count = match &self.samples {
+            Samples::U8(s) => count_clipped(s, channels, [black, white].map(|level| 255.0 * level), mask),
+            Samples::U16(s) => count_clipped(s, channels, [black, white].map(|level| 65535.0 * level), mask),
+            Samples::F32(s) => count_clipped(s, channels, [black, white], mask),
+        };
+        let open = |mask: &[u8]| mask.iter().filter(|&&counts| counts != 0).count();
+        count as f64 / mask.map_or(self.width as usize * self.height as usize, open).max(1) as f64
+    }
+
     /// Copies the samples to `to`, in parallel, and returns whether any pixel is clipped, as
     /// [`has_clipped_pixels`](Self::has_clipped_pixels). Each block is checked while it is in the processor's cache.
     pub(crate) fn copy_samples(&self, to: &mut [u8], levels: [f32; 2]) -> bool {
@@ -249,6 +261,25 @@ fn copy_samples<T: bytemuck::Pod + Into<f32> + Sync>(
     is_clipped.into_inner()
 }
 
+/// Counts the clipped pixels that a mask does not exclude.
+fn count_clipped<T: Copy + Into<f32> + Sync>(
+    samples: &[T],
+    channels: usize,
+    levels: [f32; 2],
+    mask: Option<&[u8]>,
+) -> usize {
+    let blocks: Vec<&[T]> = samples.chunks(channels << 18).collect();
+    let count = |n: usize| {
+        if !has_clipped_pixels(blocks[n], channels, levels) {
+            return 0;
+        }
+        let is_open = |pixel: usize| mask.is_none_or(|mask| mask[(n << 18) + pixel] != 0);
+        let pixels = blocks[n].chunks_exact(channels).enumerate();
+        pixels.filter(|(pixel, samples)| is_clipped_pixel(samples, levels) && is_open(*pixel)).count()
+    };
+    workers::map(blocks.len(), count).into_iter().sum()
+}
+
 /// Returns whether any pixel is clipped.
 fn has_clipped_pixels<T: Copy + Into<f32>>(samples: &[T], channels: usize, [black, white]: [f32; 2]) -> bool {
     // A vectorized test of whole blocks comes first, since most images have almost no clipped samples.
@@ -279,6 +310,11 @@ mod tests {
                 let mut bytes = vec![0; values.len() + 3];
                 assert_eq!(frame.copy_samples(&mut bytes, levels), clipped.is_some());
                 assert_eq!(frame.has_clipped_pixels(levels), clipped.is_some());
+                let fraction = frame.clipped_fraction(levels, None);
+                assert_eq!(fraction * (width * height) as f64, f64::from(u8::from(clipped.is_some())));
+                let mut mask = vec![1; (width * height) as usize];
+                clipped.into_iter().for_each(|n| mask[n / 3] = 0);
+                assert_eq!(frame.clipped_fraction(levels, Some(&mask)), 0.0);
                 assert_eq!(bytes[..values.len()], values);
                 clipped.into_iter().for_each(|n| values[n] = 1);
             }

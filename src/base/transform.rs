@@ -250,6 +250,18 @@ impl Homography {
         corners(c).map(|corner| distance(self.apply(corner, c), other.apply(corner, c))).into_iter().fold(0.0, f64::max)
     }
 
+    /// Returns the fraction of an image of this size that the map takes into an image of the same size, to about 3 %.
+    pub(crate) fn overlap(&self, [width, height]: [u32; 2]) -> f64 {
+        const SIDE: u32 = 32;
+        let (last, middle) = ([width, height].map(|side| f64::from(side) - 1.0), centre(width, height));
+        let at = |n: u32, last: f64| last * (f64::from(n) + 0.5) / f64::from(SIDE);
+        let inside = |n: &u32| {
+            let place = self.apply([at(n % SIDE, last[0]), at(n / SIDE, last[1])], middle);
+            (0..2).all(|axis| (0.0..=last[axis]).contains(&place[axis]))
+        };
+        (0..SIDE * SIDE).filter(inside).count() as f64 / f64::from(SIDE * SIDE)
+    }
+
     fn normalised(matrix: [[f64; 3]; 3]) -> Self {
         Self { matrix: matrix.map(|row| row.map(|v| v / matrix[2][2])) }
     }

@@ -351,6 +351,7 @@ impl FrameInFlight {
             valid_fraction: 0.0,
             mean_confidence: 0.0,
             saturated_fraction: 0.0,
+            clipped_fractions: [0.0; 2],
             unsettled_fraction: f64::from(state.levels[0].moving.min(1.0)),
             timings: self.timings()?,
         };
@@ -381,11 +382,12 @@ impl FrameInFlight {
             shading: state.applied_shading(),
             other_motion: None,
             levels: self.levels(&state, Slot::RegisteredEnergies)?,
+            clipped_fractions: [0.0; 2],
             converged: false,
             warnings: Vec::new(),
             timings: self.timings()?,
         };
-        registered.judge(&state);
+        registered.judge(&state, self.mask.as_ref().map_or(1.0, Mask::coverage));
         if plan.solves_transform() && registered.converged {
             registered.other_motion = self.other_motion(&state)?;
         }

@@ -66,6 +66,7 @@ fn report_of_pair(size: [u32; 2], nearer: u8) -> serde_json::Value {
         valid_fraction: 1.0,
         mean_confidence: 0.5,
         saturated_fraction: 0.0,
+        clipped_fractions: [0.02, 0.0],
         unsettled_fraction: 0.0,
         timings: Timings::default(),
     };

@@ -172,6 +172,58 @@ fn pixels_at_the_limit_of_v_do_not_count_as_measured() {
 }
 
 #[test]
+fn clipped_pixels_are_counted_and_too_many_leave_t_undetermined() {
+    let desk = Desk::new();
+    let scene = ["simulate", "relief", "--size", "160x120", "--quiet", "-o"];
+    desk.command().args(scene).arg(desk.path("scene")).assert().success();
+    // A share of the brightest pixels of both photographs is white. They are all over the frame.
+    let solve = |share: f64| {
+        let read = |name: &str| image::open(desk.path(name)).unwrap().into_luma16();
+        let mut sorted: Vec<u16> = read("scene/i1.png").into_raw();
+        sorted.sort_unstable();
+        let white = sorted[(((1.0 - share) * sorted.len() as f64) as usize).min(sorted.len() - 1)].max(1);
+        let clip = |value: u16| (u64::from(value) * 65535 / u64::from(white)).min(65535) as u16;
+        let counts: Vec<f64> = ["i1.png", "i2.png"]
+            .map(|name| {
+                let mut picture = read(&format!("scene/{name}"));
+                if share > 0.0 {
+                    picture.iter_mut().for_each(|value| *value = clip(*value));
+                }
+                picture.save(desk.path(name)).unwrap();
+                picture.iter().filter(|value| **value == 65535).count() as f64 / (160.0 * 120.0)
+            })
+            .to_vec();
+        let output = desk.solve(["i1.png", "i2.png"], &["--json", "--no-html"]);
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        for (frame, count) in report["frames"].as_array().unwrap().iter().zip(&counts) {
+            assert!((frame["clipped_fraction"].as_f64().unwrap() - count).abs() < 1e-9, "{frame}");
+        }
+        let warned = report["warnings"].to_string().contains("are clipped, so that");
+        (report["converged"].as_bool().unwrap(), warned, stderr)
+    };
+    let (converged, warned, stderr) = solve(0.0);
+    assert!(converged && !warned && !stderr.contains("clipped"), "{stderr}");
+    let (converged, warned, stderr) = solve(0.02);
+    assert!(converged && !warned && stderr.contains("clipped 2.0 % of the pixels of I1"), "{stderr}");
+    for share in [0.6, 0.75, 0.92] {
+        let (converged, warned, stderr) = solve(share);
+        assert!(!converged && warned && stderr.contains("too few to determine the registration"), "{stderr}");
+    }
+    // Without the clipped area a pair is as good as any: most of the frame is masked, and nothing is said.
+    let mask = image::GrayImage::from_fn(160, 120, |x, _| image::Luma([if x < 110 { 255 } else { 0 }]));
+    mask.save(desk.path("mask.png")).unwrap();
+    for name in ["i1.png", "i2.png"] {
+        let mut picture = image::open(desk.path("scene").join(name)).unwrap().into_luma16();
+        picture.enumerate_pixels_mut().filter(|(x, _, _)| *x >= 110).for_each(|(_, _, value)| value.0 = [65535]);
+        picture.save(desk.path(name)).unwrap();
+    }
+    let report = desk.solved(["i1.png", "i2.png"], &["--no-html", "--mask", desk.path("mask.png").to_str().unwrap()]);
+    assert_eq!(report["frames"][1]["clipped_fraction"], 0.0);
+    assert!(report["converged"] == true && report["warnings"] == serde_json::json!([]), "{}", report["warnings"]);
+}
+
+#[test]
 fn strict_fails_on_warnings_and_still_writes_the_results() {
     let desk = Desk::new();
     let output = desk.solve(["near.png", "near.png"], &["--strict", "--quiet"]);

@@ -229,6 +229,29 @@ fn frames_out_of_order_are_sorted_and_duplicates_dropped() {
 }
 
 #[test]
+fn frames_with_most_of_their_pixels_clipped_are_named() {
+    let sweep = Sweep::new(5, planes);
+    for (n, from) in [(1, 100), (2, 170)] {
+        let mut frame = image::open(&sweep.files[n]).unwrap().into_luma16();
+        frame.enumerate_pixels_mut().filter(|(x, _, _)| *x >= from - 60).for_each(|(_, _, value)| value.0 = [65535]);
+        frame.save(&sweep.files[n]).unwrap();
+    }
+    // With positions stated, the frames stay in order; the frame of which most is white is kept on request.
+    let output = sweep.stack(&["--json", "--no-html", "--keep-frames", "--positions", "0,1,2,3,4"]);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let shares: Vec<f64> =
+        report["frames"].as_array().unwrap().iter().map(|frame| frame["clipped_fraction"].as_f64().unwrap()).collect();
+    let [second, third] = [152.0, 82.0].map(|columns: f64| columns / f64::from(SIZE[0]));
+    // The waves themselves clip a few pixels.
+    let near = |share: f64, expected: f64| (share - expected).abs() < 0.005;
+    assert!(near(shares[1], second) && near(shares[2], third) && near(shares[0], 0.0), "{shares:?}");
+    let warnings = report["warnings"].to_string();
+    assert!(warnings.contains("79 % of the pixels are clipped in the frames 2, and do not count"), "{warnings}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(stderr.contains("clipped    up to 79."), "{stderr}");
+}
+
+#[test]
 fn invalid_sweeps_are_refused_with_a_reason() {
     let sweep = Sweep::new(3, planes);
     let refused = |extra: &[&str], words: &[&str]| {

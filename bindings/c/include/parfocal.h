@@ -342,6 +342,8 @@ typedef struct {
   double total_ms;
   // Time on the device, ms.
   double gpu_ms;
+  // Fraction of the pixels of I1 and of I2 that are clipped, of those that no mask excludes.
+  double clipped_fractions[2];
 } parfocal_solution_view;
 
 // A lens that is focused at one distance for each photograph of a pair.

@@ -93,6 +93,8 @@ pub struct parfocal_solution_view {
     pub total_ms: f64,
     /// Time on the device, ms.
     pub gpu_ms: f64,
+    /// Fraction of the pixels of I1 and of I2 that are clipped, of those that no mask excludes.
+    pub clipped_fractions: [f64; 2],
 }
 
 // SAFETY: `repr(C)`, numbers and pointers, the size first.
@@ -126,6 +128,7 @@ unsafe impl Versioned for parfocal_solution_view {
             unsettled_fraction: nan,
             total_ms: nan,
             gpu_ms: nan,
+            clipped_fractions: [nan; 2],
         }
     }
 }
@@ -167,6 +170,7 @@ impl parfocal_solution {
             unsettled_fraction: fields.unsettled_fraction,
             total_ms: fields.timings.total_ms,
             gpu_ms: fields.timings.gpu_ms,
+            clipped_fractions: fields.clipped_fractions,
             ..parfocal_solution_view::start()
         };
         let (photograph, region) = (fields.photograph, fields.region());
@@ -187,6 +191,7 @@ impl parfocal_solution {
             offset: registration.photometric.offset,
             total_ms: registration.timings.total_ms,
             gpu_ms: registration.timings.gpu_ms,
+            clipped_fractions: registration.clipped_fractions,
             ..parfocal_solution_view::start()
         };
         let region = Region { x: 0, y: 0, width: registration.width, height: registration.height };

@@ -332,6 +332,7 @@ pub(crate) fn of_solution<'py>(py: Python<'py>, s: Solution, settings: &Settings
     result.set_item("kernel_shape", s.kernel_shape)?;
     result.set_item("other_motion", s.other_motion.map(|other| other.to_string()))?;
     result.set_item("levels", levels(py, &s.levels)?)?;
+    result.set_item("clipped_fractions", s.clipped_fractions)?;
     result.set_item("converged", s.converged)?;
     result.set_item("warnings", s.warnings)?;
     result.set_item("valid_fraction", s.valid_fraction)?;
@@ -353,6 +354,7 @@ fn of_registration<'py>(py: Python<'py>, r: &Registered, settings: &Settings) ->
     result.set_item("transform", matrix(py, &r.transform)?)?;
     result.set_item("other_motion", r.other_motion.map(|other| other.to_string()))?;
     result.set_item("levels", levels(py, &r.levels)?)?;
+    result.set_item("clipped_fractions", r.clipped_fractions)?;
     result.set_item("converged", r.converged)?;
     result.set_item("warnings", r.warnings.clone())?;
     result.set_item("decode", decode_name(settings.decode))?;
@@ -385,6 +387,7 @@ fn of_sweep(py: Python<'_>, s: Sweep) -> PyResult<Bound<'_, PyDict>> {
     result.set_item("reference", registration.reference)?;
     result.set_item("positions", row(py, registration.positions))?;
     result.set_item("blur_rate", registration.blur_rate)?;
+    result.set_item("clipped_fractions", registration.clipped_fractions.clone())?;
     result.set_item("order", registration.order)?;
     result.set_item("decode", decode_name(registration.decode))?;
     result.set_item("warnings", registration.warnings)?;

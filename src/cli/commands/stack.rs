@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use parfocal::export::{self, Kind, NearerBy, NeverReport, Palette, RangeReport, Report, Results};
+use parfocal::export::{self, FrameReport, Kind, NearerBy, NeverReport, Palette, RangeReport, Report, Results};
 use parfocal::image_io::{self, Input, Photograph, Values};
 use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
@@ -286,6 +286,7 @@ fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> S
         format!("focus      {focus}; {:.1} % of the frame", 100.0 * valid),
         format!("blur       grows by {rate:.4} px² per squared distance from the focus ({unit})"),
     ];
+    lines.extend(most_clipped(report));
     lines.extend(never_in_focus(report));
     lines.extend(report.depth.as_ref().map(|depth| {
         let range = in_words(&depth.range, "mm");
@@ -320,6 +321,15 @@ fn near_and_far(report: &Report, palette: Palette) -> String {
         Some(NearerBy::Distances) => format!("{ends} focused nearest (distances)"),
         _ => format!("{ends} taken as focused nearest; --nearer {other} swaps them"),
     }
+}
+
+/// The frame with the most clipped pixels, if any are.
+fn most_clipped(report: &Report) -> Option<String> {
+    let share = |frame: &&FrameReport| frame.clipped_fraction.unwrap_or(0.0);
+    let frame = report.frames.iter().max_by(|a, b| share(a).total_cmp(&share(b)))?;
+    let name = series::file_name(Path::new(&frame.file));
+    let text = format!("clipped    up to {:.1} % of the pixels of a frame ({name})", 100.0 * share(&frame));
+    (share(&frame) > 0.0).then_some(text)
 }
 
 /// The share of the frame that is in focus in no frame, before the first frame and beyond the last.

@@ -51,10 +51,18 @@ fn found(report: &Report) -> Vec<Row> {
     rows.extend(report.frames.get(1).into_iter().flat_map(registration));
     let motion = |other: OtherMotion| ("motion", format!("{other} (--motion {})", other.motion.name()));
     rows.extend(report.other_motion.map(motion));
+    rows.extend(clipped(&report.frames));
     if !report.inputs.is_empty() {
         rows.push(("values", values_in_words(&report.inputs, report.values)));
     }
     rows
+}
+
+/// The shares of clipped pixels of I1 and I2, if there are any.
+fn clipped(frames: &[FrameReport]) -> Option<Row> {
+    let shares: Vec<f64> = frames.iter().map(|frame| 100.0 * frame.clipped_fraction.unwrap_or(0.0)).collect();
+    let [first, second] = <[f64; 2]>::try_from(shares).ok()?;
+    (first + second > 0.0).then(|| ("clipped", format!("{first:.1} % of the pixels of I1, {second:.1} % of I2")))
 }
 
 /// Transform and exposure of I2.
@@ -185,6 +193,7 @@ mod tests {
             valid_fraction: 0.5,
             mean_confidence: 0.5,
             saturated_fraction: 0.25,
+            clipped_fractions: [0.02, 0.0],
             unsettled_fraction: 0.1,
             timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![] },
         };
@@ -212,6 +221,7 @@ mod tests {
             "0.74 of the way from a Gaussian to a disk",
             "-1.50 to +4.00 px²",
             "50.0 %",
+            "2.0 % of the pixels of I1, 0.0 % of I2",
             "out: depth.png",
         ] {
             assert!(text.contains(part), "{part} is missing in {text}");

@@ -69,8 +69,12 @@ impl Composer<'_> {
     /// Determines which pixels of a photograph count, on the finest level.
     pub(super) fn mask(&mut self, image: usize) {
         let masks = slot::masks(0);
-        let bindings =
-            mask::Bindings { samples: slot::samples(image).read(), mask: slot::MASK.read(), masks: masks.write() };
+        let bindings = mask::Bindings {
+            samples: slot::samples(image).read(),
+            mask: slot::MASK.read(),
+            masks: masks.write(),
+            state: slot::STATE.update(),
+        };
         let ([width, height], format) = (self.plan.size, self.plan.formats[image]);
         let constants = mask::Constants {
             width,

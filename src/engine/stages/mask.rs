@@ -1,4 +1,4 @@
-//! Determines which pixels count, and by what share.
+//! Determines which pixels count, and by what share, and counts the clipped pixels.
 //!
 //! A clipped pixel (one channel white, or all black) only bounds the light, and a masked pixel is not part of the
 //! scene. Neither has a data term or contributes to the registration. Nor do pixels close by, since blur spreads what
@@ -8,6 +8,9 @@
 //! finest level, then filtered and halved like the images. With the mean m, a pixel counts by `1 - 25 (1 - m)`, at
 //! least 0. A single clipped pixel lowers its own m by 0.04: it counts by nothing and its neighbours by little. Around
 //! a large clipped area nothing counts within 3.5 px.
+//!
+//! The counts of clipped pixels leave out those that the mask of I1 excludes, in I2 those at the same place: T is not
+//! known yet, and a mask is large beside the displacement.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, ingest, pixels};
@@ -39,18 +42,23 @@ bindings! {
     mask: Reads<MaskBytes>,
     /// Masks of I1 and I2.
     masks: Writes<Masks>,
+    /// State, with the count.
+    state: Updates<State>,
 }
 
 impl Pass for Bindings {
     /// Compulsory traffic: every sample and the mask read, a number a pixel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        u64::from(c.channels * c.bytes + 4 + (1 - c.second)) * pixels(c.width, c.height)
+        u64::from(c.channels * c.bytes + 5) * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let mask = memory.mask_bytes().filter(|_| c.second == 0);
-        let counts = cpu_reference(memory.photograph(self.samples), c.clipped, mask);
-        memory.set_layer(self.masks, c.second as usize, counts);
+        let (frame, second) = (memory.photograph(self.samples), c.second as usize);
+        let mask = memory.mask_bytes();
+        let counts = cpu_reference(frame, c.clipped, mask.filter(|_| second == 0));
+        let clipped = count_clipped(&cpu_reference(frame, c.clipped, None), mask);
+        memory.set_layer(self.masks, second, counts);
+        memory.state_mut(self.state).clipped[second] += clipped;
     }
 }
 
@@ -65,6 +73,12 @@ pub fn cpu_reference(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]
         let clipped = samples().any(|s| s >= f64::from(white)) || samples().all(|s| s <= f64::from(black));
         if clipped || mask.is_some_and(|mask| mask[pixel] == 0) { 0.0 } else { 1.0 }
     })
+}
+
+/// The number of clipped pixels, 0 in `counts`, that `mask` does not exclude.
+pub fn count_clipped(counts: &Field, mask: Option<&[u8]>) -> u32 {
+    let is_open = |n: usize| mask.is_none_or(|mask| mask[n] != 0);
+    counts.data.iter().enumerate().filter(|(n, counts)| **counts == 0.0 && is_open(*n)).count() as u32
 }
 
 /// The masks of a variant with masked pixels; `None` for other variants.
@@ -100,6 +114,7 @@ pub(super) fn shares(width: usize, height: usize, seed: u64) -> Field {
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Input, Trial, frames};
+    use super::super::state::{DoubleState, State};
     use super::*;
     use crate::base::Mask;
     use crate::engine::stages::NO_VARIANT;
@@ -109,13 +124,16 @@ mod tests {
         let picture = (0..width * height).map(|i| if i % 5 == 1 { 0.0 } else { 1.0 }).collect();
         let mask = Mask::from_image(&Frame::gray(width, height, picture).unwrap());
         let (channels, bytes) = (frame.format().channels.count(), frame.format().depth.bytes());
-        let inputs = [Input::Photograph(frame), Input::Mask(&mask), Input::Unread];
+        let state = State::new(&DoubleState::default().registration);
+        let inputs = [Input::Photograph(frame), Input::Mask(&mask), Input::Unread, Input::State(&state)];
         for second in [0, 1] {
             let constants = Constants { width, height, channels, bytes, second, clipped };
             let trial = Trial::run::<Bindings>(&inputs, &constants, NO_VARIANT, STAGE.groups([width, height]));
             trial.assert_within(0.0);
             let has_zeros = trial.layers(2)[second as usize].data.contains(&0.0);
             assert_eq!(has_zeros, second == 0 || clipped[1].is_finite());
+            let [counted, expected] = trial.states(3).map(|state| state.clipped);
+            assert!(counted == expected && (counted[second as usize] > 0) == clipped[1].is_finite(), "{counted:?}");
         }
     }
 

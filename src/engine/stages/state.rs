@@ -36,6 +36,8 @@ pub struct State {
     pub moving: u32,
     /// Pixels that it moved by more than half of it.
     pub moving_far: u32,
+    /// Clipped pixels of I1 and I2 that no mask excludes.
+    pub clipped: [u32; 2],
     /// T when I2 was last warped onto I1's pixels.
     pub warped: Single,
     /// Coefficients of the shading.
@@ -121,6 +123,8 @@ pub struct DoubleState {
     pub variance: f64,
     /// Pixels that the latest step moved by more than a tenth and by more than half of their standard deviation.
     pub moving: [f64; 2],
+    /// Clipped pixels of I1 and I2 that no mask excludes.
+    pub clipped: [u32; 2],
     /// By level, finest first.
     pub levels: [DoubleLevel; MAX_LEVELS],
 }
@@ -148,6 +152,7 @@ impl DoubleState {
             spread: 0.0,
             variance: 0.0,
             moving: [0.0; 2],
+            clipped: [0; 2],
             levels: [DoubleLevel::default(); MAX_LEVELS],
         }
     }
@@ -195,6 +200,7 @@ impl From<&State> for DoubleState {
             spread: single.spread.into(),
             variance: single.variance.into(),
             moving: [single.moving, single.moving_far].map(f64::from),
+            clipped: single.clipped,
             levels: std::array::from_fn(level),
         }
     }

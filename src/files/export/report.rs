@@ -224,6 +224,9 @@ pub struct FrameReport {
     pub photometric: Photometric,
     /// Variation of the gain over the frame.
     pub shading: ShadingReport,
+    /// Fraction of its pixels that are clipped, of those that no mask excludes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clipped_fraction: Option<f64>,
     /// Focus setting of a frame of a sweep.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position: Option<f64>,
@@ -235,19 +238,22 @@ pub struct FrameReport {
 impl FrameReport {
     fn new(transform: Homography, brightness: &Brightness) -> Self {
         let (photometric, shading) = (brightness.photometric, ShadingReport::of(brightness));
-        Self { file: String::new(), transform, photometric, shading, position: None, focus_mm: None }
+        let (file, clipped_fraction, position, focus_mm) = (String::new(), None, None, None);
+        Self { file, transform, photometric, shading, clipped_fraction, position, focus_mm }
     }
 
     /// The frames of a pair: I1, which is the reference, and I2.
-    fn pair(photograph: [u32; 2], transform: Homography, brightness: &Brightness) -> Vec<Self> {
+    fn pair(photograph: [u32; 2], transform: Homography, brightness: &Brightness, clipped: [f64; 2]) -> Vec<Self> {
         let first = Self::new(Homography::IDENTITY, &Brightness::identity(photograph));
-        vec![first, Self::new(transform, brightness)]
+        let frames = [first, Self::new(transform, brightness)].into_iter().zip(clipped);
+        frames.map(|(frame, clipped)| Self { clipped_fraction: Some(clipped), ..frame }).collect()
     }
 
     /// The frames of a sweep; `files` are in the order in which they were passed.
     fn sweep(found: &RegisteredSweep, files: &[String]) -> Vec<Self> {
         let frame = |(n, file): (usize, &usize)| Self {
             file: files.get(*file).cloned().unwrap_or_default(),
+            clipped_fraction: Some(found.clipped_fractions[n]),
             position: Some(found.positions[n]),
             focus_mm: found.stated.millimetres().map(|at| at[n]),
             ..Self::new(found.transforms[n], &found.brightness[n])
@@ -599,7 +605,8 @@ impl Report {
     /// Report of the solve of a pair.
     pub fn pair(solution: &Solution, settings: &Settings, device: &DeviceInfo, nearer: Nearer) -> Self {
         let photograph = solution.photograph;
-        let frames = FrameReport::pair(photograph, solution.transform, &solution.brightness());
+        let frames =
+            FrameReport::pair(photograph, solution.transform, &solution.brightness(), solution.clipped_fractions);
         Self {
             size: [solution.width, solution.height].into(),
             region: solution.region(),
@@ -652,7 +659,8 @@ impl Report {
     /// Report of the registration of a pair.
     pub fn registration(registered: &Registered, settings: &Settings, device: &DeviceInfo) -> Self {
         let photograph = [registered.width, registered.height];
-        let frames = FrameReport::pair(photograph, registered.transform, &registered.brightness());
+        let (brightness, clipped) = (registered.brightness(), registered.clipped_fractions);
+        let frames = FrameReport::pair(photograph, registered.transform, &brightness, clipped);
         Self {
             levels: Some(registered.levels.iter().map(LevelReport::from).collect()),
             converged: Some(registered.converged),

@@ -251,6 +251,7 @@ mod tests {
             valid_fraction: 4.0 / 6.0,
             mean_confidence: 0.0,
             saturated_fraction: f64::NAN,
+            clipped_fractions: [0.02, 0.0],
             unsettled_fraction: 0.1,
             timings: Timings {
                 total_ms: 9.0,

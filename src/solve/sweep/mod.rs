@@ -26,6 +26,9 @@ const MAX_DEVIATION: f32 = 2.0;
 /// cannot be distinguished from one in focus.
 const OUT_OF_RANGE: f64 = 0.4;
 
+/// The largest share of clipped pixels of a frame without a warning: of most of the frame nothing is known beyond it.
+const MOST_CLIPPED: f64 = 0.5;
+
 /// The settings of a sweep, the focus positions of its frames, and the reference.
 #[derive(Clone, Debug, Default)]
 pub struct SweepOptions {
@@ -118,6 +121,8 @@ pub struct RegisteredSweep {
     pub brightness: Vec<Brightness>,
     /// c, the blur variance in px² at a distance of one setting from the focus.
     pub blur_rate: f64,
+    /// The fraction of the pixels of each frame that are clipped, of those that no mask excludes.
+    pub clipped_fractions: Vec<f64>,
     /// The decoding of stored values to intensities.
     pub decode: Decode,
     /// The index of each frame among the frames that were passed. If no positions are stated, frames out of order are
@@ -385,6 +390,11 @@ impl<'a> Task<'a> {
         let positions: Vec<f64> = settings.iter().map(|steps| self.first + self.step * steps).collect();
         let stated = &self.positions;
         let uneven = stated.uneven_warning(&positions, &self.order.frames);
+        let levels = self.options.settings.clipped(self.frames[0].format().depth);
+        let mask = self.mask.as_deref().map(Mask::bytes);
+        let clipped_fractions: Vec<f64> =
+            self.frames.iter().map(|frame| frame.clipped_fraction(levels, mask)).collect();
+        let clipped = clipped_warning(&clipped_fractions, &self.order.frames);
         RegisteredSweep {
             photograph: self.photograph,
             reference: self.reference,
@@ -394,10 +404,26 @@ impl<'a> Task<'a> {
             brightness,
             blur_rate: rate / self.step.powi(2),
             decode: self.options.settings.decode.resolved([self.frames[0].format().depth]),
-            warnings: self.order.warnings.iter().cloned().chain(uneven).collect(),
+            clipped_fractions,
+            warnings: self.order.warnings.iter().cloned().chain(uneven).chain(clipped).collect(),
             order: self.order.frames.clone(),
         }
     }
+}
+
+/// A warning that names the frames with most of their pixels clipped. `order` has the index of each frame among the
+/// frames that were passed.
+fn clipped_warning(fractions: &[f64], order: &[usize]) -> Option<String> {
+    let clipped: Vec<usize> = (0..fractions.len()).filter(|n| fractions[*n] > MOST_CLIPPED).collect();
+    let most = clipped.iter().map(|n| fractions[*n]).fold(0.0, f64::max);
+    let names: Vec<String> = clipped.iter().map(|n| (order[*n] + 1).to_string()).collect();
+    (!clipped.is_empty()).then(|| {
+        format!(
+            "up to {:.0} % of the pixels are clipped in the frames {}, and do not count: expose so that neither light nor dark areas are clipped",
+            100.0 * most,
+            names.join(", ")
+        )
+    })
 }
 
 /// States the registration of cut frames about the centre of the photographs.

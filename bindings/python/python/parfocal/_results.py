@@ -83,6 +83,8 @@ class Registration:
     """The part of I1 that the fields cover: x, y, width, height."""
     photograph: tuple[int, int]
     """Width and height of the photographs."""
+    clipped_fractions: tuple[float, float]
+    """Fraction of the pixels of I1 and of I2 that are clipped, of those that no mask excludes."""
     converged: bool
     """Whether the finest level settled on a solution that the images support."""
     warnings: list[str]
@@ -201,6 +203,8 @@ class Sweep:
     """The unit of focus settings."""
     blur_rate: float
     """Growth of the blur variance, px², with the squared distance from focus in settings."""
+    clipped_fractions: list[float]
+    """Fraction of the pixels of each frame that are clipped, of those that no mask excludes."""
     order: list[int]
     """For each solved frame its index among the frames passed, from 0."""
     decode: str
