@@ -18,7 +18,12 @@ layout(push_constant) uniform Constants {
     float bending;                   // weight of (∇²V)² relative to the data's variance
     float largest;                   // standard deviation, px²
     float at_limit;                  // |V| from which V is only a bound, px²
+    float eta;                       // of the data term
+    float features;                  // independent samples of what is not noise in a window
 };
+
+// Residuals beyond this many deviations of the noise are no noise.
+const float NOISE = 3.0;
 
 vec4 terms_at(ivec2 h) {
     return vec4(imageLoad(terms, ivec3(h, 0)).r, imageLoad(terms, ivec3(h, 1)).r, imageLoad(terms, ivec3(h, 2)).r,
@@ -37,8 +42,11 @@ void main() {
     vec4 mean = 0.25 * (terms_at(low) + terms_at(ivec2(high.x, low.y)) + terms_at(ivec2(low.x, high.y))
                         + terms_at(high));
     float data = mean.y / (pixels * mean.x * mean.x);
+    // The mean squared slope of S follows from b² = S² slope²/ψ².
+    float noise = NOISE * state.spread, beyond = max(mean.w - noise * noise, 0.0);
+    float unexplained = beyond * mean.w / (mean.y * (mean.w + eta * eta));
     bool measured = mean.x > 0.0 && abs(v) < at_limit;
-    float deviation = measured ? min(sqrt(data + bending * mean.z), largest) : largest;
+    float deviation = measured ? min(sqrt(data + bending * mean.z + unexplained / features), largest) : largest;
     const float NONE = uintBitsToFloat(0x7fc00000u);
     imageStore(result, ivec3(x, 0), vec4(valid ? v : NONE));
     imageStore(result, ivec3(x, 1), vec4(valid ? deviation : NONE));

@@ -485,7 +485,7 @@ impl Composer<'_> {
             mask: slot::MASK.read(),
         };
         let (plan, variant) = (self.plan, if self.masked { uncertainty::MASKED } else { NO_VARIANT });
-        let constants = uncertainty::Constants::new(plan.size, plan.pyramid[0].centre, plan.settings.max_relative_blur);
+        let constants = uncertainty::Constants::new(plan.size, plan.pyramid[0].centre, &plan.settings);
         self.over(plan.size, bindings, &constants, variant);
     }
 

@@ -16,6 +16,10 @@
 //! instead of mean b² is no better. A slope is no error: with |∇V|² instead of (∇²V)², σ of a noiseless plane is five
 //! times its error.
 //!
+//! A residual that noise does not explain is of another scene, of something that moved, or of a blur that the kernel does
+//! not describe. It is alike over a feature of the texture, so that fewer samples of it average out: with S_V² from b²,
+//! `mean (S² - (3 noise)²) / S_V²` over their number is added to the square.
+//!
 //! Where V is at its limit, only a bound of it is known. σ there is that of a pixel that the photographs do not
 //! determine, so that no count, mask or measurement takes the bound for a measured value.
 
@@ -23,10 +27,17 @@ use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
 use super::uncertainty_terms::{self, WINDOW};
 use super::{Field, pixels};
+use crate::base::Settings;
+use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
 /// β, px⁴.
 pub const BENDING: f32 = 30.0;
+/// Pixels over which a residual that is no noise is alike: those of a Gaussian of σ 1.3 px, about a feature of the finest
+/// texture.
+const FEATURE: f32 = 20.0;
+/// Residuals beyond this many deviations of the noise are no noise.
+const NOISE: f64 = shaders::uncertainty::NOISE;
 /// Pixels in a Gaussian window of σ px: 4π σ².
 pub const WINDOW_PIXELS: f32 = (4.0 * std::f64::consts::PI * WINDOW * WINDOW) as f32;
 /// Standard deviation where the photographs do not determine V, px²: more than any |V|.
@@ -47,13 +58,28 @@ push_constants! {
     largest: f32,
     /// |V| from which V is only a bound, px².
     at_limit: f32,
+    /// η of the data term, intensities.
+    eta: f32,
+    /// Independent samples of what is not noise in a window.
+    features: f32,
 }
 
 impl Constants {
     /// The constants of an image.
-    pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2], max_relative_blur: f64) -> Self {
-        let (centre, at_limit) = (centre.map(|c| c as f32), at_limit(max_relative_blur));
-        Self { width, height, centre, pixels: WINDOW_PIXELS, bending: BENDING, largest: LARGEST, at_limit }
+    pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2], settings: &Settings) -> Self {
+        let (centre, at_limit) = (centre.map(|c| c as f32), at_limit(settings.max_relative_blur));
+        let (eta, features) = (settings.data_eta as f32, WINDOW_PIXELS / FEATURE);
+        Self {
+            width,
+            height,
+            centre,
+            pixels: WINDOW_PIXELS,
+            bending: BENDING,
+            largest: LARGEST,
+            at_limit,
+            eta,
+            features,
+        }
     }
 }
 
@@ -89,17 +115,19 @@ impl Pass for Bindings {
         let r = memory.state(self.state).registration;
         let mask = memory.mask_bytes().filter(|_| variant == MASKED);
         if let Some(terms) = memory.layers(self.terms).first_chunk() {
-            let results = cpu_reference(c, &r, memory.layer(self.v, 0), terms, mask);
+            let spread = memory.state(self.state).spread;
+            let results = cpu_reference(c, &r, spread, memory.layer(self.v, 0), terms, mask);
             results.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.results, n, field));
         }
     }
 }
 
-/// V, its standard deviation and the residual, from the averaged terms. `mask` has a byte per pixel, 0 where there are
+/// V, its standard deviation and the residual, from the averaged terms. `spread` is the noise of S, `mask` has a byte per pixel, 0 where there are
 /// no results.
 pub fn cpu_reference(
     c: &Constants,
     r: &Registration,
+    spread: f64,
     v: &Field,
     terms: &[Field; uncertainty_terms::LAYERS],
     mask: Option<&[u8]>,
@@ -114,13 +142,17 @@ pub fn cpu_reference(
         (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
     };
     let deviation = Field::from_fn(v.width, v.height, |x, y| {
-        let [curvature, b2, bend, _] = terms.each_ref().map(|f| mean(f, x, y));
+        let [curvature, b2, bend, residual] = terms.each_ref().map(|f| mean(f, x, y));
         let largest = f64::from(c.largest);
         let data = b2 / (f64::from(c.pixels) * curvature * curvature);
+        let beyond = (residual - (NOISE * spread).powi(2)).max(0.0);
+        let unexplained = beyond * residual / (b2 * (residual + f64::from(c.eta).powi(2)));
         match (valid(x, y), curvature > 0.0 && v.get(x, y).abs() < f64::from(c.at_limit)) {
             (false, _) => f64::NAN,
             (true, false) => largest,
-            (true, true) => (data + f64::from(c.bending) * bend).sqrt().min(largest),
+            (true, true) => {
+                (data + f64::from(c.bending) * bend + unexplained / f64::from(c.features)).sqrt().min(largest)
+            }
         }
     });
     let or_none = |value: &dyn Fn(usize, usize) -> f64| {
@@ -151,9 +183,9 @@ mod tests {
                 (4..8).for_each(|x| terms[0].data[y * half[0] as usize + x] = 0.0);
             }
             let transform = Similarity::new(2.2, -1.0, 0.5, 1.03);
-            let state = State::new(&Registration::new(transform, &Photometric::IDENTITY));
+            let state = State { spread: 0.1, ..State::new(&Registration::new(transform, &Photometric::IDENTITY)) };
             let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
-            let c = Constants::new(size, centre, 0.9);
+            let c = Constants { at_limit: 0.9, ..Constants::new(size, centre, &Settings::default()) };
             let picture = (0..width * height).map(|n| if n % 7 == 3 { 0.0 } else { 1.0 }).collect();
             let mask = Mask::from_image(&Frame::gray(width, height, picture).unwrap());
             let (state, mask) = (Input::State(&state), Input::Mask(&mask));
@@ -175,9 +207,9 @@ mod tests {
         let (s, g, w) = (0.02, 0.01, 40.0);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         let terms = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
-        let c = Constants::new([32, 32], [15.5; 2], 25.0);
+        let c = Constants::new([32, 32], [15.5; 2], &Settings { max_relative_blur: 25.0, ..Settings::default() });
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
-        let [_, deviation, residual] = cpu_reference(&c, &r, &Field::zeros(32, 32), &terms, None);
+        let [_, deviation, residual] = cpu_reference(&c, &r, s, &Field::zeros(32, 32), &terms, None);
         let actual = deviation.get(16, 16);
         assert!((residual.get(16, 16) / s - 1.0).abs() < 1e-9);
         let expected = s / (g * f64::from(WINDOW_PIXELS).sqrt());
@@ -185,7 +217,24 @@ mod tests {
         // V at its limit is a bound, whatever the residuals.
         let bound = Field::from_fn(32, 32, |_, _| -2.0);
         let c = Constants { at_limit: at_limit(2.0), ..c };
-        let [v, deviation, _] = cpu_reference(&c, &r, &bound, &terms, None);
+        let [v, deviation, _] = cpu_reference(&c, &r, s, &bound, &terms, None);
         assert_eq!((v.get(16, 16), deviation.get(16, 16)), (-2.0, f64::from(LARGEST)));
+    }
+
+    /// Residuals S of slope g and norm ψ that are beyond the noise: b² = g² S²/ψ².
+    #[test]
+    fn residuals_beyond_noise_are_averaged_over_features_only() {
+        let (g, noise, c) = (0.05, 0.004, Constants::new([32, 32], [15.5; 2], &Settings::default()));
+        let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
+        for s in [0.01, 0.02, 0.1] {
+            let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
+            let norm = f64::hypot(s, f64::from(c.eta));
+            let terms = [flat(g * g / norm), flat((g * s / norm).powi(2)), flat(0.0), flat(s * s)];
+            let actual = cpu_reference(&c, &r, noise, &Field::zeros(32, 32), &terms, None)[1].get(16, 16);
+            let beyond: f64 = s * s - 9.0 * noise * noise;
+            let by_chance = s * s / f64::from(WINDOW_PIXELS);
+            let expected = (by_chance + beyond.max(0.0) * f64::from(FEATURE / WINDOW_PIXELS)).sqrt() / g;
+            assert!((actual / expected - 1.0).abs() < 1e-6, "{s}: {actual} {expected}");
+        }
     }
 }
