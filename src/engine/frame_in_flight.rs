@@ -12,9 +12,9 @@ use super::record::{Phases, Profile, Ran, Reading, SUBMIT_WAIT, Workspace, recor
 use super::script::{Dispatch, Script, compose};
 use super::slot::Slot;
 use super::solution::{Counts, Findings, LevelHistory, Registered, SolutionRef, Timings};
-use super::stages::Pipelines;
 use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
+use super::stages::{Pipelines, linearise};
 use super::vulkan::{
     Buffer, Clock, Device, DeviceSolution, ExternalCommandBuffer, Recorder, Recording, SemaphoreWait, SolutionBuffer,
     SourceCopy,
@@ -353,11 +353,14 @@ impl FrameInFlight {
             saturated_fraction: 0.0,
             clipped_fractions: [0.0; 2],
             unsettled_fraction: f64::from(state.levels[0].moving.min(1.0)),
+            unexplained_fraction: 0.0,
+            noise: f64::from(state.spread).max(settings.data_eta / linearise::BROAD),
             timings: self.timings()?,
         };
         let maps = self.workspace.buffer(Slot::EndMaps).mapped_floats()?;
         let pixels = width as usize * height as usize;
-        let counts = Counts::new(&maps[..pixels], &maps[pixels..2 * pixels], settings.max_relative_blur);
+        let [v, deviation, residual] = [0, 1, 2].map(|layer| &maps[layer * pixels..(layer + 1) * pixels]);
+        let counts = Counts::new([v, deviation, residual], findings.noise, settings.max_relative_blur);
         findings.set_counts(&counts);
         findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::coverage));
         if !self.shared.plan.solves_transform() {

@@ -5,7 +5,7 @@ use super::filter::Filter;
 use super::frame_in_flight::Start;
 use super::plan::{Plan, halving_filter};
 use super::prepared_solver::{PairOptions, PreparedSolver};
-use super::solution::{self, Counts, Solution};
+use super::solution::{self, Solution};
 use super::stages::{convolve, ingest};
 use crate::base::color::{LUMINANCE, srgb_to_linear};
 use crate::base::{
@@ -234,9 +234,9 @@ pub(crate) fn solve_pair(
         (options.progress)(Progress::of_steps(n + 1, all));
     }
     (whole.regularization, whole.unsettled_fraction) = (alpha, unsettled);
-    let counts = Counts::new(&whole.relative_blur, &whole.uncertainty, settings.max_relative_blur);
-    whole.findings.set_counts(&counts);
+    whole.recount(settings.max_relative_blur);
     whole.findings.warnings.extend(whole.findings.saturation(settings.max_relative_blur));
+    whole.findings.warnings.extend(whole.findings.unexplained_warning());
     Ok(whole)
 }
 

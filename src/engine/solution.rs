@@ -52,6 +52,11 @@ pub struct Findings {
     pub clipped_fractions: [f64; 2],
     /// Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
     pub unsettled_fraction: f64,
+    /// Fraction of the valid pixels that are not measured because the photographs differ there by more than noise and blur
+    /// explain: residuals beyond ten times `noise` and a standard deviation of V beyond 1 px².
+    pub unexplained_fraction: f64,
+    /// Standard deviation of the noise in the difference of the two photographs, intensities: at least a quarter of η.
+    pub noise: f64,
     /// The time that the solve took.
     pub timings: Timings,
 }
@@ -240,6 +245,14 @@ const LEAST_CONFIDENCE: f64 = 0.005;
 const LEAST_CORRELATION: f32 = 0.5;
 /// Largest share of valid pixels at the limit of |V| without a warning.
 const MOST_SATURATED: f64 = 0.1;
+/// Standard deviation up to which V counts as measured, px².
+const MEASURED: f32 = 1.0;
+/// Residuals beyond this many deviations of the noise show something else. Beyond three, also depth edges and the blur of
+/// real lenses: 9 to 45 % of the pixels of five real pairs.
+const UNEXPLAINED: f64 = 10.0;
+/// Largest share of such pixels without a warning. Real pairs have 0.01 to 0.08, and 0.22 with highlights that move; 0.2
+/// to 0.7 if a quarter or a half of the scene moved or is another.
+const MOST_UNEXPLAINED: f64 = 0.15;
 /// Largest shading without a warning: lenses that vignette differ by less.
 const MOST_SHADING: f64 = 0.2;
 
@@ -273,7 +286,8 @@ impl Solution {
 
     /// Counts valid, saturated and confident pixels again. |V| is limited to `max_relative_blur` px².
     pub(crate) fn recount(&mut self, max_relative_blur: f64) {
-        let counts = Counts::new(&self.relative_blur, &self.uncertainty, max_relative_blur);
+        let maps = [&self.relative_blur[..], &self.uncertainty, &self.residual];
+        let counts = Counts::new(maps, self.findings.noise, max_relative_blur);
         self.findings.set_counts(&counts);
     }
 }
@@ -299,6 +313,7 @@ impl Findings {
         let valid = counts.valid.max(1) as f64;
         self.valid_fraction = counts.valid as f64 / counts.pixels.max(1) as f64;
         self.saturated_fraction = counts.saturated as f64 / valid;
+        self.unexplained_fraction = counts.unexplained as f64 / valid;
         self.mean_confidence = counts.confidence / valid;
     }
 
@@ -324,7 +339,8 @@ impl Findings {
         });
         self.converged = doubt.is_none() && clipping.is_determined();
         let saturation = self.saturation(settings.max_relative_blur);
-        let warnings = [clipping.warning(), doubt, shading_warning(&self.shading), saturation];
+        let warnings =
+            [clipping.warning(), doubt, shading_warning(&self.shading), saturation, self.unexplained_warning()];
         self.warnings = warnings.into_iter().flatten().collect();
     }
 
@@ -339,6 +355,16 @@ impl Findings {
             };
             format!(
                 "{share:.0} % of the valid pixels are at the limit of |V|, {max_relative_blur} px², and count as not measured: {advice}"
+            )
+        })
+    }
+
+    /// A warning, if much of the scene moved, or is not the same.
+    pub(crate) fn unexplained_warning(&self) -> Option<String> {
+        (self.unexplained_fraction > MOST_UNEXPLAINED).then(|| {
+            format!(
+                "the photographs differ on {:.0} % of the valid pixels by more than noise and blur explain, and V is not measured there: see residual.exr for what moved, shone or changed, and mask it",
+                100.0 * self.unexplained_fraction
             )
         })
     }
@@ -426,6 +452,8 @@ pub(crate) struct Counts {
     valid: usize,
     /// Pixels at the limit of |V|.
     saturated: usize,
+    /// Pixels that are not measured because of what noise and blur do not explain.
+    unexplained: usize,
     /// Sum of the confidence of the valid pixels.
     confidence: f64,
 }
@@ -435,14 +463,16 @@ const CHUNK: usize = 1 << 16;
 
 impl Counts {
     /// Counts fields. Sums of chunks are added in order, so that they do not depend on the number of threads.
-    pub(crate) fn new(relative_blur: &[f32], uncertainty: &[f32], max_relative_blur: f64) -> Self {
-        let limit = at_limit(max_relative_blur);
+    pub(crate) fn new([relative_blur, uncertainty, residual]: [&[f32]; 3], noise: f64, max_relative_blur: f64) -> Self {
+        let (limit, explained) = (at_limit(max_relative_blur), (UNEXPLAINED * noise) as f32);
         let chunk = |n: usize| {
             let part = n * CHUNK..((n + 1) * CHUNK).min(relative_blur.len());
             let mut counts = Self { pixels: part.len(), ..Self::default() };
-            for (v, deviation) in relative_blur[part.clone()].iter().zip(&uncertainty[part]) {
+            let pixels = relative_blur[part.clone()].iter().zip(&uncertainty[part.clone()]).zip(&residual[part]);
+            for ((v, deviation), residual) in pixels {
                 counts.valid += usize::from(!v.is_nan());
                 counts.saturated += usize::from(v.abs() >= limit);
+                counts.unexplained += usize::from(*residual > explained && *deviation > MEASURED && v.abs() < limit);
                 counts.confidence += f64::from(confidence(*deviation));
             }
             counts
@@ -451,6 +481,7 @@ impl Counts {
             pixels: sum.pixels + part.pixels,
             valid: sum.valid + part.valid,
             saturated: sum.saturated + part.saturated,
+            unexplained: sum.unexplained + part.unexplained,
             confidence: sum.confidence + part.confidence,
         };
         let chunks = workers::map(relative_blur.len().div_ceil(CHUNK), chunk);

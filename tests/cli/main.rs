@@ -68,6 +68,8 @@ fn report_of_pair(size: [u32; 2], nearer: u8) -> serde_json::Value {
         saturated_fraction: 0.0,
         clipped_fractions: [0.02, 0.0],
         unsettled_fraction: 0.0,
+        unexplained_fraction: 0.0,
+        noise: 0.0025,
         timings: Timings::default(),
     };
     let empty = Vec::new;

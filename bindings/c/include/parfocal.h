@@ -338,6 +338,8 @@ typedef struct {
   double saturated_fraction;
   // Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
   double unsettled_fraction;
+  // Fraction of the valid pixels that are not measured because the photographs differ by more than noise and blur.
+  double unexplained_fraction;
   // Time from call to return, ms.
   double total_ms;
   // Time on the device, ms.

@@ -89,6 +89,8 @@ pub struct parfocal_solution_view {
     pub saturated_fraction: f64,
     /// Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
     pub unsettled_fraction: f64,
+    /// Fraction of the valid pixels that are not measured because the photographs differ by more than noise and blur.
+    pub unexplained_fraction: f64,
     /// Time from call to return, ms.
     pub total_ms: f64,
     /// Time on the device, ms.
@@ -126,6 +128,7 @@ unsafe impl Versioned for parfocal_solution_view {
             mean_confidence: nan,
             saturated_fraction: nan,
             unsettled_fraction: nan,
+            unexplained_fraction: nan,
             total_ms: nan,
             gpu_ms: nan,
             clipped_fractions: [nan; 2],
@@ -168,6 +171,7 @@ impl parfocal_solution {
             mean_confidence: fields.mean_confidence,
             saturated_fraction: fields.saturated_fraction,
             unsettled_fraction: fields.unsettled_fraction,
+            unexplained_fraction: fields.unexplained_fraction,
             total_ms: fields.timings.total_ms,
             gpu_ms: fields.timings.gpu_ms,
             clipped_fractions: fields.clipped_fractions,

@@ -339,6 +339,8 @@ pub(crate) fn of_solution<'py>(py: Python<'py>, s: Solution, settings: &Settings
     result.set_item("mean_confidence", s.mean_confidence)?;
     result.set_item("saturated_fraction", s.saturated_fraction)?;
     result.set_item("unsettled_fraction", s.unsettled_fraction)?;
+    result.set_item("unexplained_fraction", s.unexplained_fraction)?;
+    result.set_item("noise", s.noise)?;
     result.set_item("max_relative_blur", settings.max_relative_blur)?;
     result.set_item("decode", decode_name(settings.decode))?;
     result.set_item("total_ms", s.timings.total_ms)?;

@@ -195,6 +195,8 @@ mod tests {
             saturated_fraction: 0.25,
             clipped_fractions: [0.02, 0.0],
             unsettled_fraction: 0.1,
+            unexplained_fraction: 0.0,
+            noise: 0.0025,
             timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![] },
         };
         let solution = Solution {

@@ -159,6 +159,9 @@ pub struct Report {
     /// deviation.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub unsettled_fraction: Option<f64>,
+    /// Fraction of the valid pixels of a pair that are not measured because of what noise and blur do not explain.
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
+    pub unexplained_fraction: Option<f64>,
     /// Pixels of a sweep that no frame has in focus.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub never_in_focus: Option<NeverReport>,
@@ -620,6 +623,7 @@ impl Report {
             mean_confidence: Some(solution.mean_confidence),
             saturated_fraction: Some(solution.saturated_fraction),
             unsettled_fraction: Some(solution.unsettled_fraction),
+            unexplained_fraction: Some(solution.unexplained_fraction),
             texture: Some(TextureReport::of(solution)),
             nearer: Some(nearer.number()),
             nearer_by: Some(NearerBy::Assumed),

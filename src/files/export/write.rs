@@ -253,6 +253,8 @@ mod tests {
             saturated_fraction: f64::NAN,
             clipped_fractions: [0.02, 0.0],
             unsettled_fraction: 0.1,
+            unexplained_fraction: 0.0,
+            noise: 0.0025,
             timings: Timings {
                 total_ms: 9.0,
                 gpu_ms: 7.0,
@@ -306,7 +308,7 @@ mod tests {
         let text = report().to_json().unwrap();
         let json: Value = serde_json::from_str(&text).unwrap();
         let expected = "program kind version frames reference regularization method settings size kernel_shape levels \
-             converged relative_blur valid_fraction mean_confidence saturated_fraction unsettled_fraction nearer nearer_by \
+             converged relative_blur valid_fraction mean_confidence saturated_fraction unsettled_fraction unexplained_fraction nearer nearer_by \
              warnings device validated values inputs photograph region texture timings_ms";
         let mut expected: Vec<&str> = expected.split(' ').collect();
         expected.sort_unstable();

@@ -138,6 +138,10 @@ class Result(Registration):
     """Fraction of the valid pixels at the limit of |V|."""
     unsettled_fraction: float
     """Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation."""
+    unexplained_fraction: float
+    """Fraction of the valid pixels that are not measured because the photographs differ by more than noise and blur."""
+    noise: float
+    """Standard deviation of the noise in the difference of the two photographs, intensities."""
     max_relative_blur: float
     """The limit of |V|, px²."""
 
