@@ -24,6 +24,8 @@ layout(push_constant) uniform Constants {
 
 // Residuals beyond this many deviations of the noise are no noise.
 const float NOISE = 3.0;
+// Beyond this many they show something else, and V is not measured where it is less certain than this, px².
+const float UNEXPLAINED = 10.0, CERTAIN = 1.0;
 
 vec4 terms_at(ivec2 h) {
     return vec4(imageLoad(terms, ivec3(h, 0)).r, imageLoad(terms, ivec3(h, 1)).r, imageLoad(terms, ivec3(h, 2)).r,
@@ -47,6 +49,8 @@ void main() {
     float unexplained = beyond * mean.w / (mean.y * (mean.w + eta * eta));
     bool measured = mean.x > 0.0 && abs(v) < at_limit;
     float deviation = measured ? min(sqrt(data + bending * mean.z + unexplained / features), largest) : largest;
+    float other = UNEXPLAINED * state.spread;
+    if (mean.w > other * other && deviation > CERTAIN) deviation = largest;
     const float NONE = uintBitsToFloat(0x7fc00000u);
     imageStore(result, ivec3(x, 0), vec4(valid ? v : NONE));
     imageStore(result, ivec3(x, 1), vec4(valid ? deviation : NONE));

@@ -5,7 +5,7 @@ use std::ops::{Deref, DerefMut};
 use super::motion::OtherMotion;
 use super::script::MOST_MOVING;
 use super::stages::state::State;
-use super::stages::uncertainty::{LARGEST, at_limit};
+use super::stages::uncertainty::{LARGEST, UNEXPLAINED, at_limit};
 use crate::base::{Brightness, Channels, Error, Homography, Photometric, Region, Settings, Shading, centre, workers};
 
 /// The results of a solve without the fields.
@@ -245,11 +245,6 @@ const LEAST_CONFIDENCE: f64 = 0.005;
 const LEAST_CORRELATION: f32 = 0.5;
 /// Largest share of valid pixels at the limit of |V| without a warning.
 const MOST_SATURATED: f64 = 0.1;
-/// Standard deviation up to which V counts as measured, px².
-const MEASURED: f32 = 1.0;
-/// Residuals beyond this many deviations of the noise show something else. Beyond three, also depth edges and the blur of
-/// real lenses: 9 to 45 % of the pixels of five real pairs.
-const UNEXPLAINED: f64 = 10.0;
 /// Largest share of such pixels without a warning. Real pairs have 0.01 to 0.08, and 0.22 with highlights that move; 0.2
 /// to 0.7 if a quarter or a half of the scene moved or is another.
 const MOST_UNEXPLAINED: f64 = 0.15;
@@ -472,7 +467,7 @@ impl Counts {
             for ((v, deviation), residual) in pixels {
                 counts.valid += usize::from(!v.is_nan());
                 counts.saturated += usize::from(v.abs() >= limit);
-                counts.unexplained += usize::from(*residual > explained && *deviation > MEASURED && v.abs() < limit);
+                counts.unexplained += usize::from(*residual > explained && *deviation >= LARGEST && v.abs() < limit);
                 counts.confidence += f64::from(confidence(*deviation));
             }
             counts

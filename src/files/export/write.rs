@@ -314,7 +314,7 @@ mod tests {
         expected.sort_unstable();
         assert_eq!(keys(&json), expected);
         assert_eq!((&json["program"], &json["kind"]), (&"parfocal".into(), &"pair".into()));
-        assert_eq!(keys(&json["frames"][1]), ["file", "gain", "offset", "shading", "transform"]);
+        assert_eq!(keys(&json["frames"][1]), ["clipped_fraction", "file", "gain", "offset", "shading", "transform"]);
         assert_eq!(keys(&json["frames"][1]["transform"]), ["rotation_deg", "scale", "tx_px", "ty_px"]);
         assert_eq!(keys(&json["frames"][1]["shading"]), ["coefficients", "range", "region"]);
         assert_eq!((&json["frames"][0]["gain"], &json["frames"][1]["gain"]), (&1.0.into(), &1.02.into()));
