@@ -104,6 +104,25 @@ fn absent_sweeps_get_a_row_and_the_simulated_sweep_is_solved() {
 }
 
 #[test]
+fn inputs_that_do_not_fit_are_asked_and_counted() {
+    let folder = TempDir::new().unwrap();
+    let (report, text, log) = evaluated(&folder, "judgement", "none");
+    assert!(log.contains("## Judgement") && text.contains("### Sweeps that do not fit: "), "{log}");
+    let sections = report["judgement"].as_array().unwrap();
+    let names: Vec<&str> = sections.iter().map(|section| section["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["Sweeps that do not fit", "Pairs that do not fit", "Inputs that fit"]);
+    for case in sections.iter().flat_map(cases) {
+        let value = |name: &str| case["values"].as_array().unwrap().iter().find(|v| v["name"] == name).unwrap();
+        assert_eq!(value("asked")["value"], 1.0, "{case}");
+        let right = value("answered rightly");
+        // What is wrong is a missed bound with its reason.
+        assert_eq!(right["met"].as_bool().unwrap(), right["value"] == 1.0, "{case}");
+        assert_eq!(case["note"].as_str().unwrap().is_empty(), right["value"] == 1.0, "{case}");
+    }
+    assert!(sections.iter().all(|section| cases(section).len() == 2), "{report}");
+}
+
+#[test]
 fn an_output_path_that_is_a_file_is_refused_before_any_work() {
     let folder = TempDir::new().unwrap();
     fs::write(folder.path().join("out"), "x").unwrap();

@@ -197,8 +197,8 @@ fn print_report(report: &Report, base: Option<&Report>, arguments: &Arguments) -
     Ok(())
 }
 
-/// Run the paper's experiments by all methods on scenes and photographs, measure the default settings and focus sweeps
-/// against their bounds, and write tables and figures.
+/// Run the paper's experiments by all methods on scenes and photographs, measure the default settings, focus sweeps and
+/// inputs that do not fit the model against their bounds, and write tables and figures.
 #[derive(clap::Args, Debug)]
 #[command(after_help = EVALUATE_HELP)]
 pub(crate) struct EvaluateArguments {

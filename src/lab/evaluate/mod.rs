@@ -1,4 +1,5 @@
-//! Experiments with bounds: the paper's (Ben-Ari, TPAMI 2014, section 5), the default settings, and focus sweeps.
+//! Experiments with bounds: the paper's (Ben-Ari, TPAMI 2014, section 5), the default settings, focus sweeps, and
+//! inputs that do not fit the model.
 //!
 //! ```no_run
 //! use parfocal::internals::evaluate::{Evaluation, Options};
@@ -16,6 +17,7 @@ mod contact_sheet;
 mod defaults;
 mod errors;
 mod figures;
+mod judgement;
 mod pairs;
 mod registration;
 mod robustness;
@@ -55,6 +57,8 @@ pub enum Part {
     Defaults,
     /// Bounds on focus sweeps, with shape from focus for comparison: some 5 minutes. Reads cou in DIR
     Sweeps,
+    /// Inputs that do not fit the model, and whether the program notices: some 8 minutes
+    Judgement,
 }
 
 impl Default for Options {
@@ -81,6 +85,7 @@ struct Report {
     paper: Vec<Section>,
     defaults: Vec<Section>,
     sweeps: Vec<Section>,
+    judgement: Vec<Section>,
     files: Vec<String>,
 }
 
@@ -109,6 +114,7 @@ impl Evaluation {
         let (paper, figures) = if includes(Part::Paper) { run_paper(&mut runner, data) } else { Default::default() };
         let defaults = if includes(Part::Defaults) { defaults::run(&mut runner, data) } else { Vec::new() };
         let sweeps = if includes(Part::Sweeps) { sweeps::run(&mut runner, data) } else { Vec::new() };
+        let judgement = if includes(Part::Judgement) { judgement::run(&mut runner) } else { Vec::new() };
         let files = figures.iter().map(|figure: &Figure| Figure::file(&figure.name));
         let report = Report {
             program: env!("CARGO_PKG_NAME"),
@@ -119,15 +125,16 @@ impl Evaluation {
             paper,
             defaults,
             sweeps,
+            judgement,
             files: files.chain([TABLES, REPORT].map(String::from)).collect(),
         };
         Self { report, figures }
     }
 
-    /// The tables of the default settings and of focus sweeps, as Markdown; empty if they were not measured.
+    /// The tables of all parts but the paper's, as Markdown; empty if they were not measured.
     pub fn summary(&self) -> String {
-        let Report { defaults, sweeps, .. } = &self.report;
-        let parts = [(defaults::HEADING, defaults), (sweeps::HEADING, sweeps)];
+        let Report { defaults, sweeps, judgement, .. } = &self.report;
+        let parts = [(defaults::HEADING, defaults), (sweeps::HEADING, sweeps), (judgement::HEADING, judgement)];
         let parts = parts.map(|(heading, sections)| section::markdown(heading, sections));
         parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n")
     }

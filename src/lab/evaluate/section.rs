@@ -210,7 +210,17 @@ impl<'a> Runner<'a> {
     }
 
     pub(super) fn solve(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Solution, String> {
-        self.solver(settings).and_then(|s| s.solve([i1, i2], &SolveOptions::default())).map_err(|e| e.to_string())
+        self.attempt([i1, i2], settings, &SolveOptions::default()).map_err(|e| e.to_string())
+    }
+
+    /// Solves a pair. The error shows whether the pair was refused.
+    pub(super) fn attempt(
+        &mut self,
+        frames: [&Frame; 2],
+        settings: &Settings,
+        options: &SolveOptions,
+    ) -> Result<Solution, Error> {
+        self.solver(settings)?.solve(frames, options)
     }
 
     pub(super) fn register(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Registered, String> {

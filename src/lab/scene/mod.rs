@@ -51,7 +51,7 @@ pub use files::{
 pub use kernel::Kernel;
 pub use layers::Arrangement;
 pub use presets::Preset;
-pub use radiance::Radiance;
+pub use radiance::{Radiance, Wave};
 pub use shape::Shape;
 pub use sweep::{Shot, SimulatedSweep, SweepScene};
 

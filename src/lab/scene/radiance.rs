@@ -1,4 +1,4 @@
-//! The radiance of a scene: a texture in closed form, random dots, or an image file.
+//! The radiance of a scene: cosines in closed form, random dots, or an image file.
 
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -14,11 +14,16 @@ use crate::base::{Error, Frame, Samples, Similarity};
 use crate::files::image_io;
 
 /// The radiance of the surface in focus: a continuous function of the position, in [0, 1].
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Radiance {
     /// 480 random cosines with correlation lengths of 0.7 to 10 px. Blur and interpolation have an exact closed form.
     Texture,
+    /// The sum of stated cosines and ½, with the closed form of the texture: stripes, gratings.
+    Waves {
+        /// The cosines.
+        waves: Vec<Wave>,
+    },
     /// Random black and white squares of 4 px, softened by a Gaussian of σ 0.6 px. The blur is integrated over the
     /// continuous pattern, with an error of 1e-5.
     Dots,
@@ -43,6 +48,7 @@ impl Radiance {
         let size = [scene.width, scene.height];
         Ok(match self {
             Radiance::Texture => vec![Pattern::Waves(Waves::new(scene.seed, size))],
+            Radiance::Waves { waves } => vec![Pattern::Waves(Waves(waves.clone()))],
             Radiance::Dots => vec![Pattern::Dots(Dots::new(scene.seed, size))],
             Radiance::File { path } => rasters(&read_sized(path, size)?),
         })
@@ -103,13 +109,18 @@ fn rasters(frame: &Frame) -> Vec<Pattern> {
     (0..count).map(raster).collect()
 }
 
-struct Wave {
-    k: [f64; 2],
-    phase: f64,
-    amplitude: f64,
+/// A cosine of the position x: `amplitude cos(k·x + phase)`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Wave {
+    /// The frequency along x and y, rad/px.
+    pub k: [f64; 2],
+    /// The phase at the first pixel, rad.
+    pub phase: f64,
+    /// Half the range.
+    pub amplitude: f64,
 }
 
-/// A random texture in [0, 1]: four Gaussian random fields with correlation lengths of 0.7 to 10 px and equal strength.
+/// The sum of cosines and ½.
 pub(super) struct Waves(Vec<Wave>);
 
 /// Number of waves of each correlation length.
@@ -119,7 +130,8 @@ const COUNT: usize = 120;
 const HIGHEST: f64 = 2.6;
 
 impl Waves {
-    /// Makes a texture that fills [0, 1] in a sharp image of this size.
+    /// Makes a random texture that fills [0, 1] in a sharp image of this size: four Gaussian random fields with
+    /// correlation lengths of 0.7 to 10 px and equal strength.
     pub(super) fn new(seed: u64, size: [u32; 2]) -> Self {
         let mut random = Random::new(seed, 1);
         let mut waves = Vec::new();

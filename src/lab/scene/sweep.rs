@@ -6,7 +6,7 @@
 //! v_k = c (p_k - u)² + base blur        px² of the reference
 //! ```
 //!
-//! The scene extends from a tenth to nine tenths of the range of settings. Each frame has its own displacement and
+//! The scene extends over a part of the range of settings. Each frame has its own displacement and
 //! exposure. The middle frame is the reference, which has neither. u is stated on its pixels.
 
 use std::f64::consts::TAU;
@@ -51,6 +51,8 @@ pub struct SweepScene {
     /// Darkening of the corners of the last frame relative to the reference's; -0.5 to 0.5. The corners of the first
     /// frame are brighter. The middle of each frame stays unchanged.
     pub vignetting: f64,
+    /// The settings at which the two ends of the scene are in focus, as fractions of the range of settings; 0 to 1.
+    pub span: [f64; 2],
 }
 
 /// The truth of one frame.
@@ -86,7 +88,7 @@ const MOST_FRAMES: usize = 999;
 const MOST_PIXELS: f64 = (1u64 << 28) as f64;
 /// Default blur at one end of a point in focus at the other end: σ, px.
 const END: f64 = 6.0;
-/// The range of the scene, as a fraction of the range of settings.
+/// The default ends of the scene, as fractions of the range of settings.
 const SPAN: [f64; 2] = [0.1, 0.9];
 /// Sway of the drift path, as a fraction of its length.
 const SWAY: f64 = 0.15;
@@ -96,7 +98,8 @@ impl SweepScene {
     /// blur σ 6 px at the other end.
     pub fn new(scene: Scene, frames: usize) -> Self {
         let blur_rate = (END / (frames.max(2) - 1) as f64).powi(2);
-        Self { scene, frames, blur_rate, breathing: 0.0, drift: 0.0, rotation: 0.0, gain_drift: 0.0, vignetting: 0.0 }
+        let (breathing, drift, rotation, gain_drift, vignetting) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        Self { scene, frames, blur_rate, breathing, drift, rotation, gain_drift, vignetting, span: SPAN }
     }
 
     /// Checks every range.
@@ -118,7 +121,8 @@ impl SweepScene {
         range("drift", self.drift, 0.0, 1000.0)?;
         range("rotation over the sweep", self.rotation, -0.5, 0.5)?;
         range("gain drift", self.gain_drift, -0.5, 0.5)?;
-        range("vignetting", self.vignetting, -0.5, 0.5)
+        range("vignetting", self.vignetting, -0.5, 0.5)?;
+        self.span.iter().try_for_each(|end| range("end of the scene", *end, 0.0, 1.0))
     }
 
     /// The index of the reference frame: the middle one.
@@ -167,7 +171,8 @@ impl SweepScene {
 
     /// The setting at which a point is in focus, for a share of the way between the ends of the scene.
     fn setting(&self, share: f64) -> f64 {
-        (SPAN[0] + (SPAN[1] - SPAN[0]) * share) * (self.frames - 1) as f64
+        let [first, last] = self.span;
+        (first + (last - first) * share) * (self.frames - 1) as f64
     }
 
     /// Prepares the content of all frames.
