@@ -24,6 +24,8 @@ layout(push_constant) uniform Constants {
 
 // Residuals beyond this many deviations of the noise are no noise.
 const float NOISE = 3.0;
+// The noise is at least η over this, as for the step of T.
+const float BROAD = 4.0;
 // Beyond this many they show something else, and V is not measured where it is less certain than this, px².
 const float UNEXPLAINED = 10.0, CERTAIN = 1.0;
 
@@ -45,11 +47,11 @@ void main() {
                         + terms_at(high));
     float data = mean.y / (pixels * mean.x * mean.x);
     // The mean squared slope of S follows from b² = S² slope²/ψ².
-    float noise = NOISE * state.spread, beyond = max(mean.w - noise * noise, 0.0);
+    float spread = max(state.spread, eta / BROAD), noise = NOISE * spread, beyond = max(mean.w - noise * noise, 0.0);
     float unexplained = beyond * mean.w / (mean.y * (mean.w + eta * eta));
     bool measured = mean.x > 0.0 && abs(v) < at_limit;
     float deviation = measured ? min(sqrt(data + bending * mean.z + unexplained / features), largest) : largest;
-    float other = UNEXPLAINED * state.spread;
+    float other = UNEXPLAINED * spread;
     if (mean.w > other * other && deviation > CERTAIN) deviation = largest;
     const float NONE = uintBitsToFloat(0x7fc00000u);
     imageStore(result, ivec3(x, 0), vec4(valid ? v : NONE));

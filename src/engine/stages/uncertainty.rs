@@ -39,6 +39,8 @@ pub const BENDING: f32 = 30.0;
 const FEATURE: f32 = 20.0;
 /// Residuals beyond this many deviations of the noise are no noise.
 const NOISE: f64 = shaders::uncertainty::NOISE;
+/// The noise is at least η over this, as for the step of T.
+const BROAD: f64 = shaders::uncertainty::BROAD;
 /// Residuals beyond this many show something else. Beyond three, also depth edges and the blur of real lenses: 9 to 45 %
 /// of the pixels of five real pairs.
 pub(crate) const UNEXPLAINED: f64 = shaders::uncertainty::UNEXPLAINED;
@@ -147,6 +149,7 @@ pub fn cpu_reference(
         let [right, below] = [(x.div_ceil(2)).min(f.width - 1), (y.div_ceil(2)).min(f.height - 1)];
         (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
     };
+    let spread = spread.max(f64::from(c.eta) / BROAD);
     let deviation = Field::from_fn(v.width, v.height, |x, y| {
         let [curvature, b2, bend, residual] = terms.each_ref().map(|f| mean(f, x, y));
         let largest = f64::from(c.largest);
