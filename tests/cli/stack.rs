@@ -236,7 +236,7 @@ fn frames_with_most_of_their_pixels_clipped_are_named() {
         frame.enumerate_pixels_mut().filter(|(x, _, _)| *x >= from - 60).for_each(|(_, _, value)| value.0 = [65535]);
         frame.save(&sweep.files[n]).unwrap();
     }
-    // With positions stated, the frames stay in order; the frame of which most is white is kept on request.
+    // With positions stated the frames stay in order. The mostly white frame is kept on request.
     let output = sweep.stack(&["--json", "--no-html", "--keep-frames", "--positions", "0,1,2,3,4"]);
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let shares: Vec<f64> =

@@ -192,8 +192,9 @@ fn largest_group(count: usize, links: impl Iterator<Item = [usize; 2]>) -> Vec<b
 const SHARP: [f32; 2] = [0.5, 0.25];
 /// A merged frame is sharp at this share of the places that are blurred in some frame.
 const MERGED_SHARE: f32 = 0.8;
-/// And at so many places, sharpest in so many frames, that are blurred beside it. In a frame that is merely out of order
-/// only the places near its focus are sharp; in one of a wide depth of field its neighbours are sharp too.
+/// The least number of those places that are blurred in the frames beside it, and the least number of frames that are
+/// sharpest at them. A frame that is only out of order is sharp near its own focus alone. A frame with a wide depth of
+/// field has neighbours that are sharp too.
 const LEAST_PLACES: usize = 12;
 const LEAST_FRAMES: usize = 2;
 

@@ -68,7 +68,7 @@ pub(super) fn judge(frames: &[Frame], stated: bool, keep_foreign: bool) -> Resul
     Ok(Order { frames: if certain && !stated { best } else { kept }, warnings })
 }
 
-/// The frames, if they are enough for a sweep out of so many.
+/// Returns the frames that are kept of those passed, or an error if they are too few.
 fn enough(kept: Vec<usize>, passed: usize) -> Result<Vec<usize>, Error> {
     let count = kept.len();
     if count >= MIN_FRAMES && 2 * count > passed {

@@ -14,7 +14,7 @@ use crate::lab::scene::{Exposure, Preset, Radiance, Scene, Shape, Wave};
 
 /// Words for photographs that do not show one scene.
 const OTHER: &[&str] = &["explain", "correlate", "scene", "belong", "mirror", "motion", "moved"];
-/// Words for a scene of which a part differs.
+/// Words of a warning that a part of the scene differs.
 const PART: &[&str] = &["explain", "moved", "motion", "scene", "does not fit", "do not fit"];
 /// Words for a change of sharpness that is not defocus.
 const SPECTRUM: &[&str] = &["explain", "spectr", "sharpen", "denois", "compress", "processed", "defocus"];
