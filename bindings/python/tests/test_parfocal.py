@@ -158,6 +158,7 @@ def test_every_setting_is_a_keyword_argument(engine, result):
         registration_step="gauss-newton",
         photometric=True,
         fused=True,
+        keep_frames=False,
         decode="auto",
         black_level=None,
         white_level=None,

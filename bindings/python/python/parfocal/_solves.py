@@ -38,6 +38,7 @@ class Settings(TypedDict, total=False):
     registration_step: str  # "gauss-newton" or "gradient-descent"
     photometric: bool
     fused: bool  # also compute the fused image of a pair
+    keep_frames: bool  # keep the frames of a sweep that do not show the scene of the others
     decode: str  # "auto": uint8 is read as sRGB, other types as linear; "none"; "srgb"
     black_level: float | None
     white_level: float | None
