@@ -238,7 +238,8 @@ fn gaps(
     let gap = |pixels: Vec<usize>| {
         let bare = pixels.iter().filter(|i| part.values[**i].is_nan() && is_bare(**i)).count();
         let Extent { area_px, centroid_px, bounds_px } = Extent::of(&pixels, golden.width);
-        // Around a bare area V is uncertain for some 8 px, up to three quarters of a small region.
+        // Around a bare area V is uncertain, which is two thirds of the region of a grey disk of 14 px radius. The share is
+        // set by that scene alone.
         let is_bare = bare >= limits.min_area_px && 4 * bare > pixels.len();
         Gap { area_px, centroid_px, bounds_px, is_bare }
     };

@@ -104,7 +104,7 @@ fn pixels_excluded_by_a_mask_do_not_affect_the_registration() {
     let options = SolveOptions { mask: Some(mask), ..SolveOptions::default() };
     let masked = solver.solve([&i1, &i2], &options).unwrap();
     println!("corner {:.4} px with the mask, {:.4} without", corner(&masked), corner(&whole));
-    assert!(corner(&masked) < 0.02 && corner(&whole) > 10.0 * corner(&masked));
+    assert!(corner(&masked) < 0.02 && corner(&whole) > 0.15_f64.max(10.0 * corner(&masked)));
     let place = (60 * SIZE[0] + 60) as usize;
     assert!(masked.relative_blur[place].is_nan() && masked.confidence[place] == 0.0);
     // The residual is large where the scene moved.

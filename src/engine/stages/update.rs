@@ -54,8 +54,8 @@ impl Pass for Bindings {
 const STEPS: [f64; 2] = [shaders::update::STILL, shaders::update::FAR];
 /// One over the pixels that say as much as one independent pixel, 4π 4² of the window.
 const INDEPENDENT: f64 = shaders::update::INDEPENDENT;
-/// The square of 1.8, by which D exceeds the curvature of the robust norm at the residuals of real photographs: 1.4 at
-/// noise of 0.01, 2.0 at 0.03.
+/// The square of 1.8, by which D exceeds the curvature of the robust norm at strong noise: 1.4 at 0.01, 2.0 at 0.03 on
+/// generated scenes. On photographs it is not measured.
 const WIDER: f64 = shaders::update::WIDER;
 
 /// Adds dV to V; returns the numbers of pixels that a whole step moves, and moves far. `variance` is Σ b² / Σ D.

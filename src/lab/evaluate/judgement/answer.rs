@@ -74,7 +74,7 @@ impl Input {
         Self::Sweep { frames, focus: vec![f32::NAN; pixels] }
     }
 
-    /// Solves the input as a user does who states nothing but an asymmetric kernel.
+    /// Solves the input with default settings; only an asymmetric kernel is stated.
     ///
     /// # Errors
     /// Those that do not concern the input.
