@@ -86,7 +86,7 @@ pub mod sweep {
 
 /// The parts of a [`Solution`], and registrations.
 pub mod results {
-    pub use crate::engine::{Findings, LevelHistory, OtherMotion, Registered, Timings};
+    pub use crate::engine::{Findings, LevelHistory, OtherMotion, Registered, Timings, TransformDeviation};
 }
 
 /// For the program and the tests of this crate: no public API.

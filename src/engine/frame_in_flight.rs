@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::arguments;
-use super::motion::{OtherMotion, QuadraticForm};
+use super::motion::QuadraticForm;
 use super::plan::Plan;
 use super::progress::WorkCounter;
 use super::record::{Phases, Profile, Ran, Reading, SUBMIT_WAIT, Workspace, record, record_with};
@@ -19,6 +19,7 @@ use super::vulkan::{
     Buffer, Clock, Device, DeviceSolution, ExternalCommandBuffer, Recorder, Recording, SemaphoreWait, SolutionBuffer,
     SourceCopy,
 };
+use super::windows::{self, Gradients, Photograph};
 use crate::base::{
     CancelSignal, CancellationToken, Deadline, Error, Homography, Kernel, Mask, Photometric, Progress, Region, Shading,
 };
@@ -344,6 +345,7 @@ impl FrameInFlight {
             solved: Region { x: 0, y: 0, width, height },
             regularization: state.alpha.into(),
             kernel_shape: (settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
+            transform_deviation: None,
             other_motion: None,
             levels: self.levels(&state, Slot::EndEnergies)?,
             converged: false,
@@ -365,8 +367,16 @@ impl FrameInFlight {
         findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::coverage));
         if !self.shared.plan.solves_transform() {
             findings.doubt(&self.registered()?);
-        } else if findings.converged {
-            findings.other_motion = self.other_motion(&state)?;
+        } else if findings.converged || findings.is_stopped() {
+            let form = self.quadratic_form()?;
+            let gradients = self.gradients(&findings, v)?;
+            let undetermined = gradients.as_ref().and_then(|gradients| form.undetermined(settings.motion, gradients));
+            if findings.converged {
+                findings.other_motion = form.other_motion(settings.motion, &findings.transform);
+                findings.transform_deviation =
+                    gradients.as_ref().and_then(|gradients| form.deviation(settings.motion, gradients));
+            }
+            findings.determine(undetermined);
         }
         self.phases.end("collect");
         findings.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;
@@ -392,21 +402,38 @@ impl FrameInFlight {
         };
         registered.judge(&state, self.mask.as_ref().map_or(1.0, Mask::coverage));
         if plan.solves_transform() && registered.converged {
-            registered.other_motion = self.other_motion(&state)?;
+            let motion = plan.settings.motion;
+            registered.other_motion = self.quadratic_form()?.other_motion(motion, &registered.transform);
         }
         registered.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;
         Ok(registered)
     }
 
-    /// Returns another motion model, if the last sums support it.
-    fn other_motion(&self, state: &State) -> Result<Option<OtherMotion>, Error> {
+    /// The quadratic form of the energy about T, by the last sums.
+    fn quadratic_form(&self) -> Result<QuadraticForm, Error> {
         let (layout, finest) = (Layout::of(true), &self.shared.plan.pyramid[0]);
         let [columns, rows, _] = finest.tiles();
         let floats = (columns * rows) as usize * layout.length;
         let partials: Vec<f32> = self.workspace.buffer(Slot::EndPartials).read(0, floats)?;
         let blocks = partials.chunks_exact(layout.length).map(|row| Sums::from_partials(row, layout)).collect();
-        let form = QuadraticForm::new(blocks, finest.length, finest.centre);
-        Ok(form.other_motion(self.shared.plan.settings.motion, &state.registration().transform))
+        Ok(QuadraticForm::new(blocks, finest.length, finest.centre))
+    }
+
+    /// The gradients of both photographs. `None` if a camera packed a photograph: only the device unpacks it.
+    fn gradients(&self, findings: &Findings, relative_blur: &[f32]) -> Result<Option<Gradients>, Error> {
+        let plan = &self.shared.plan;
+        if [0, 1].iter().any(|&image| plan.unpacks(image)) {
+            return Ok(None);
+        }
+        let photographs = [0, 1].map(|image| Photograph {
+            buffer: self.input(image),
+            format: plan.formats[image],
+            size: plan.size,
+            decode: plan.settings.decode,
+        });
+        let (transform, brightness) = (findings.transform, findings.brightness());
+        let length = plan.pyramid[0].length;
+        windows::Pair { photographs, transform, brightness, relative_blur, length }.gradients().map(Some)
     }
 
     /// Device time by its clock; without one, from the submission to the end of the wait.

@@ -20,6 +20,7 @@ mod sweep;
 pub(crate) mod tiles;
 #[allow(unsafe_code, reason = "the only room that calls Vulkan")]
 pub(crate) mod vulkan;
+mod windows;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -38,7 +39,7 @@ pub mod interop {
     };
 }
 
-pub use motion::OtherMotion;
+pub use motion::{OtherMotion, TransformDeviation};
 pub use prepared_solver::{Encoded, Pending};
 pub(crate) use prepared_solver::{PairOptions, PreparedSolver, same_size};
 pub use solution::{Findings, LevelHistory, Registered, Solution, SolutionRef, Timings};

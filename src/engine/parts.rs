@@ -310,6 +310,7 @@ fn solve_at_half_size(
         solution.transform = doubled_transform(&solution.transform, size);
         (solution.photometric.gain, solution.shading) =
             doubled_shading(solution.photometric.gain, &solution.shading, size);
+        solution.transform_deviation.iter_mut().for_each(|deviation| deviation.corner_px *= 2.0);
         solution.other_motion.iter_mut().for_each(|other| other.corner_px *= 2.0);
     }
     Ok(solution)

@@ -2,7 +2,7 @@
 
 use std::ops::{Deref, DerefMut};
 
-use super::motion::OtherMotion;
+use super::motion::{OtherMotion, TransformDeviation};
 use super::script::MOST_MOVING;
 use super::stages::state::State;
 use super::stages::uncertainty::{LARGEST, UNEXPLAINED, at_limit};
@@ -33,6 +33,9 @@ pub struct Findings {
     pub regularization: f64,
     /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk, up to 1.5.
     pub kernel_shape: Option<f64>,
+    /// The standard deviation of T. `None` if it is not solved for, or not known: of photographs in a packed pixel format,
+    /// of a solve that has not converged, and of photographs of one or two blocks of 128 x 32 px.
+    pub transform_deviation: Option<TransformDeviation>,
     /// A motion model that explains more, or a simpler one that explains as much. Only the method unified tests for it.
     pub other_motion: Option<OtherMotion>,
     /// The levels, coarse to fine.
@@ -248,6 +251,11 @@ const MOST_SATURATED: f64 = 0.1;
 /// Largest share of such pixels without a warning. Real pairs have 0.01 to 0.08, and 0.22 with highlights that move; 0.2
 /// to 0.7 if a quarter or a half of the scene moved or is another.
 const MOST_UNEXPLAINED: f64 = 0.15;
+/// Largest standard deviation of T at a corner without a warning, px: twice the error that counts as a failed
+/// registration. Real pairs have 0.01 to 0.3, and 0.8 of 2048 px where the blur is too wide to be measured.
+const MOST_DEVIATION: f64 = 0.5;
+/// How the doubt about a level that has not settled begins.
+const STOPPED: &str = "stopped after";
 /// Largest shading without a warning: lenses that vignette differ by less.
 const MOST_SHADING: f64 = 0.2;
 
@@ -337,6 +345,33 @@ impl Findings {
         let warnings =
             [clipping.warning(), doubt, shading_warning(&self.shading), saturation, self.unexplained_warning()];
         self.warnings = warnings.into_iter().flatten().collect();
+    }
+
+    /// Whether the finest level was stopped before it settled.
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.warnings.iter().any(|warning| warning.starts_with(STOPPED))
+    }
+
+    /// Judges whether the images determine T; `undetermined` is the direction in which they do not.
+    pub(crate) fn determine(&mut self, undetermined: Option<f64>) {
+        let directions = "(0° is along rows, 90° along columns)";
+        if let Some(direction) = undetermined {
+            // More iterations would not help.
+            self.warnings.retain(|warning| !warning.starts_with(STOPPED));
+            self.warnings.insert(
+                0,
+                format!(
+                    "the images do not determine the registration along {direction:.0}° {directions}: see that texture shows in every direction, or hold what is known"
+                ),
+            );
+            (self.converged, self.transform_deviation) = (false, None);
+        } else if let Some(TransformDeviation { corner_px, direction_deg }) = self.transform_deviation
+            && corner_px > MOST_DEVIATION
+        {
+            self.warnings.push(format!(
+                "the images determine the registration to {corner_px:.1} px only, along {direction_deg:.0}° {directions}: mask what moved between the photographs, or see that texture shows in every direction"
+            ));
+        }
     }
 
     /// A warning, if many pixels are at the limit of |V|, px².
@@ -528,7 +563,7 @@ fn registration_doubt(state: &State) -> Option<String> {
         ))
     } else if finest.iterations > 0 && finest.settled == 0 {
         Some(format!(
-            "stopped after {} outer iterations on the finest level, with {}: allow more iterations, or more levels if fewer than auto were asked for",
+            "{STOPPED} {} outer iterations on the finest level, with {}: allow more iterations, or more levels if fewer than auto were asked for",
             finest.iterations,
             still_moving(finest.moving)
         ))

@@ -54,6 +54,7 @@ fn report_of_pair(size: [u32; 2], nearer: u8) -> serde_json::Value {
         photograph: size,
         fused_channels: Channels::Gray,
         transform: Similarity::IDENTITY.into(),
+        transform_deviation: None,
         other_motion: None,
         photometric: Photometric::IDENTITY,
         shading: Shading::NONE,

@@ -56,6 +56,16 @@ impl Radiance {
         Self(all)
     }
 
+    /// Stripes of several periods, whose direction is `degrees` from that of the rows.
+    pub fn stripes(seed: u64, degrees: f64) -> Self {
+        let (mut random, across) = (Random(seed), (degrees + 90.0).to_radians());
+        let wave = |_| {
+            let k = 0.2 + 1.8 * random.uniform();
+            Wave { k: [k * across.cos(), k * across.sin()], phase: TAU * random.uniform(), amplitude: 0.06 }
+        };
+        Self((0..12).map(wave).collect())
+    }
+
     /// Returns the radiance at a point, blurred by a Gaussian of variance `v` per axis, px².
     pub fn blurred(&self, [x, y]: [f64; 2], v: f64) -> f64 {
         let wave = |w: &Wave| {
@@ -68,13 +78,24 @@ impl Radiance {
 
 /// Renders a pair with `I2(T x) = I1(x)` up to blur and Gaussian noise. `blur` returns the variances of I1 and I2 at x.
 pub fn pair(
+    size: [u32; 2],
+    transform: impl Into<Homography>,
+    blur: impl Fn([f64; 2]) -> [f64; 2],
+    noise: f64,
+    seed: u64,
+) -> [Frame; 2] {
+    pair_of(&Radiance::new(seed), size, transform, blur, noise, seed)
+}
+
+/// As [`pair`], of this radiance; `seed` is that of the noise.
+pub fn pair_of(
+    radiance: &Radiance,
     [width, height]: [u32; 2],
     transform: impl Into<Homography>,
     blur: impl Fn([f64; 2]) -> [f64; 2],
     noise: f64,
     seed: u64,
 ) -> [Frame; 2] {
-    let radiance = Radiance::new(seed);
     let (back, c) = (transform.into().inverse(), centre(width, height));
     let mut random = Random(seed + 1000);
     [0, 1].map(|image| {

@@ -1,4 +1,5 @@
-//! Tests of the motion models on known maps, and of the comparison with simpler and richer models.
+//! Tests of the motion models on known maps, of the comparison with simpler and richer models, and of the standard
+//! deviation of T.
 
 use parfocal::{
     Settings, Solution,
@@ -6,7 +7,7 @@ use parfocal::{
     transform::{Homography, Similarity},
 };
 
-use crate::common::scene::{pair, slanted};
+use crate::common::scene::{Radiance, pair, pair_of, slanted};
 use crate::common::{TestEngine, blur_error};
 
 const SIZE: [u32; 2] = [256, 192];
@@ -105,4 +106,57 @@ fn a_translation_registers_a_shift() {
     assert_eq!((similarity.rotation, similarity.scale), (0.0, 1.0));
     let (rich, _) = solve(&engine, truth.into(), Motion::Similarity);
     assert_eq!(rich.other_motion.map(|other| (other.motion, other.explains_more)), Some((Motion::Translation, false)));
+}
+
+/// Errors of the corners in standard deviations, over seeds of texture and noise.
+#[test]
+fn errors_of_t_are_as_large_as_its_standard_deviation_says() {
+    let (engine, truth, size) = (TestEngine::new(), Similarity::new(1.3, -0.9, 0.15, 1.01), [192, 160]);
+    for noise in [0.003, 0.01, 0.03] {
+        let ratio = |seed| {
+            let solution =
+                engine.solve(pair(size, truth, slanted(size[0]), noise, seed).each_ref(), &Settings::default());
+            let deviation = solution.transform_deviation.unwrap().corner_px;
+            (solution.transform.corner_distance(truth, size[0], size[1]) / deviation, deviation)
+        };
+        let ratios: Vec<(f64, f64)> = (1..=12).map(ratio).collect();
+        let within = |most: f64| ratios.iter().filter(|(ratio, _)| *ratio <= most).count();
+        let rms = (ratios.iter().map(|(ratio, _)| ratio * ratio).sum::<f64>() / ratios.len() as f64).sqrt();
+        let deviation = ratios.iter().map(|(_, deviation)| deviation).sum::<f64>() / ratios.len() as f64;
+        println!(
+            "noise {noise}: {deviation:.4} px, rms {rms:.2}, {} and {} of 12 within 1 and 2",
+            within(1.0),
+            within(2.0)
+        );
+        // The farthest of four corners: the squared ratio is 1 to 1.5 on average.
+        assert!(within(2.0) >= 11 && (0.6..1.5).contains(&rms), "{ratios:?}");
+    }
+}
+
+#[test]
+fn stripes_do_not_determine_the_displacement_along_them() {
+    let (engine, truth, size) = (TestEngine::new(), Similarity::new(1.3, -0.9, 0.0, 1.0), [160, 128]);
+    let mut lost = 0;
+    for (seed, degrees) in [(1, 0.0), (2, 35.0), (3, 90.0), (4, 140.0)] {
+        let stripes = Radiance::stripes(seed, degrees);
+        for noise in [0.001, 0.01] {
+            let frames = pair_of(&stripes, size, truth, slanted(size[0]), noise, seed);
+            let solution = engine.solve(frames.each_ref(), &Settings::default());
+            let said = solution.warnings.join("\n");
+            assert!(!solution.converged && solution.transform_deviation.is_none(), "{degrees}°, {noise}: {said}");
+            if said.contains("do not overlap") {
+                // T has left the picture along the stripes.
+                lost += 1;
+                continue;
+            }
+            let along = said.split("determine the registration along ").nth(1).and_then(|text| text.split('°').next());
+            let along: f64 = along.unwrap_or_else(|| panic!("{degrees}°, {noise}: {said}")).parse().unwrap();
+            let off = (along - degrees + 90.0).rem_euclid(180.0) - 90.0;
+            assert!(off.abs() < 5.0, "{degrees}°, {noise}: {said}");
+        }
+        let [i1, i2] = pair(size, truth, slanted(size[0]), 0.01, seed);
+        let solution = engine.solve([&i1, &i2], &Settings::default());
+        assert!(solution.converged && solution.warnings.is_empty(), "{:?}", solution.warnings);
+    }
+    assert!(lost <= 2, "{lost}");
 }

@@ -346,6 +346,9 @@ typedef struct {
   double gpu_ms;
   // Fraction of the pixels of I1 and of I2 that are clipped, of those that no mask excludes.
   double clipped_fractions[2];
+  // Standard deviation of T at the corner that is determined worst, px, and the direction in which it is, in degrees
+  // from the rows. NaN if it is not known.
+  double transform_deviation[2];
 } parfocal_solution_view;
 
 // A lens that is focused at one distance for each photograph of a pair.

@@ -97,6 +97,9 @@ pub struct parfocal_solution_view {
     pub gpu_ms: f64,
     /// Fraction of the pixels of I1 and of I2 that are clipped, of those that no mask excludes.
     pub clipped_fractions: [f64; 2],
+    /// Standard deviation of T at the corner that is determined worst, px, and the direction in which it is, in degrees
+    /// from the rows. NaN if it is not known.
+    pub transform_deviation: [f64; 2],
 }
 
 // SAFETY: `repr(C)`, numbers and pointers, the size first.
@@ -132,6 +135,7 @@ unsafe impl Versioned for parfocal_solution_view {
             total_ms: nan,
             gpu_ms: nan,
             clipped_fractions: [nan; 2],
+            transform_deviation: [nan; 2],
         }
     }
 }
@@ -175,6 +179,7 @@ impl parfocal_solution {
             total_ms: fields.timings.total_ms,
             gpu_ms: fields.timings.gpu_ms,
             clipped_fractions: fields.clipped_fractions,
+            transform_deviation: fields.transform_deviation.map_or([f64::NAN; 2], |d| [d.corner_px, d.direction_deg]),
             ..parfocal_solution_view::start()
         };
         let (photograph, region) = (fields.photograph, fields.region());

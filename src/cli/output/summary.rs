@@ -5,7 +5,7 @@ use std::path::Path;
 use parfocal::export::{FrameReport, Palette, Report};
 use parfocal::image_io::{Basis, Input, Values};
 use parfocal::{
-    results::OtherMotion,
+    results::{OtherMotion, TransformDeviation},
     settings::{Decode, Photometric},
 };
 
@@ -49,6 +49,8 @@ fn found(report: &Report) -> Vec<Row> {
         ("method", format!("{}, levels: {levels}", report.method.name())),
     ];
     rows.extend(report.frames.get(1).into_iter().flat_map(registration));
+    let known = |known: TransformDeviation| format!("known to {} px at a corner", rounded(known.corner_px));
+    rows.extend(report.transform_deviation.map(|deviation| ("registration", known(deviation))));
     let motion = |other: OtherMotion| ("motion", format!("{other} (--motion {})", other.motion.name()));
     rows.extend(report.other_motion.map(motion));
     rows.extend(clipped(&report.frames));
@@ -181,6 +183,7 @@ mod tests {
             photograph: [2, 1],
             fused_channels: Channels::Gray,
             transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
+            transform_deviation: Some(TransformDeviation { corner_px: 0.0234, direction_deg: 90.0 }),
             other_motion: None,
             photometric: Photometric { gain: 1.02, offset: -0.01 },
             shading: Shading { coefficients: std::array::from_fn(|n| if n == 0 { -0.06 } else { 0.0 }) },

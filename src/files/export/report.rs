@@ -14,7 +14,7 @@ use super::scale::{Nearer, Quantiles};
 use crate::base::{
     Brightness, DeviceInfo, Error, Estimate, Homography, Lens, Method, Photometric, Region, Settings, Shading,
 };
-use crate::engine::{LevelHistory, OtherMotion, Registered, Solution, Timings};
+use crate::engine::{LevelHistory, OtherMotion, Registered, Solution, Timings, TransformDeviation};
 use crate::files::bounded_read;
 use crate::files::bounded_read::Hash;
 use crate::files::image_io::{self, Input, Values};
@@ -124,6 +124,9 @@ pub struct Report {
     /// Whether the finest level of a pair converged to a solution that the images support.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub converged: Option<bool>,
+    /// The standard deviation of the registration of a pair, if it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub transform_deviation: Option<TransformDeviation>,
     /// Another motion model that fits as well, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_motion: Option<OtherMotion>,
@@ -615,6 +618,7 @@ impl Report {
             region: solution.region(),
             levels: Some(solution.levels.iter().map(LevelReport::from).collect()),
             converged: Some(solution.converged),
+            transform_deviation: solution.transform_deviation,
             other_motion: solution.other_motion,
             regularization: Some(solution.regularization),
             kernel_shape: solution.kernel_shape,

@@ -228,7 +228,7 @@ mod tests {
     use crate::base::{
         Channels, Decode, Depth, DeviceInfo, Error, Photometric, Region, Samples, Settings, Shading, Similarity,
     };
-    use crate::engine::{Findings, LevelHistory, Solution, Timings};
+    use crate::engine::{Findings, LevelHistory, Solution, Timings, TransformDeviation};
     use crate::files::image_io::{self, Values};
 
     fn solution() -> Solution {
@@ -239,6 +239,7 @@ mod tests {
             photograph: [3, 2],
             fused_channels: Channels::Gray,
             transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
+            transform_deviation: Some(TransformDeviation { corner_px: 0.02, direction_deg: 30.0 }),
             other_motion: None,
             photometric: Photometric { gain: 1.02, offset: -0.01 },
             shading: Shading::NONE,
@@ -307,7 +308,7 @@ mod tests {
     fn the_report_has_the_fields_that_scripts_read() {
         let text = report().to_json().unwrap();
         let json: Value = serde_json::from_str(&text).unwrap();
-        let expected = "program kind version frames reference regularization method settings size kernel_shape levels \
+        let expected = "program kind version frames reference regularization method settings size kernel_shape levels transform_deviation \
              converged relative_blur valid_fraction mean_confidence saturated_fraction unsettled_fraction unexplained_fraction nearer nearer_by \
              warnings device validated values inputs photograph region texture timings_ms";
         let mut expected: Vec<&str> = expected.split(' ').collect();
@@ -320,6 +321,7 @@ mod tests {
         assert_eq!((&json["frames"][0]["gain"], &json["frames"][1]["gain"]), (&1.0.into(), &1.02.into()));
         assert_eq!(keys(&json["levels"][0]), ["energy", "height", "iterations", "width"]);
         assert_eq!(keys(&json["relative_blur"]), ["max", "median", "min"]);
+        assert_eq!(keys(&json["transform_deviation"]), ["corner_px", "direction_deg"]);
         assert_eq!(keys(&json["timings_ms"]), ["gpu", "passes", "total"]);
         assert_eq!((&json["method"], &json["nearer"]), (&Value::from("unified"), &Value::from(1)));
         assert_eq!(json["settings"]["levels"], Value::Null);

@@ -128,6 +128,9 @@ class Result(Registration):
     """At each pixel the sharper photograph, intensities; (height, width) or (height, width, 3). None with fused=False."""
     scale: float
     """Scale of T at the image centre."""
+    transform_deviation: tuple[float, float] | None
+    """Standard deviation of T at the corner that is determined worst, px, and the direction in which it is, in degrees from
+    the rows. None if it is not known."""
     regularization: float
     """Smoothness weight α of the finest level, stated or estimated."""
     kernel_shape: float | None

@@ -73,6 +73,7 @@ function pairRows() {
     row('Translation downwards', plus(t.ty_px, 5), 'px'),
     row('Rotation, positive from right to down', plus(t.rotation_deg, 6), '°'),
     row('Scale', number(t.scale, 7)),
+    ...(report.transform_deviation ? [row('Known to, at a corner', report.transform_deviation.corner_px.toPrecision(2), 'px')] : []),
     group('Exposure: gain × I2 + offset is like I1'),
     row('Gain', number(gain, 6)),
     row('Offset, white being 1', plus(offset, 6)),

@@ -1,0 +1,264 @@
+//! Windows of both photographs, compared on the host after a solve: how much of the gradients that T was found from is
+//! the scene. Section 5 of `docs/method.md`.
+
+use nalgebra::DMatrix;
+
+use super::filter;
+use super::stages::spline::{Field, near, read};
+use super::stages::sums::{UNKNOWNS, displacements};
+use super::stages::{convolve, ingest};
+use super::vulkan::Buffer;
+use crate::base::color::LUMINANCE;
+use crate::base::{
+    Brightness, Channels, Decode, Depth, Error, Format, Frame, Homography, Region, Samples, centre, workers,
+};
+
+/// The side of a window, px, and about the most windows: 20,000 pixels represent the picture.
+const SIDE: u32 = 32;
+const MOST: f64 = 20.0;
+/// What a smoothed gradient needs around a window, px: three σ of the smoothing, and the difference.
+const MARGIN: u32 = 6;
+/// σ of the smoothing, px. It leaves a thirtieth of the power of white noise.
+const SMOOTHING: f64 = 1.5;
+/// The reach of the spline's prefilter and of the spline, px.
+const SPLINE: f64 = 11.0;
+/// The least step of σ, px, between blurred images that are interpolated by V; a third of σ if that is more.
+const STEP: f64 = 0.7;
+/// σ below which an image counts as not blurred, px.
+const SHARP: f64 = 0.05;
+
+/// A photograph in mapped memory.
+pub(super) struct Photograph<'a> {
+    pub(super) buffer: &'a Buffer,
+    pub(super) format: Format,
+    pub(super) size: [u32; 2],
+    pub(super) decode: Decode,
+}
+
+impl Photograph<'_> {
+    /// The luminance of a region.
+    fn luminance(&self, region: Region) -> Result<Field, Error> {
+        let Format { channels, depth } = self.format;
+        let count = (region.width * channels.count()) as usize;
+        let row = |y: u32| {
+            let first = u64::from(y) * u64::from(self.size[0]) + u64::from(region.x);
+            (first * u64::from(channels.count() * depth.bytes())) as usize
+        };
+        let rows = region.y..region.y + region.height;
+        let samples = match depth {
+            Depth::U8 => Samples::U8(self.rows(rows.map(row), count)?),
+            Depth::U16 => Samples::U16(self.rows(rows.map(row), count)?),
+            Depth::F32 => Samples::F32(self.rows(rows.map(row), count)?),
+        };
+        let frame = Frame::new(region.width, region.height, channels, samples).map_err(Error::Mismatch)?;
+        // The weights of grey pictures are not read.
+        let weights = if channels == Channels::Gray { [1.0, 0.0, 0.0] } else { LUMINANCE };
+        Ok(ingest::cpu_reference(&frame, self.decode, weights))
+    }
+
+    fn rows<T: bytemuck::Pod>(&self, rows: impl Iterator<Item = usize>, count: usize) -> Result<Vec<T>, Error> {
+        let rows: Result<Vec<Vec<T>>, Error> = rows.map(|first| self.buffer.read(first, count)).collect();
+        Ok(rows?.concat())
+    }
+}
+
+/// A solved pair.
+pub(super) struct Pair<'a> {
+    pub(super) photographs: [Photograph<'a>; 2],
+    pub(super) transform: Homography,
+    pub(super) brightness: Brightness,
+    /// V; NaN where it is not valid.
+    pub(super) relative_blur: &'a [f32],
+    /// The unit of places, px.
+    pub(super) length: f64,
+}
+
+/// The products of the gradients along the displacements by the unknowns of [`sums`](super::stages::sums).
+///
+/// Noise of the two photographs is independent, so that `both` has none on average, while `own` contains it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Agreement {
+    /// Of a photograph with itself. Upper triangle.
+    pub(crate) own: Products,
+    /// Of one photograph with the other. Upper triangle.
+    pub(crate) both: Products,
+}
+
+type Products = [[f64; UNKNOWNS]; UNKNOWNS];
+
+impl Agreement {
+    const NONE: Self = Self { own: [[0.0; UNKNOWNS]; UNKNOWNS], both: [[0.0; UNKNOWNS]; UNKNOWNS] };
+
+    fn add(&mut self, other: &Self) {
+        let add = |sum: &mut Products, other: &Products| {
+            sum.iter_mut().flatten().zip(other.iter().flatten()).for_each(|(sum, v)| *sum += v);
+        };
+        add(&mut self.own, &other.own);
+        add(&mut self.both, &other.both);
+    }
+
+    /// What both photographs share of the products along the first `count` unknowns: L⁻¹ `both` L⁻ᵀ, with `own` L Lᵀ.
+    /// The identity without noise, 0 where there is only noise. With L⁻ᵀ. `None` without gradients along an unknown.
+    pub(crate) fn shared(&self, count: usize) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+        let matrix = |m: &Products| DMatrix::from_fn(count, count, |i, j| m[i.min(j)][i.max(j)]);
+        let inverse = matrix(&self.own).cholesky()?.l().try_inverse()?;
+        let shared = &inverse * matrix(&self.both) * inverse.transpose();
+        shared.iter().all(|v| v.is_finite()).then(|| (shared, inverse.transpose()))
+    }
+
+    /// Adds the gradients of I1 and I2 at a place. `own` is of I2, or the mean of both.
+    fn add_pixel(&mut self, [first, second]: [[f64; 2]; 2], place: [f64; 2], of_both: bool) {
+        let by = displacements(place);
+        let along = |g: [f64; 2]| by.map(|by| by[0] * g[0] + by[1] * g[1]);
+        let [first, second] = [along(first), along(second)];
+        for i in 0..UNKNOWNS {
+            for j in i..UNKNOWNS {
+                self.both[i][j] += 0.5 * (first[i] * second[j] + second[i] * first[j]);
+                let own = second[i] * second[j];
+                self.own[i][j] += if of_both { 0.5 * (own + first[i] * first[j]) } else { own };
+            }
+        }
+    }
+}
+
+/// The gradients of a pair.
+pub(crate) struct Gradients {
+    /// Of the sides of the residual: I1, and I2 on its pixels, the sharper of both blurred by V.
+    pub(crate) sharp: Agreement,
+    /// Of these smoothed, so that noise is less.
+    pub(crate) smooth: Agreement,
+}
+
+impl Pair<'_> {
+    /// The gradients over windows that are spread evenly over the picture.
+    pub(super) fn gradients(&self) -> Result<Gradients, Error> {
+        let windows = self.windows();
+        let one = |n: usize| self.window(windows[n]);
+        let mut sum = Gradients { sharp: Agreement::NONE, smooth: Agreement::NONE };
+        for window in workers::map(windows.len(), one) {
+            if let Some(window) = window? {
+                sum.sharp.add(&window.sharp);
+                sum.smooth.add(&window.smooth);
+            }
+        }
+        Ok(sum)
+    }
+
+    fn size(&self) -> [u32; 2] {
+        self.photographs[0].size
+    }
+
+    fn windows(&self) -> Vec<Region> {
+        let size = self.size();
+        let ratio = (f64::from(size[0]) / f64::from(size[1])).sqrt();
+        let most = [MOST.sqrt() * ratio, MOST.sqrt() / ratio];
+        let counts = [0, 1].map(|n| (size[n] / SIDE).min(most[n] as u32).max(1));
+        let side = size.map(|side| side.min(SIDE));
+        let first = |n: usize, i: u32| ((2 * i + 1) * size[n] / (2 * counts[n])).saturating_sub(side[n] / 2);
+        let row = |j| (0..counts[0]).map(move |i| (i, j));
+        let place = |(i, j)| Region { x: first(0, i), y: first(1, j), width: side[0], height: side[1] };
+        (0..counts[1]).flat_map(row).map(place).collect()
+    }
+
+    fn v(&self, x: u32, y: u32) -> f64 {
+        self.relative_blur[y as usize * self.size()[0] as usize + x as usize].into()
+    }
+
+    /// The gradients on every other pixel of a window; `None` if V is valid on none.
+    fn window(&self, window: Region) -> Result<Option<Gradients>, Error> {
+        let columns = move |y| (window.x + (y & 1)..window.x + window.width).step_by(2).map(move |x| (x, y));
+        let pixels = (window.y..window.y + window.height).flat_map(columns);
+        let valid: Vec<(u32, u32)> = pixels.filter(|&(x, y)| self.v(x, y).is_finite()).collect();
+        let Some(widest) = valid.iter().map(|&(x, y)| self.v(x, y).abs()).reduce(f64::max) else { return Ok(None) };
+        let part = window.expanded(MARGIN + (3.0 * widest.sqrt()).ceil() as u32, self.size());
+        let i1 = self.photographs[0].luminance(part)?;
+        let Some(i2) = self.registered(part)? else { return Ok(None) };
+        let sides = [(i1, 1.0), (i2, -1.0)].map(|(image, sign)| {
+            // No blur where V is not valid: such places are around the window.
+            let v = |x: usize, y: usize| (sign * self.v(part.x + x as u32, part.y + y as u32)).clamp(0.0, widest);
+            let v = |x, y| Some(v(x, y)).filter(|v| v.is_finite()).unwrap_or(0.0);
+            blurred(&image, &Field::from_fn(image.width, image.height, v))
+        });
+        let smooth = sides.each_ref().map(|side| convolve::smoothed(side, SMOOTHING));
+        let splines = sides.each_ref().map(spline);
+        let whole = centre(self.size()[0], self.size()[1]);
+        let mut sums = Gradients { sharp: Agreement::NONE, smooth: Agreement::NONE };
+        for (x, y) in valid {
+            let place = [(f64::from(x) - whole[0]) / self.length, (f64::from(y) - whole[1]) / self.length];
+            let (x, y) = ((x - part.x) as usize, (y - part.y) as usize);
+            let sharp = splines.each_ref().map(|spline| {
+                let jet = near(spline, x, y, [0.0; 2]);
+                [jet.dx, jet.dy]
+            });
+            sums.sharp.add_pixel(sharp, place, false);
+            sums.smooth.add_pixel(smooth.each_ref().map(|side| difference(side, x as isize, y as isize)), place, true);
+        }
+        Ok(Some(sums))
+    }
+
+    /// I2 on the pixels of a part of I1, in the brightness of I1. `None` if T maps the part outside of I2.
+    fn registered(&self, part: Region) -> Result<Option<Field>, Error> {
+        let (size, whole) = (self.photographs[1].size, centre(self.size()[0], self.size()[1]));
+        let ends = |first: u32, length: u32| [f64::from(first), f64::from(first + length - 1)];
+        let [left, top] = [ends(part.x, part.width), ends(part.y, part.height)];
+        let corners = left.into_iter().flat_map(|x| top.map(|y| self.transform.apply([x, y], whole)));
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for corner in corners {
+            for n in 0..2 {
+                (low[n], high[n]) = (low[n].min(corner[n]), high[n].max(corner[n]));
+            }
+        }
+        let first = [0, 1].map(|n| (low[n] - SPLINE).floor().max(0.0));
+        let end = [0, 1].map(|n| (high[n] + SPLINE).ceil().min(f64::from(size[n])));
+        if !(0..2).all(|n| end[n] - first[n] >= 2.0 * SPLINE && low[n].is_finite() && high[n].is_finite()) {
+            return Ok(None);
+        }
+        let [x, y, width, height] = [first[0], first[1], end[0] - first[0], end[1] - first[1]].map(|v| v as u32);
+        let coefficients = spline(&self.photographs[1].luminance(Region { x, y, width, height })?);
+        let value = |i: usize, j: usize| {
+            let place = [f64::from(part.x) + i as f64, f64::from(part.y) + j as f64];
+            let place = self.transform.apply(place, whole);
+            let value = read(&coefficients, place[0] - first[0], place[1] - first[1]).value;
+            self.brightness.apply(value, place)
+        };
+        Ok(Some(Field::from_fn(part.width as usize, part.height as usize, value)))
+    }
+}
+
+/// Spline coefficients.
+fn spline(image: &Field) -> Field {
+    let prefilter = filter::spline_prefilter();
+    convolve::filtered(image, [&prefilter; 2], 1)
+}
+
+/// The central difference at a pixel.
+fn difference(image: &Field, x: isize, y: isize) -> [f64; 2] {
+    [
+        0.5 * (image.clamped(x + 1, y) - image.clamped(x - 1, y)),
+        0.5 * (image.clamped(x, y + 1) - image.clamped(x, y - 1)),
+    ]
+}
+
+/// The image under a Gaussian whose variance is stated at each pixel.
+fn blurred(image: &Field, variance: &Field) -> Field {
+    let sigmas = variance.data.iter().map(|v| v.sqrt());
+    let [least, most] = sigmas.fold([f64::INFINITY, 0.0], |[least, most], s| [least.min(s), most.max(s)]);
+    if most < SHARP {
+        return image.clone();
+    }
+    let mut sigmas = vec![least];
+    while let Some(&last) = sigmas.last().filter(|&&last| last < most) {
+        sigmas.push((last + STEP.max(last / 3.0)).min(most));
+    }
+    let node = |&sigma: &f64| if sigma < SHARP { image.clone() } else { convolve::smoothed(image, sigma) };
+    let nodes: Vec<Field> = sigmas.iter().map(node).collect();
+    let value = |x: usize, y: usize| {
+        let v = variance.get(x, y);
+        let n = sigmas.partition_point(|sigma| sigma * sigma < v).clamp(1, (nodes.len() - 1).max(1));
+        let Some(high) = nodes.get(n) else { return nodes[0].get(x, y) };
+        let [least, most] = [n - 1, n].map(|n| sigmas[n] * sigmas[n]);
+        let share = ((v - least) / (most - least)).clamp(0.0, 1.0);
+        (1.0 - share) * nodes[n - 1].get(x, y) + share * high.get(x, y)
+    };
+    Field::from_fn(image.width, image.height, value)
+}
