@@ -46,7 +46,7 @@ pub use solution::{Findings, LevelHistory, Registered, Solution, SolutionRef, Ti
 pub use source::Source;
 #[cfg(test)]
 pub(crate) use stages::harness as testing;
-pub(crate) use sweep::{JointRegistration, JointSolution, JointSolver, SweepInput};
+pub(crate) use sweep::{JointRegistration, JointSolution, JointSolver, MAX_RELATIVE_BLUR, SweepInput};
 
 use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
 use crate::engine::plan::Plan;

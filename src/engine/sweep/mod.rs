@@ -16,7 +16,7 @@ mod validity;
 use std::time::Duration;
 
 use self::device::Limits;
-use self::pairs::MAX_RELATIVE_BLUR;
+pub use self::pairs::MAX_RELATIVE_BLUR;
 use self::parts::PartSolver;
 use self::pyramid::{IterationDone, PyramidSolver, RELAXATION_SWEEPS, SharedParameters};
 use self::validity::ExcludedPixels;

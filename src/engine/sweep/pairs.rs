@@ -5,7 +5,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use crate::engine::stages::sums::{Sums, UNKNOWNS};
 
 /// The largest V of a pair that counts, px² of a level. Other pairs determine wider blur.
-pub(super) const MAX_RELATIVE_BLUR: f64 = 10.0;
+pub const MAX_RELATIVE_BLUR: f64 = 10.0;
 /// Distance of the frames of a pair, about, px of blur: if they are closer, noise outweighs the difference.
 const PAIR_BLUR: f64 = 0.75;
 

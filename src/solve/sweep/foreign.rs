@@ -200,13 +200,14 @@ const LEAST_PLACES: usize = 12;
 const LEAST_FRAMES: usize = 2;
 
 /// The frames that are sharp everywhere, also where the frames beside them are blurred, from the logarithm of sharpness
-/// of each frame at each place.
+/// of each frame at each place of each octave. One octave suffices: in the finest, noise may outweigh the blur.
 pub(super) fn merged(logarithms: &[Vec<f32>], places: usize) -> Vec<bool> {
     let [sharp, blurred] = SHARP.map(f32::ln);
-    let is_merged = |n: usize| {
+    let octaves = logarithms.first().map_or(0, |frame| frame.len() / places);
+    let is_merged = |n: usize, octave: usize| {
         let others = || logarithms.iter().enumerate().filter(move |(other, _)| *other != n);
         let (mut all, mut here, mut isolated, mut peaks) = (0, 0, 0, BTreeSet::new());
-        for (place, own) in logarithms[n].iter().enumerate().take(places) {
+        for (place, own) in logarithms[n].iter().enumerate().skip(octave * places).take(places) {
             let by_sharpness = |a: &(usize, f32), b: &(usize, f32)| a.1.total_cmp(&b.1);
             let Some((peak, most)) = others().map(|(frame, at)| (frame, at[place])).max_by(by_sharpness) else {
                 return false;
@@ -227,5 +228,5 @@ pub(super) fn merged(logarithms: &[Vec<f32>], places: usize) -> Vec<bool> {
         }
         isolated >= LEAST_PLACES && peaks.len() >= LEAST_FRAMES && here as f32 >= MERGED_SHARE * all as f32
     };
-    (0..logarithms.len()).map(is_merged).collect()
+    (0..logarithms.len()).map(|n| (0..octaves).any(|octave| is_merged(n, octave))).collect()
 }

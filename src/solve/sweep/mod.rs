@@ -5,6 +5,7 @@
 
 mod foreign;
 mod fuse;
+mod judgement;
 mod order;
 mod positions;
 
@@ -19,8 +20,12 @@ use crate::engine::{Engine, JointRegistration, JointSolution, JointSolver, Sweep
 use crate::solve::SolveOptions;
 use crate::solve::pair_solver::{margin, reuse};
 
-/// The largest standard deviation of u at which a pixel has a result, steps.
-const MAX_DEVIATION: f32 = 2.0;
+/// The largest standard deviation of u at which a pixel has a result, as a share of the range of settings. It does not
+/// depend on the number of frames: of 11 frames it is two steps, of 33 six. A bound in steps narrowed with each frame.
+const MAX_DEVIATION: f64 = 0.2;
+/// The same for the side of a pixel that no frame has in focus, steps, if that is more. Beyond the frames u is less
+/// certain, and only its side is stated.
+const MAX_SIDE_DEVIATION: f64 = 2.0;
 /// The blur at which a pixel counts as out of range, px: that of its focus in the first or the last frame. The solve
 /// follows a focus for half a pixel of blur. Near that limit the focus may be anywhere further out. Below it, the frame
 /// cannot be distinguished from one in focus.
@@ -212,15 +217,15 @@ impl SweepSolver {
     /// this.
     ///
     /// # Errors
-    /// Those of [`SweepSolver::for_frames`] and [`SolveOptions::check`]; [`Error::Mismatch`] for a flat reference,
-    /// which only pairs support; [`Error::Cancelled`], [`Error::Timeout`].
+    /// Those of [`SweepSolver::for_frames`] and [`SolveOptions::check`]; [`Error::Mismatch`] for frames that do not
+    /// differ in focus, and for a flat reference, which only pairs support; [`Error::Cancelled`], [`Error::Timeout`].
     pub fn solve(&mut self, frames: &[Frame], options: &SolveOptions) -> Result<Sweep, Error> {
         let sweep_options = self.options.clone();
         let task = Task::new(frames, &sweep_options, options)?;
         let solver = self.prepare(&task.frames)?;
         let report = &mut |progress| options.report(progress);
         let solution = solver.solve(&task.frames, &task.input(), &options.cancel, report)?;
-        let mut sweep = task.sweep(solution);
+        let mut sweep = task.sweep(solution)?;
         if let Some(Region { x, y, width, height }) = options.region {
             sweep.crop(Region { x: x - task.part.x, y: y - task.part.y, width, height });
         }
@@ -348,8 +353,11 @@ impl<'a> Task<'a> {
     }
 
     /// The result of a solve for the cut frames, in order.
-    fn sweep(&self, solution: JointSolution) -> Sweep {
+    fn sweep(&self, solution: JointSolution) -> Result<Sweep, Error> {
+        judgement::differ_in_focus(&solution.registration)?;
         let registered = self.registered(solution.registration.clone());
+        let settings = &solution.registration.settings;
+        let last = settings[settings.len() - 1];
         let frames = FocusedFrames {
             frames: &self.frames,
             reference: self.reference,
@@ -357,15 +365,17 @@ impl<'a> Task<'a> {
             decode: registered.decode,
         };
         let (fused, fused_channels) = (frames.fuse(), frames.channels());
-        let pixels = solution.focus.iter().zip(&solution.deviation);
-        let measured: Vec<f32> =
-            pixels.map(|(&u, &deviation)| if deviation < MAX_DEVIATION { u } else { f32::NAN }).collect();
-        let settings = &solution.registration.settings;
-        let beyond = sides(&measured, settings[settings.len() - 1], solution.registration.rate);
-        let in_range = measured.iter().zip(&beyond).map(|(&u, &side)| if side == 0 { u } else { f32::NAN });
+        let certain = |most: f64| {
+            let pixels = solution.focus.iter().zip(&solution.deviation);
+            pixels.map(move |(&u, &deviation)| if f64::from(deviation) < most { u } else { f32::NAN })
+        };
+        let most = MAX_DEVIATION * last;
+        let on_side: Vec<f32> = certain(most.max(MAX_SIDE_DEVIATION)).collect();
+        let beyond = sides(&on_side, last, solution.registration.rate);
+        let in_range = certain(most).zip(&beyond).map(|(u, &side)| if side == 0 { u } else { f32::NAN });
         let focus = in_range.map(|u| (self.first + self.step * f64::from(u)) as f32).collect();
         let uncertainty = solution.deviation.iter().map(|&s| (self.step.abs() * f64::from(s)) as f32).collect();
-        Sweep {
+        Ok(Sweep {
             width: self.part.width,
             height: self.part.height,
             region: self.part,
@@ -378,11 +388,12 @@ impl<'a> Task<'a> {
             frames: fused.frames.iter().map(|n| n + 1).collect(),
             unit: registered.stated.unit(),
             registration: registered,
-        }
+        })
     }
 
     /// The registration of the photographs, from that of the cut frames.
     fn registered(&self, registration: JointRegistration) -> RegisteredSweep {
+        let coarse = judgement::coarse_warning(&registration, self.options.settings.max_relative_blur);
         let JointRegistration { mut transforms, mut brightness, rate, settings } = registration;
         if self.is_cut {
             move_into(&mut transforms, &mut brightness, self.part, self.photograph);
@@ -405,7 +416,7 @@ impl<'a> Task<'a> {
             blur_rate: rate / self.step.powi(2),
             decode: self.options.settings.decode.resolved([self.frames[0].format().depth]),
             clipped_fractions,
-            warnings: self.order.warnings.iter().cloned().chain(uneven).chain(clipped).collect(),
+            warnings: self.order.warnings.iter().cloned().chain(uneven).chain(coarse).chain(clipped).collect(),
             order: self.order.frames.clone(),
         }
     }
@@ -475,6 +486,74 @@ impl Sweep {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::random::Random;
+    use crate::engine::testing;
+    use crate::lab::scene::{Preset, Scene, SweepScene};
+
+    fn solve(frames: &[Frame]) -> Result<Sweep, Error> {
+        let engine = Engine::new(&testing::options())?;
+        SweepSolver::new(&engine, &SweepOptions::default())?.solve(frames, &SolveOptions::default())
+    }
+
+    /// The share of the pixels that have a focus.
+    fn known(sweep: &Sweep) -> f64 {
+        sweep.focus.iter().filter(|u| u.is_finite()).count() as f64 / sweep.focus.len() as f64
+    }
+
+    /// A relief whose blur grows by `blur` px from the first frame to the last.
+    fn relief(frames: usize, blur: f64, noise: f64, seed: u64) -> SweepScene {
+        let scene = Scene { width: 160, height: 128, noise, seed, ..Preset::Relief.scene() };
+        SweepScene { blur_rate: (blur / (frames - 1) as f64).powi(2), ..SweepScene::new(scene, frames) }
+    }
+
+    #[test]
+    fn frames_of_one_focus_setting_are_refused() {
+        for (seed, noise) in [(1, 0.002), (2, 0.005), (3, 0.02)] {
+            let photograph = relief(3, 6.0, 0.0, seed).render().unwrap().frames.swap_remove(1);
+            let mut random = Random::new(seed, 9);
+            let mut frame = |shift: u32| {
+                let part = Region { x: 2 * shift, y: 7 - shift, width: 144, height: 120 };
+                let shown = photograph.cropped(part).unwrap().intensities(Decode::None);
+                let noisy = shown.iter().map(|v| v + (noise * random.normal()) as f32).collect();
+                Frame::gray(part.width, part.height, noisy).unwrap()
+            };
+            for frames in [[0; 7].map(&mut frame), [0, 1, 2, 3, 4, 5, 6].map(&mut frame)] {
+                let error = solve(&frames).err().unwrap().to_string();
+                assert!(error.contains("do not differ in focus beyond noise"), "{error}");
+            }
+        }
+        let weak = solve(&relief(7, 2.0, 0.003, 4).render().unwrap().frames).unwrap();
+        assert!(known(&weak) > 0.9 && weak.warnings.is_empty(), "{} {:?}", known(&weak), weak.warnings);
+    }
+
+    #[test]
+    fn the_frames_that_would_do_know_more_than_coarse_steps() {
+        for seed in 1..=3 {
+            let solve = |frames: usize| {
+                let scene = SweepScene { span: [0.2, 0.8], ..relief(frames, 24.0, 0.005, seed) };
+                solve(&scene.render().unwrap().frames).unwrap()
+            };
+            let coarse = solve(4);
+            let named = coarse.warnings.iter().find(|warning| warning.contains("too coarse for their blur")).unwrap();
+            let words: Vec<&str> = named.split(' ').collect();
+            let count =
+                words.windows(3).find(|w| w[1..] == ["frames", "would"]).and_then(|w| w[0].parse().ok()).unwrap();
+            let fine = solve(count);
+            println!("4 frames {:.3}, {count} frames {:.3}", known(&coarse), known(&fine));
+            assert!((8..=10).contains(&count) && fine.warnings.is_empty(), "{named} {:?}", fine.warnings);
+            assert!(known(&coarse) < 0.7 && known(&fine) > 0.85);
+        }
+    }
+
+    #[test]
+    fn twice_the_frames_of_one_range_know_no_less() {
+        for seed in 1..=3 {
+            let [few, many] = [17, 33].map(|frames| solve(&relief(frames, 6.0, 0.03, seed).render().unwrap().frames));
+            let [few, many] = [few, many].map(|sweep| known(&sweep.unwrap()));
+            println!("17 frames {few:.3}, 33 frames {many:.3}");
+            assert!(many > few - 0.005, "{few} {many}");
+        }
+    }
 
     #[test]
     fn focus_half_a_pixel_of_blur_outside_the_frames_has_a_side() {

@@ -363,6 +363,23 @@ mod tests {
     }
 
     #[test]
+    fn a_merged_frame_is_noticed_where_noise_outweighs_the_finest_texture() {
+        let frames = slope(7);
+        let stack: Vec<_> = frames.iter().map(|frame| frame.intensities(Decode::None)).collect();
+        let noisy = |n: usize, value: &dyn Fn(usize, usize) -> f32| {
+            let mut random = Random::new(n as u64, 1);
+            let noise: Vec<f64> = (0..192 * 128).map(|_| 0.02 * random.normal()).collect();
+            replaced(&frames[0], |x, y| f64::from(value(x, y)) + noise[y * 192 + x])
+        };
+        let mut given: Vec<Frame> = (0..7).map(|n| noisy(n, &|x, y| stack[n][y * 192 + x])).collect();
+        assert_eq!(judge(&given, false, false).unwrap().warnings, Vec::<String>::new());
+        given[3] = noisy(7, &|x, y| stack[(6 * x + 96) / 192][y * 192 + x]);
+        let order = judge(&given, false, false).unwrap();
+        assert_eq!(order.frames, [0, 1, 2, 4, 5, 6], "{:?}", order.warnings);
+        assert!(order.warnings[0].starts_with("frame 4 is sharp wherever any other frame is"), "{:?}", order.warnings);
+    }
+
+    #[test]
     fn frames_of_several_scenes_are_refused() {
         let frames = slope(3);
         let other = |seed: u64| {
