@@ -1,24 +1,36 @@
 //! Judges whether the frames of a sweep determine the focus: whether they differ in it, and by steps that are fine
 //! enough for their blur.
 
-use crate::base::Error;
+use crate::base::{Error, statistics::median};
 use crate::engine::{JointRegistration, MAX_RELATIVE_BLUR};
 
 /// The least blur in the last frame of what is in focus in the first, px: below it the frames do not differ in focus.
 ///
-/// Frames of one focus setting, noisy, shifted or recompressed, have up to 0.64 px (9 generated sweeps and 25 made of
-/// five photographs), because of noise and errors of the registration. Three frames whose variance grows by 0.4 px² each
-/// have 0.86 px. Real and generated sweeps have 5.7 px and more.
+/// Errors of the registration and the compression of files give frames of one focus setting up to 0.64 px (9 generated
+/// sweeps and 25 made of five photographs). Three frames whose variance grows by 0.4 px² each have 0.86 px.
 const LEAST_BLUR: f64 = 0.75;
+/// The most blur, px, that noise alone may give frames of one focus setting. Noise of 0.05 of full scale gave 1.5 px;
+/// real and generated sweeps have 5.7 px and more.
+const MOST_BLUR_OF_NOISE: f64 = 3.0;
+/// The most that the median standard deviation of u may be, as a share of the range of the frames, if their blur is not
+/// that of noise.
+///
+/// Noise gives u and c together what explains it best, so u is then about as uncertain as the range is long. The share is
+/// 0.13 to 9.6 for seven scenes photographed with one focus setting and noise of 0.002 to 0.05, and 0.006 to 0.03 for six
+/// sweeps of 0.9 to 3 px with noise of 0.003 to 0.03.
+const MOST_DEVIATION: f64 = 0.08;
 /// The least share of the settings at which two neighbouring frames can be compared, without a warning.
 ///
 /// Where a step widens the blur by 4.4 px (seven frames of the heat sink) the share is 0.5, and 87 % of the pixels have a
 /// u. With 6.4 px (four frames of the metal part) it is 0.24, and 53 % have one; with 8 px 0.16, and 10 to 15 %.
 const LEAST_COMPARED: f64 = 1.0 / 3.0;
 
-/// An error if the frames do not differ in focus.
-pub(super) fn differ_in_focus(registration: &JointRegistration) -> Result<(), Error> {
-    if blur(registration) >= LEAST_BLUR {
+/// An error if the frames do not differ in focus. `deviation` is the standard deviation of u by pixel, in steps.
+pub(super) fn differ_in_focus(registration: &JointRegistration, deviation: &[f32]) -> Result<(), Error> {
+    let (blur, range) = (blur(registration), registration.settings[registration.settings.len() - 1]);
+    let deviations = deviation.iter().copied().map(f64::from);
+    let is_noise = || median(deviations).is_none_or(|deviation| deviation > MOST_DEVIATION * range);
+    if blur >= MOST_BLUR_OF_NOISE || blur >= LEAST_BLUR && !is_noise() {
         return Ok(());
     }
     Err(Error::Mismatch(
@@ -76,9 +88,13 @@ mod tests {
 
     #[test]
     fn frames_of_one_focus_setting_are_refused() {
-        let judged = |blur: f64| differ_in_focus(&registration(&[0.0, 1.0, 2.0], blur));
-        let error = judged(0.3).unwrap_err().to_string();
-        assert!(error.contains("do not differ in focus beyond noise"), "{error}");
-        assert!(judged(0.43).is_ok());
+        let judged = |blur: f64, deviation: f32| {
+            differ_in_focus(&registration(&[0.0, 1.0, 2.0], blur / 2.0), &[f32::NAN, deviation])
+        };
+        for (blur, deviation) in [(0.6, 0.02), (1.5, 0.3), (1.5, f32::NAN)] {
+            let error = judged(blur, deviation).unwrap_err().to_string();
+            assert!(error.contains("do not differ in focus beyond noise"), "{error}");
+        }
+        assert!(judged(0.86, 0.02).is_ok() && judged(5.0, 0.3).is_ok());
     }
 }
