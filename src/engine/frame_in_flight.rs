@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::arguments;
+use super::contrast::OneFocus;
 use super::motion::QuadraticForm;
 use super::plan::Plan;
 use super::progress::WorkCounter;
@@ -377,6 +378,11 @@ impl FrameInFlight {
                     gradients.as_ref().and_then(|gradients| form.deviation(settings.motion, gradients));
             }
             findings.determine(undetermined);
+            let contrasts = gradients.as_ref().and_then(|gradients| gradients.contrasts.as_deref());
+            if let Some(found) = contrasts.and_then(|contrasts| OneFocus::of(contrasts, v, deviation)) {
+                findings.converged &= !found.is_noise();
+                findings.warnings.push(found.warning());
+            }
         }
         self.phases.end("collect");
         findings.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;

@@ -1,6 +1,7 @@
 //! The engine: two photographs or a focus sweep to blur and registration, on a Vulkan device.
 
 pub(crate) mod arguments;
+mod contrast;
 pub(crate) mod filter;
 mod frame_in_flight;
 mod motion;

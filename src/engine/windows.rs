@@ -1,8 +1,9 @@
 //! Windows of both photographs, compared on the host after a solve: how much of the gradients that T was found from is
-//! the scene. Section 5 of `docs/method.md`.
+//! the scene, and whether the photographs differ in blur. Section 5 of `docs/method.md`.
 
 use nalgebra::DMatrix;
 
+use super::contrast::Contrast;
 use super::filter;
 use super::stages::spline::{Field, near, read};
 use super::stages::sums::{UNKNOWNS, displacements};
@@ -20,6 +21,8 @@ const MOST: f64 = 20.0;
 const MARGIN: u32 = 6;
 /// σ of the smoothing, px. It leaves a thirtieth of the power of white noise.
 const SMOOTHING: f64 = 1.5;
+/// The largest |V|, px², at which photographs are compared as they are: beyond it they differ in blur.
+const NEARLY_ALIKE: f64 = 1.0;
 /// The reach of the spline's prefilter and of the spline, px.
 const SPLINE: f64 = 11.0;
 /// The least step of σ, px, between blurred images that are interpolated by V; a third of σ if that is more.
@@ -127,6 +130,21 @@ pub(crate) struct Gradients {
     pub(crate) sharp: Agreement,
     /// Of these smoothed, so that noise is less.
     pub(crate) smooth: Agreement,
+    /// The contrasts of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all
+    /// windows.
+    pub(crate) contrasts: Option<Vec<Contrast>>,
+}
+
+impl Gradients {
+    fn none() -> Self {
+        Self { sharp: Agreement::NONE, smooth: Agreement::NONE, contrasts: Some(Vec::new()) }
+    }
+
+    fn add(&mut self, other: Self) {
+        self.sharp.add(&other.sharp);
+        self.smooth.add(&other.smooth);
+        self.contrasts = self.contrasts.take().zip(other.contrasts).map(|(sum, other)| [sum, other].concat());
+    }
 }
 
 impl Pair<'_> {
@@ -134,11 +152,10 @@ impl Pair<'_> {
     pub(super) fn gradients(&self) -> Result<Gradients, Error> {
         let windows = self.windows();
         let one = |n: usize| self.window(windows[n]);
-        let mut sum = Gradients { sharp: Agreement::NONE, smooth: Agreement::NONE };
+        let mut sum = Gradients::none();
         for window in workers::map(windows.len(), one) {
             if let Some(window) = window? {
-                sum.sharp.add(&window.sharp);
-                sum.smooth.add(&window.smooth);
+                sum.add(window);
             }
         }
         Ok(sum)
@@ -173,16 +190,18 @@ impl Pair<'_> {
         let part = window.expanded(MARGIN + (3.0 * widest.sqrt()).ceil() as u32, self.size());
         let i1 = self.photographs[0].luminance(part)?;
         let Some(i2) = self.registered(part)? else { return Ok(None) };
-        let sides = [(i1, 1.0), (i2, -1.0)].map(|(image, sign)| {
+        let photographs = [i1, i2];
+        let alike = (widest <= NEARLY_ALIKE).then(|| photographs.each_ref().map(|i| convolve::smoothed(i, SMOOTHING)));
+        let sides = [(&photographs[0], 1.0), (&photographs[1], -1.0)].map(|(image, sign)| {
             // No blur where V is not valid: such places are around the window.
             let v = |x: usize, y: usize| (sign * self.v(part.x + x as u32, part.y + y as u32)).clamp(0.0, widest);
             let v = |x, y| Some(v(x, y)).filter(|v| v.is_finite()).unwrap_or(0.0);
-            blurred(&image, &Field::from_fn(image.width, image.height, v))
+            blurred(image, &Field::from_fn(image.width, image.height, v))
         });
         let smooth = sides.each_ref().map(|side| convolve::smoothed(side, SMOOTHING));
         let splines = sides.each_ref().map(spline);
         let whole = centre(self.size()[0], self.size()[1]);
-        let mut sums = Gradients { sharp: Agreement::NONE, smooth: Agreement::NONE };
+        let (mut sums, mut contrast) = (Gradients::none(), Contrast::default());
         for (x, y) in valid {
             let place = [(f64::from(x) - whole[0]) / self.length, (f64::from(y) - whole[1]) / self.length];
             let (x, y) = ((x - part.x) as usize, (y - part.y) as usize);
@@ -191,8 +210,14 @@ impl Pair<'_> {
                 [jet.dx, jet.dy]
             });
             sums.sharp.add_pixel(sharp, place, false);
-            sums.smooth.add_pixel(smooth.each_ref().map(|side| difference(side, x as isize, y as isize)), place, true);
+            let (x, y) = (x as isize, y as isize);
+            sums.smooth.add_pixel(smooth.each_ref().map(|side| difference(side, x, y)), place, true);
+            if let Some(alike) = &alike {
+                let gradients = alike.each_ref().map(|image| difference(image, x, y));
+                contrast.add_pixel(gradients, alike.each_ref().map(|image| laplacian(image, x, y)));
+            }
         }
+        sums.contrasts = alike.map(|_| vec![contrast]);
         Ok(Some(sums))
     }
 
@@ -237,6 +262,11 @@ fn difference(image: &Field, x: isize, y: isize) -> [f64; 2] {
         0.5 * (image.clamped(x + 1, y) - image.clamped(x - 1, y)),
         0.5 * (image.clamped(x, y + 1) - image.clamped(x, y - 1)),
     ]
+}
+
+fn laplacian(image: &Field, x: isize, y: isize) -> f64 {
+    let near = [[x - 1, y], [x + 1, y], [x, y - 1], [x, y + 1]].map(|[x, y]| image.clamped(x, y));
+    near.iter().sum::<f64>() - 4.0 * image.clamped(x, y)
 }
 
 /// The image under a Gaussian whose variance is stated at each pixel.

@@ -87,13 +87,35 @@ pub fn pair(
     pair_of(&Radiance::new(seed), size, transform, blur, noise, seed)
 }
 
+/// As [`pair`], with noise of I1 and of I2.
+pub fn noisy_pair(
+    size: [u32; 2],
+    transform: impl Into<Homography>,
+    blur: impl Fn([f64; 2]) -> [f64; 2],
+    noise: [f64; 2],
+    seed: u64,
+) -> [Frame; 2] {
+    rendered(&Radiance::new(seed), size, transform, blur, noise, seed)
+}
+
 /// As [`pair`], of this radiance; `seed` is that of the noise.
 pub fn pair_of(
+    radiance: &Radiance,
+    size: [u32; 2],
+    transform: impl Into<Homography>,
+    blur: impl Fn([f64; 2]) -> [f64; 2],
+    noise: f64,
+    seed: u64,
+) -> [Frame; 2] {
+    rendered(radiance, size, transform, blur, [noise; 2], seed)
+}
+
+fn rendered(
     radiance: &Radiance,
     [width, height]: [u32; 2],
     transform: impl Into<Homography>,
     blur: impl Fn([f64; 2]) -> [f64; 2],
-    noise: f64,
+    noise: [f64; 2],
     seed: u64,
 ) -> [Frame; 2] {
     let (back, c) = (transform.into().inverse(), centre(width, height));
@@ -102,7 +124,7 @@ pub fn pair_of(
         let values = (0..height).flat_map(|y| (0..width).map(move |x| [f64::from(x), f64::from(y)]));
         let values = values.map(|place| {
             let x = if image == 0 { place } else { back.apply(place, c) };
-            (radiance.blurred(x, blur(x)[image]) + noise * random.normal()) as f32
+            (radiance.blurred(x, blur(x)[image]) + noise[image] * random.normal()) as f32
         });
         Frame::gray(width, height, values.collect()).unwrap()
     })

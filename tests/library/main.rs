@@ -4,6 +4,7 @@
 mod common;
 
 mod baseline;
+mod contrast;
 #[cfg(target_os = "linux")]
 mod fuzz;
 mod in_flight;
