@@ -5,7 +5,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::arguments;
-use super::contrast::OneFocus;
 use super::motion::QuadraticForm;
 use super::plan::Plan;
 use super::progress::WorkCounter;
@@ -378,10 +377,8 @@ impl FrameInFlight {
                     gradients.as_ref().and_then(|gradients| form.deviation(settings.motion, gradients));
             }
             findings.determine(undetermined);
-            let contrasts = gradients.as_ref().and_then(|gradients| gradients.contrasts.as_deref());
-            if let Some(found) = contrasts.and_then(|contrasts| OneFocus::of(contrasts, v, deviation)) {
-                findings.converged &= !found.is_noise();
-                findings.warnings.push(found.warning());
+            if let Some(gradients) = &gradients {
+                findings.compare_contrasts(gradients, &settings.kernel, [v, deviation]);
             }
         }
         self.phases.end("collect");

@@ -298,7 +298,7 @@ mod tests {
         };
         let (own, both) = (diagonal(&|_| 1.0), diagonal(&|i| if i == weak { of_weak } else { share }));
         let agreement = Agreement { own, both };
-        Gradients { sharp: agreement.clone(), smooth: agreement, contrasts: None }
+        Gradients { sharp: agreement.clone(), smooth: agreement, matched: Vec::new(), unmatched: None }
     }
 
     #[test]

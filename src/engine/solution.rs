@@ -2,11 +2,15 @@
 
 use std::ops::{Deref, DerefMut};
 
+use super::contrast::{OneFocus, Shaken};
 use super::motion::{OtherMotion, TransformDeviation};
 use super::script::MOST_MOVING;
 use super::stages::state::State;
 use super::stages::uncertainty::{LARGEST, UNEXPLAINED, at_limit};
-use crate::base::{Brightness, Channels, Error, Homography, Photometric, Region, Settings, Shading, centre, workers};
+use super::windows::Gradients;
+use crate::base::{
+    Brightness, Channels, Error, Homography, Kernel, Photometric, Region, Settings, Shading, centre, workers,
+};
 
 /// The results of a solve without the fields.
 #[derive(Clone, Debug, PartialEq)]
@@ -371,6 +375,21 @@ impl Findings {
             self.warnings.push(format!(
                 "the images determine the registration to {corner_px:.1} px only, along {direction_deg:.0}° {directions}: mask what moved between the photographs, or see that texture shows in every direction"
             ));
+        }
+    }
+
+    /// Judges whether the contrasts of the photographs differ as by defocus; from V and its standard deviation.
+    pub(crate) fn compare_contrasts(&mut self, gradients: &Gradients, kernel: &Kernel, [v, deviation]: [&[f32]; 2]) {
+        let unmatched = gradients.unmatched.as_ref();
+        if let Some(found) = unmatched.and_then(|windows| OneFocus::of(windows, v, deviation)) {
+            self.converged &= !found.is_noise();
+            self.warnings.push(found.warning());
+        }
+        // A kernel that is not round blurs by direction.
+        let is_round = matches!(kernel, Kernel::Auto | Kernel::Gaussian | Kernel::Pillbox);
+        if let Some(found) = Shaken::of(&gradients.matched).filter(|_| is_round) {
+            self.converged = false;
+            self.warnings.push(found.warning());
         }
     }
 

@@ -130,20 +130,22 @@ pub(crate) struct Gradients {
     pub(crate) sharp: Agreement,
     /// Of these smoothed, so that noise is less.
     pub(crate) smooth: Agreement,
-    /// The contrasts of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all
-    /// windows.
-    pub(crate) contrasts: Option<Vec<Contrast>>,
+    /// The contrasts of the smoothed sides in each window.
+    pub(crate) matched: Vec<Contrast>,
+    /// Those of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all windows.
+    pub(crate) unmatched: Option<Vec<Contrast>>,
 }
 
 impl Gradients {
     fn none() -> Self {
-        Self { sharp: Agreement::NONE, smooth: Agreement::NONE, contrasts: Some(Vec::new()) }
+        Self { sharp: Agreement::NONE, smooth: Agreement::NONE, matched: Vec::new(), unmatched: Some(Vec::new()) }
     }
 
     fn add(&mut self, other: Self) {
         self.sharp.add(&other.sharp);
         self.smooth.add(&other.smooth);
-        self.contrasts = self.contrasts.take().zip(other.contrasts).map(|(sum, other)| [sum, other].concat());
+        self.matched.extend(other.matched);
+        self.unmatched = self.unmatched.take().zip(other.unmatched).map(|(sum, other)| [sum, other].concat());
     }
 }
 
@@ -201,7 +203,7 @@ impl Pair<'_> {
         let smooth = sides.each_ref().map(|side| convolve::smoothed(side, SMOOTHING));
         let splines = sides.each_ref().map(spline);
         let whole = centre(self.size()[0], self.size()[1]);
-        let (mut sums, mut contrast) = (Gradients::none(), Contrast::default());
+        let (mut sums, mut matched, mut unmatched) = (Gradients::none(), Contrast::default(), Contrast::default());
         for (x, y) in valid {
             let place = [(f64::from(x) - whole[0]) / self.length, (f64::from(y) - whole[1]) / self.length];
             let (x, y) = ((x - part.x) as usize, (y - part.y) as usize);
@@ -211,13 +213,15 @@ impl Pair<'_> {
             });
             sums.sharp.add_pixel(sharp, place, false);
             let (x, y) = (x as isize, y as isize);
-            sums.smooth.add_pixel(smooth.each_ref().map(|side| difference(side, x, y)), place, true);
+            let gradients = smooth.each_ref().map(|side| difference(side, x, y));
+            sums.smooth.add_pixel(gradients, place, true);
+            matched.add_gradients(gradients);
             if let Some(alike) = &alike {
-                let gradients = alike.each_ref().map(|image| difference(image, x, y));
-                contrast.add_pixel(gradients, alike.each_ref().map(|image| laplacian(image, x, y)));
+                unmatched.add_gradients(alike.each_ref().map(|image| difference(image, x, y)));
+                unmatched.add_laplacians(alike.each_ref().map(|image| laplacian(image, x, y)));
             }
         }
-        sums.contrasts = alike.map(|_| vec![contrast]);
+        (sums.matched, sums.unmatched) = (vec![matched], alike.map(|_| vec![unmatched]));
         Ok(Some(sums))
     }
 

@@ -67,10 +67,17 @@ impl Radiance {
     }
 
     /// Returns the radiance at a point, blurred by a Gaussian of variance `v` per axis, px².
-    pub fn blurred(&self, [x, y]: [f64; 2], v: f64) -> f64 {
+    pub fn blurred(&self, place: [f64; 2], v: f64) -> f64 {
+        self.shaken(place, v, [0.0; 2])
+    }
+
+    /// As [`blurred`](Self::blurred), by a camera that moves along a straight path, px, during the exposure.
+    pub fn shaken(&self, [x, y]: [f64; 2], v: f64, path: [f64; 2]) -> f64 {
         let wave = |w: &Wave| {
             let k2 = w.k[0] * w.k[0] + w.k[1] * w.k[1];
-            w.amplitude * (w.k[0] * x + w.k[1] * y + w.phase).cos() * (-v * k2 / 2.0).exp()
+            let half = 0.5 * (w.k[0] * path[0] + w.k[1] * path[1]);
+            let shaken = if half == 0.0 { 1.0 } else { half.sin() / half };
+            w.amplitude * (w.k[0] * x + w.k[1] * y + w.phase).cos() * (-v * k2 / 2.0).exp() * shaken
         };
         0.5 + self.0.iter().map(wave).sum::<f64>()
     }
@@ -87,15 +94,22 @@ pub fn pair(
     pair_of(&Radiance::new(seed), size, transform, blur, noise, seed)
 }
 
-/// As [`pair`], with noise of I1 and of I2.
-pub fn noisy_pair(
+/// How a pair was taken: the noise of each photograph, and the path of the camera during each exposure, px.
+#[derive(Clone, Copy, Default)]
+pub struct Exposures {
+    pub noise: [f64; 2],
+    pub paths: [[f64; 2]; 2],
+}
+
+/// As [`pair`], taken so.
+pub fn pair_by(
+    exposures: Exposures,
     size: [u32; 2],
     transform: impl Into<Homography>,
     blur: impl Fn([f64; 2]) -> [f64; 2],
-    noise: [f64; 2],
     seed: u64,
 ) -> [Frame; 2] {
-    rendered(&Radiance::new(seed), size, transform, blur, noise, seed)
+    rendered(&Radiance::new(seed), exposures, size, transform, blur, seed)
 }
 
 /// As [`pair`], of this radiance; `seed` is that of the noise.
@@ -107,15 +121,16 @@ pub fn pair_of(
     noise: f64,
     seed: u64,
 ) -> [Frame; 2] {
-    rendered(radiance, size, transform, blur, [noise; 2], seed)
+    let exposures = Exposures { noise: [noise; 2], ..Exposures::default() };
+    rendered(radiance, exposures, size, transform, blur, seed)
 }
 
 fn rendered(
     radiance: &Radiance,
+    Exposures { noise, paths }: Exposures,
     [width, height]: [u32; 2],
     transform: impl Into<Homography>,
     blur: impl Fn([f64; 2]) -> [f64; 2],
-    noise: [f64; 2],
     seed: u64,
 ) -> [Frame; 2] {
     let (back, c) = (transform.into().inverse(), centre(width, height));
@@ -124,7 +139,7 @@ fn rendered(
         let values = (0..height).flat_map(|y| (0..width).map(move |x| [f64::from(x), f64::from(y)]));
         let values = values.map(|place| {
             let x = if image == 0 { place } else { back.apply(place, c) };
-            (radiance.blurred(x, blur(x)[image]) + noise[image] * random.normal()) as f32
+            (radiance.shaken(x, blur(x)[image], paths[image]) + noise[image] * random.normal()) as f32
         });
         Frame::gray(width, height, values.collect()).unwrap()
     })

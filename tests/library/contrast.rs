@@ -1,32 +1,34 @@
-//! Tests of what the contrasts of both photographs show: pairs without a difference of blur.
+//! Tests of what the contrasts of both photographs show: pairs without a difference of blur, and shaken ones.
 
 use parfocal::{Settings, Solution, transform::Similarity};
 
 use crate::common::TestEngine;
-use crate::common::scene::{noisy_pair, slanted};
+use crate::common::scene::{Exposures, pair_by, slanted};
 
-/// Solves a pair with noise of each photograph.
+/// Solves a pair, displaced by about 1.6 px.
 fn solve(
     engine: &TestEngine,
     size: [u32; 2],
     blur: impl Fn([f64; 2]) -> [f64; 2],
-    noise: [f64; 2],
+    exposures: Exposures,
     seed: u64,
 ) -> Solution {
     let transform = Similarity::new(1.3, -0.9, 0.15, 1.01);
-    engine.solve(noisy_pair(size, transform, blur, noise, seed).each_ref(), &Settings::default())
+    engine.solve(pair_by(exposures, size, transform, blur, seed).each_ref(), &Settings::default())
 }
 
-const WARNING: &str = "no difference of blur";
+fn noisy(noise: [f64; 2]) -> Exposures {
+    Exposures { noise, ..Exposures::default() }
+}
 
 #[test]
 fn photographs_of_one_focus_setting_show_no_difference_whichever_is_noisy() {
     let engine = TestEngine::new();
     for (size, seed) in [([96, 64], 1), ([160, 128], 2), ([224, 160], 3)] {
         for noise in [[0.003, 0.003], [0.0, 0.03], [0.04, 0.01]] {
-            let solution = solve(&engine, size, |_| [0.3, 0.3], noise, seed);
+            let solution = solve(&engine, size, |_| [0.3, 0.3], noisy(noise), seed);
             let said = solution.warnings.join("\n");
-            assert!(said.contains(WARNING), "{size:?}, noise {noise:?}: {said}");
+            assert!(said.contains("no difference of blur"), "{size:?}, noise {noise:?}: {said}");
             // Equal noise does not make V wrong.
             assert_eq!(solution.converged, noise[0] == noise[1], "{size:?}, noise {noise:?}: {said}");
         }
@@ -44,13 +46,38 @@ fn a_small_difference_of_blur_is_one() {
                 [0.3, 0.3 + 2.0 * (-distance * distance / 200.0).exp()]
             };
             for (name, solution) in [
-                ("0.6 px² everywhere", solve(&engine, size, |_| [0.3, 0.9], noise, seed)),
-                ("a half", solve(&engine, size, half, noise, seed)),
-                ("a spot", solve(&engine, size, spot, noise, seed)),
-                ("a slant", solve(&engine, size, slanted(size[0]), noise, seed)),
+                ("0.6 px² everywhere", solve(&engine, size, |_| [0.3, 0.9], noisy(noise), seed)),
+                ("a half", solve(&engine, size, half, noisy(noise), seed)),
+                ("a spot", solve(&engine, size, spot, noisy(noise), seed)),
+                ("a slant", solve(&engine, size, slanted(size[0]), noisy(noise), seed)),
             ] {
                 let said = solution.warnings.join("\n");
                 assert!(solution.converged && said.is_empty(), "{name}, {size:?}, noise {noise:?}: {said}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_camera_that_moved_during_one_exposure_is_noticed_with_its_direction() {
+    let engine = TestEngine::new();
+    for (size, seed, degrees) in [([128, 96], 1, 0.0), ([160, 128], 2, 35.0), ([224, 160], 3, 90.0)] {
+        let (sin, cos) = f64::to_radians(degrees).sin_cos();
+        for (length, noise) in [(6.0, 0.003), (9.0, 0.02)] {
+            for image in [0, 1] {
+                let mut exposures = noisy([noise; 2]);
+                exposures.paths[image] = [length * cos, length * sin];
+                let solution = solve(&engine, size, slanted(size[0]), exposures, seed);
+                let said = solution.warnings.join("\n");
+                let along = said.split(["or I1 along ", "I2 moved along "][image]).nth(1);
+                let along = along.and_then(|text| text.split('°').next()).and_then(|text| text.parse::<f64>().ok());
+                let off = along.map(|along| (along - degrees + 90.0).rem_euclid(180.0) - 90.0);
+                // The directions that are compared are 15° apart.
+                assert!(
+                    !solution.converged && off.is_some_and(|off| off.abs() <= 15.0),
+                    "{size:?}, I{} by {length} px along {degrees}°, noise {noise}: {said}",
+                    image + 1
+                );
             }
         }
     }
