@@ -378,7 +378,7 @@ impl FrameInFlight {
             }
             findings.determine(undetermined);
             if let Some(gradients) = &gradients {
-                findings.compare_contrasts(gradients, &settings.kernel, [v, deviation]);
+                findings.compare_contrasts(gradients, settings, [v, deviation]);
             }
         }
         self.phases.end("collect");

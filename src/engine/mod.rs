@@ -2,6 +2,7 @@
 
 pub(crate) mod arguments;
 mod contrast;
+mod effects;
 pub(crate) mod filter;
 mod frame_in_flight;
 mod motion;

@@ -298,7 +298,13 @@ mod tests {
         };
         let (own, both) = (diagonal(&|_| 1.0), diagonal(&|i| if i == weak { of_weak } else { share }));
         let agreement = Agreement { own, both };
-        Gradients { sharp: agreement.clone(), smooth: agreement, matched: Vec::new(), unmatched: None }
+        Gradients {
+            sharp: agreement.clone(),
+            smooth: agreement,
+            effects: [[0.0; UNKNOWNS]; UNKNOWNS],
+            matched: Vec::new(),
+            unmatched: None,
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::ops::{Deref, DerefMut};
 
 use super::contrast::{OneFocus, Shaken};
+use super::effects::determine_v;
 use super::motion::{OtherMotion, TransformDeviation};
 use super::script::MOST_MOVING;
 use super::stages::state::State;
@@ -260,6 +261,8 @@ const MOST_UNEXPLAINED: f64 = 0.15;
 const MOST_DEVIATION: f64 = 0.5;
 /// How the doubt about a level that has not settled begins.
 const STOPPED: &str = "stopped after";
+/// The warning that V is not determined.
+const UNDETERMINED: &str = "the photographs do not determine V, because brightness changes them as blur does or noise hides what blur changes: see that texture of several sizes shows, and that it is in focus in one of the two";
 /// Largest shading without a warning: lenses that vignette differ by less.
 const MOST_SHADING: f64 = 0.2;
 
@@ -379,14 +382,24 @@ impl Findings {
     }
 
     /// Judges whether the contrasts of the photographs differ as by defocus; from V and its standard deviation.
-    pub(crate) fn compare_contrasts(&mut self, gradients: &Gradients, kernel: &Kernel, [v, deviation]: [&[f32]; 2]) {
+    pub(crate) fn compare_contrasts(
+        &mut self,
+        gradients: &Gradients,
+        settings: &Settings,
+        [v, deviation]: [&[f32]; 2],
+    ) {
         let unmatched = gradients.unmatched.as_ref();
         if let Some(found) = unmatched.and_then(|windows| OneFocus::of(windows, v, deviation)) {
             self.converged &= !found.is_noise();
             self.warnings.push(found.warning());
         }
+        let valid = self.valid_fraction * f64::from(self.width) * f64::from(self.height);
+        if !determine_v(&gradients.effects, settings.photometric, valid, self.noise) {
+            self.converged = false;
+            self.warnings.push(UNDETERMINED.to_string());
+        }
         // A kernel that is not round blurs by direction.
-        let is_round = matches!(kernel, Kernel::Auto | Kernel::Gaussian | Kernel::Pillbox);
+        let is_round = matches!(settings.kernel, Kernel::Auto | Kernel::Gaussian | Kernel::Pillbox);
         if let Some(found) = Shaken::of(&gradients.matched).filter(|_| is_round) {
             self.converged = false;
             self.warnings.push(found.warning());

@@ -4,6 +4,7 @@
 use nalgebra::DMatrix;
 
 use super::contrast::Contrast;
+use super::effects::effects;
 use super::filter;
 use super::stages::spline::{Field, near, read};
 use super::stages::sums::{UNKNOWNS, displacements};
@@ -87,17 +88,14 @@ pub(crate) struct Agreement {
     pub(crate) both: Products,
 }
 
-type Products = [[f64; UNKNOWNS]; UNKNOWNS];
+pub(crate) type Products = [[f64; UNKNOWNS]; UNKNOWNS];
 
 impl Agreement {
     const NONE: Self = Self { own: [[0.0; UNKNOWNS]; UNKNOWNS], both: [[0.0; UNKNOWNS]; UNKNOWNS] };
 
     fn add(&mut self, other: &Self) {
-        let add = |sum: &mut Products, other: &Products| {
-            sum.iter_mut().flatten().zip(other.iter().flatten()).for_each(|(sum, v)| *sum += v);
-        };
-        add(&mut self.own, &other.own);
-        add(&mut self.both, &other.both);
+        add_sums(&mut self.own, &other.own);
+        add_sums(&mut self.both, &other.both);
     }
 
     /// What both photographs share of the products along the first `count` unknowns: L⁻¹ `both` L⁻ᵀ, with `own` L Lᵀ.
@@ -110,18 +108,30 @@ impl Agreement {
     }
 
     /// Adds the gradients of I1 and I2 at a place. `own` is of I2, or the mean of both.
-    fn add_pixel(&mut self, [first, second]: [[f64; 2]; 2], place: [f64; 2], of_both: bool) {
+    fn add_pixel(&mut self, gradients: [[f64; 2]; 2], place: [f64; 2], of_both: bool) {
         let by = displacements(place);
-        let along = |g: [f64; 2]| by.map(|by| by[0] * g[0] + by[1] * g[1]);
-        let [first, second] = [along(first), along(second)];
+        let [first, second] = gradients.map(|g| by.map(|by| by[0] * g[0] + by[1] * g[1]));
+        add_products(&mut self.both, first, second);
         for i in 0..UNKNOWNS {
             for j in i..UNKNOWNS {
-                self.both[i][j] += 0.5 * (first[i] * second[j] + second[i] * first[j]);
                 let own = second[i] * second[j];
                 self.own[i][j] += if of_both { 0.5 * (own + first[i] * first[j]) } else { own };
             }
         }
     }
+}
+
+/// Adds the products of the numbers of both photographs.
+fn add_products(sum: &mut Products, first: [f64; UNKNOWNS], second: [f64; UNKNOWNS]) {
+    for i in 0..UNKNOWNS {
+        for j in i..UNKNOWNS {
+            sum[i][j] += 0.5 * (first[i] * second[j] + second[i] * first[j]);
+        }
+    }
+}
+
+fn add_sums(sum: &mut Products, other: &Products) {
+    sum.iter_mut().flatten().zip(other.iter().flatten()).for_each(|(sum, v)| *sum += v);
 }
 
 /// The gradients of a pair.
@@ -130,6 +140,8 @@ pub(crate) struct Gradients {
     pub(crate) sharp: Agreement,
     /// Of these smoothed, so that noise is less.
     pub(crate) smooth: Agreement,
+    /// The products of the [`effects`] on the smoothed sides, of one side with the other.
+    pub(crate) effects: Products,
     /// The contrasts of the smoothed sides in each window.
     pub(crate) matched: Vec<Contrast>,
     /// Those of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all windows.
@@ -138,12 +150,20 @@ pub(crate) struct Gradients {
 
 impl Gradients {
     fn none() -> Self {
-        Self { sharp: Agreement::NONE, smooth: Agreement::NONE, matched: Vec::new(), unmatched: Some(Vec::new()) }
+        let effects = [[0.0; UNKNOWNS]; UNKNOWNS];
+        Self {
+            sharp: Agreement::NONE,
+            smooth: Agreement::NONE,
+            effects,
+            matched: Vec::new(),
+            unmatched: Some(Vec::new()),
+        }
     }
 
     fn add(&mut self, other: Self) {
         self.sharp.add(&other.sharp);
         self.smooth.add(&other.smooth);
+        add_sums(&mut self.effects, &other.effects);
         self.matched.extend(other.matched);
         self.unmatched = self.unmatched.take().zip(other.unmatched).map(|(sum, other)| [sum, other].concat());
     }
@@ -216,6 +236,9 @@ impl Pair<'_> {
             let gradients = smooth.each_ref().map(|side| difference(side, x, y));
             sums.smooth.add_pixel(gradients, place, true);
             matched.add_gradients(gradients);
+            let at = |side: &Field| effects(side.clamped(x, y), laplacian(side, x, y), place);
+            let [first, second] = smooth.each_ref().map(at);
+            add_products(&mut sums.effects, first, second);
             if let Some(alike) = &alike {
                 unmatched.add_gradients(alike.each_ref().map(|image| difference(image, x, y)));
                 unmatched.add_laplacians(alike.each_ref().map(|image| laplacian(image, x, y)));

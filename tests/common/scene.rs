@@ -66,6 +66,12 @@ impl Radiance {
         Self((0..12).map(wave).collect())
     }
 
+    /// Waves along x and along y of each frequency, rad per px, and amplitude.
+    pub fn gratings(waves: &[[f64; 2]]) -> Self {
+        let both = |&[k, amplitude]: &[f64; 2]| [[k, 0.0], [0.0, k]].map(|k| Wave { k, phase: 0.4, amplitude });
+        Self(waves.iter().flat_map(both).collect())
+    }
+
     /// Returns the radiance at a point, blurred by a Gaussian of variance `v` per axis, px².
     pub fn blurred(&self, place: [f64; 2], v: f64) -> f64 {
         self.shaken(place, v, [0.0; 2])

@@ -1,9 +1,12 @@
-//! Tests of what the contrasts of both photographs show: pairs without a difference of blur, and shaken ones.
+//! Tests of what the contrasts of both photographs show: pairs without a difference of blur, shaken ones, and those whose
+//! brightness changes them as blur does.
+
+use std::f64::consts::TAU;
 
 use parfocal::{Settings, Solution, transform::Similarity};
 
 use crate::common::TestEngine;
-use crate::common::scene::{Exposures, pair_by, slanted};
+use crate::common::scene::{Exposures, Radiance, pair_by, pair_of, slanted};
 
 /// Solves a pair, displaced by about 1.6 px.
 fn solve(
@@ -80,5 +83,34 @@ fn a_camera_that_moved_during_one_exposure_is_noticed_with_its_direction() {
                 );
             }
         }
+    }
+}
+
+#[test]
+fn pictures_whose_brightness_or_noise_stands_for_blur_do_not_determine_v() {
+    let engine = TestEngine::new();
+    let transform = Similarity::new(1.3, -0.9, 0.15, 1.01);
+    let full = |size: [u32; 2], n: f64| n * TAU / f64::from(size[0]);
+    for (size, seed, period) in [([128, 96], 1, 12.0), ([160, 128], 2, 16.0), ([224, 160], 3, 20.0)] {
+        let k = TAU / period;
+        for (name, waves, v, noise, is_determined) in [
+            ("one frequency", vec![[k, 0.2]], 4.0, 0.003, false),
+            ("nearly one frequency", vec![[k, 0.2], [1.5 * k, 0.02]], 4.0, 0.003, false),
+            ("a smooth picture with noise", vec![[full(size, 0.5), 0.05], [full(size, 1.0), 0.15]], 4.0, 0.02, false),
+            ("a grating with its harmonics", vec![[k, 0.1], [2.0 * k, 0.1], [3.0 * k, 0.1]], 1.0, 0.003, true),
+        ] {
+            let frames = pair_of(&Radiance::gratings(&waves), size, transform, |_| [0.3, 0.3 + v], noise, seed);
+            let solution = engine.solve(frames.each_ref(), &Settings::default());
+            let said = solution.warnings.join("\n");
+            assert_eq!(solution.converged, is_determined, "{name}, {size:?}: {said}");
+            let is_said = said.contains("do not determine V") || said.contains("too little texture");
+            assert_eq!(is_said, !is_determined, "{name}, {size:?}: {said}");
+        }
+        // Without a gain to find, a grating determines V.
+        let one = Radiance::gratings(&[[k, 0.2]]);
+        let frames = pair_of(&one, size, transform, |_| [0.3, 4.3], 0.003, seed);
+        let settings = Settings { photometric: false, ..Settings::default() };
+        let solution = engine.solve(frames.each_ref(), &settings);
+        assert!(solution.converged && solution.warnings.is_empty(), "{size:?}: {:?}", solution.warnings);
     }
 }
