@@ -21,11 +21,17 @@ const LEAST_SHARE: f64 = 0.1;
 /// 0.05, pairs of noise 0.05 have 0.08.
 const MOST_DEVIATION: f64 = 0.5;
 
+/// The fewest pixels that say anything.
+const FEWEST: f64 = 256.0;
+
 /// Whether V is determined, by the sums over pixels of the products of the [`effects`] on both sides, one with the other.
 ///
 /// `valid` pixels have a V, and the difference of the photographs has `noise`.
 pub(crate) fn determine_v(sums: &[[f64; UNKNOWNS]; UNKNOWNS], fits_brightness: bool, valid: f64, noise: f64) -> bool {
     let [of_v, pixels] = [sums[0][0], sums[1][1]];
+    if pixels < FEWEST {
+        return true;
+    }
     let share = if fits_brightness { share(sums) } else { 1.0 };
     // Noise is smoothed less than the effect of V, but over as many pixels as smoothing makes alike: both cancel.
     let deviation = noise / (valid * share * of_v / pixels).sqrt();
@@ -96,7 +102,7 @@ mod tests {
         let smooth = sums(&[[0.03, 0.1], [0.09, 0.01]], 0.0, 1);
         let determined = |noise| determine_v(&smooth, false, 4096.0, noise);
         assert!(determined(0.0005) && !determined(0.01));
-        let blank = [[0.0; UNKNOWNS]; UNKNOWNS];
-        assert!(!determine_v(&blank, true, 4096.0, 0.01));
+        // No windows say nothing.
+        assert!(determine_v(&[[0.0; UNKNOWNS]; UNKNOWNS], true, 4096.0, 0.01));
     }
 }

@@ -24,6 +24,8 @@ const MARGIN: u32 = 6;
 const SMOOTHING: f64 = 1.5;
 /// The largest |V|, px², at which photographs are compared as they are: beyond it they differ in blur.
 const NEARLY_ALIKE: f64 = 1.0;
+/// The luminances of integers up to which, and from which on, a pixel counts as clipped.
+const CLIPPED: [f64; 2] = [0.0, 0.995];
 /// The reach of the spline's prefilter and of the spline, px.
 const SPLINE: f64 = 11.0;
 /// The least step of σ, px, between blurred images that are interpolated by V; a third of σ if that is more.
@@ -209,10 +211,12 @@ impl Pair<'_> {
         let pixels = (window.y..window.y + window.height).flat_map(columns);
         let valid: Vec<(u32, u32)> = pixels.filter(|&(x, y)| self.v(x, y).is_finite()).collect();
         let Some(widest) = valid.iter().map(|&(x, y)| self.v(x, y).abs()).reduce(f64::max) else { return Ok(None) };
-        let part = window.expanded(MARGIN + (3.0 * widest.sqrt()).ceil() as u32, self.size());
+        let reach = MARGIN + (3.0 * widest.sqrt()).ceil() as u32;
+        let part = window.expanded(reach, self.size());
         let i1 = self.photographs[0].luminance(part)?;
         let Some(i2) = self.registered(part)? else { return Ok(None) };
         let photographs = [i1, i2];
+        let clear = self.clear(part, &photographs, reach as usize);
         let alike = (widest <= NEARLY_ALIKE).then(|| photographs.each_ref().map(|i| convolve::smoothed(i, SMOOTHING)));
         let sides = [(&photographs[0], 1.0), (&photographs[1], -1.0)].map(|(image, sign)| {
             // No blur where V is not valid: such places are around the window.
@@ -235,6 +239,9 @@ impl Pair<'_> {
             let (x, y) = (x as isize, y as isize);
             let gradients = smooth.each_ref().map(|side| difference(side, x, y));
             sums.smooth.add_pixel(gradients, place, true);
+            if !clear(x as usize, y as usize) {
+                continue;
+            }
             matched.add_gradients(gradients);
             let at = |side: &Field| effects(side.clamped(x, y), laplacian(side, x, y), place);
             let [first, second] = smooth.each_ref().map(at);
@@ -246,6 +253,37 @@ impl Pair<'_> {
         }
         (sums.matched, sums.unmatched) = (vec![matched], alike.map(|_| vec![unmatched]));
         Ok(Some(sums))
+    }
+
+    /// A test of whether no pixel up to `reach` px from a place of a part is clipped, masked or without V: around such
+    /// pixels the two photographs do not show the same light.
+    fn clear(&self, part: Region, photographs: &[Field; 2], reach: usize) -> impl Fn(usize, usize) -> bool {
+        let [width, height] = [part.width, part.height].map(|v| v as usize);
+        let can_clip = self.photographs.each_ref().map(|photograph| photograph.format.depth != Depth::F32);
+        let is_bad = |x: usize, y: usize| {
+            let [column, row] = [part.x + x as u32, part.y + y as u32];
+            let place = [column, row].map(f64::from);
+            let levels = CLIPPED.map(|level| [level, self.brightness.apply(level, place)]);
+            let clips = |n: usize| {
+                let value = photographs[n].get(x, y);
+                can_clip[n] && (value <= levels[0][n] || value >= levels[1][n])
+            };
+            self.v(column, row).is_nan() || clips(0) || clips(1)
+        };
+        // Sums over all pixels above and to the left.
+        let mut sums = vec![0u32; (width + 1) * (height + 1)];
+        let at = move |x: usize, y: usize| y * (width + 1) + x;
+        for y in 0..height {
+            for x in 0..width {
+                let beside = sums[at(x, y + 1)] + sums[at(x + 1, y)] - sums[at(x, y)];
+                sums[at(x + 1, y + 1)] = beside + u32::from(is_bad(x, y));
+            }
+        }
+        move |x, y| {
+            let [left, top] = [x, y].map(|v| v.saturating_sub(reach));
+            let [right, bottom] = [(x + reach + 1).min(width), (y + reach + 1).min(height)];
+            sums[at(right, bottom)] + sums[at(left, top)] == sums[at(left, bottom)] + sums[at(right, top)]
+        }
     }
 
     /// I2 on the pixels of a part of I1, in the brightness of I1. `None` if T maps the part outside of I2.

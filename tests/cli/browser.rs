@@ -58,6 +58,12 @@ impl Browser {
     /// Sends one command and waits for its answer.
     #[track_caller]
     pub fn call(&mut self, method: &str, parameters: Value) -> Value {
+        self.answer(method, parameters).unwrap_or_else(|error| panic!("{method}: {error}"))
+    }
+
+    /// Sends one command and waits for its answer, which may be an error.
+    #[track_caller]
+    fn answer(&mut self, method: &str, parameters: Value) -> Result<Value, Value> {
         self.last_id += 1;
         let mut message = json!({ "id": self.last_id, "method": method, "params": parameters });
         if !self.session.is_empty() {
@@ -67,8 +73,8 @@ impl Browser {
         loop {
             let message = self.receive();
             if message["id"] == self.last_id {
-                assert!(message["error"].is_null(), "{method}: {}", message["error"]);
-                return message["result"].clone();
+                let [error, result] = ["error", "result"].map(|part| message[part].clone());
+                return if error.is_null() { Ok(result) } else { Err(error) };
             }
             self.events.push(message);
         }
@@ -97,7 +103,9 @@ impl Browser {
     #[track_caller]
     pub fn wait(&mut self, ready: &str) {
         let start = Instant::now();
-        while self.evaluate(&format!("Boolean({ready})")) != json!(true) {
+        let request = json!({ "expression": format!("Boolean({ready})"), "returnByValue": true });
+        // An error: the page is being left for the next one.
+        while !self.answer("Runtime.evaluate", request.clone()).is_ok_and(|answer| answer["result"]["value"] == true) {
             assert!(start.elapsed() < PATIENCE, "the page is not ready: {:#?}", self.complaints());
             std::thread::sleep(Duration::from_millis(50));
         }
