@@ -43,11 +43,15 @@ struct State {
 const float HORIZON = 0.1;
 
 // T x - x on a level whose pixels are `factor` wide. T x itself has steps of 2.4e-4 px at x = 4000 in single precision.
-vec2 displacement(Registration r, ivec2 x, float factor, vec2 centre) {
-    vec2 p = vec2(x) - centre;
+vec2 displacement_at(Registration r, vec2 x, float factor, vec2 centre) {
+    vec2 p = x - centre;
     float depth = factor * (r.gx * p.x + r.gy * p.y);
     vec2 d = vec2(r.tx, r.ty) / factor + vec2(r.xx * p.x + r.xy * p.y, r.yx * p.x + r.yy * p.y);
     return (d - depth * p) / max(1.0 + depth, HORIZON);
+}
+
+vec2 displacement(Registration r, ivec2 x, float factor, vec2 centre) {
+    return displacement_at(r, vec2(x), factor, centre);
 }
 
 mat3 matrix(Registration r) {

@@ -144,7 +144,25 @@ macro_rules! plain_values {
 plain_values! {
     u32: |value| Some(value.into());
     f64: Some;
-    bool: |_| None;
+}
+
+impl Value for bool {
+    fn text(&self) -> String {
+        self.to_string()
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        match text {
+            "true" | "on" => Some(true),
+            "false" | "off" => Some(false),
+            _ => None,
+        }
+    }
+
+    #[cfg(feature = "program")]
+    fn parser() -> clap::builder::ValueParser {
+        ["on", "off", "true", "false"].into()
+    }
 }
 
 macro_rules! named_values {
@@ -331,6 +349,10 @@ settings! {
     /// Shape of the blur.
     /// auto finds where it lies between a Gaussian and a disk.
     kernel: Kernel = Kernel::Auto;
+    /// Whether depth edges of a pair are as sharp as the scene's.
+    /// Where two layers explain the photographs better, V passes from one depth to the other at their outline, instead of
+    /// over some 5 px around it.
+    edges: bool = true, flag "Relative blur V" "on|off";
     /// Whether the fused image of a pair is computed; depth and registration do not need it.
     /// Its pass takes a twentieth of the solve of 1 Mpx in grey (`parfocal bench`, lavapipe). Without it a quarter less is
     /// read back, of colour half.

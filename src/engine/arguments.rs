@@ -5,7 +5,8 @@
 //! [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles.
 //! Before an iteration that may warp it restores the words of the warping passes, or zeroes them.
 //!
-//! The last word, after those of all levels, is [`NOT_CANCELLED`]. The host sets it to [`CANCELLED`] at any time;
+//! After those of all levels come nine words, the workgroups of the passes over [`Edges`]: zero until
+//! [`edge_cells`](super::stages::edge_cells) finds an edge. The last word is [`NOT_CANCELLED`]. The host sets it to [`CANCELLED`] at any time;
 //! `update_transform` then ends its level and all finer ones.
 
 use super::stages::state::{LevelState, MAX_LEVELS};
@@ -26,9 +27,28 @@ pub(crate) const NOT_CANCELLED: u32 = 0;
 /// The last word of a cancelled solve.
 pub(crate) const CANCELLED: u32 = 1;
 
-/// Bytes of the words of `levels` levels, and of the last word.
+/// What a pass over depth edges runs over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Edges {
+    /// Tiles of `edge_costs`.
+    Tiles,
+    /// Cells.
+    Cells,
+    /// Pixels.
+    Pixels,
+}
+
+/// Words of the passes over edges.
+const EDGE_WORDS: usize = 9;
+
+/// The first word of the passes over edges.
+pub(crate) fn edge_place(levels: usize) -> usize {
+    levels * WORDS
+}
+
+/// Bytes of the words of `levels` levels, of those of the passes over edges, and of the last word.
 pub(crate) fn bytes(levels: usize) -> u64 {
-    4 * (levels * WORDS + 1) as u64
+    4 * (levels * WORDS + EDGE_WORDS + 1) as u64
 }
 
 /// What a dispatch of a level runs over.
@@ -59,6 +79,8 @@ pub(crate) enum Grid {
     Level { level: usize, over: Over },
     /// Those of the n-th of a level's passes that warp I2 again; none unless T or the shading has changed.
     IfMoved { level: usize, n: usize },
+    /// Those over depth edges, of a solve of so many levels; none if there is no edge.
+    Edges { levels: usize, over: Edges },
 }
 
 impl Grid {
@@ -68,6 +90,7 @@ impl Grid {
             Grid::Direct(_) => None,
             Grid::Level { level, over } => Some(level * WORDS + 3 * over.index()),
             Grid::IfMoved { level, n } => Some(level * WORDS + GRID_WORDS + 3 * n),
+            Grid::Edges { levels, over } => Some(edge_place(levels) + 3 * over as usize),
         }
     }
 }
@@ -93,7 +116,7 @@ impl Over {
 }
 
 /// The words before a solve: for each level, finest first, the workgroups of [`Over::all`] and of the passes that
-/// warp I2 again; then [`NOT_CANCELLED`].
+/// warp I2 again; zeros for the passes over edges; then [`NOT_CANCELLED`].
 pub(crate) fn initial_words(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
     let words = levels.iter().zip(warps).flat_map(|(grids, warps)| {
         let mut words = [grids.as_flattened(), warps.as_flattened()].concat();
@@ -101,7 +124,7 @@ pub(crate) fn initial_words(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>
         words.resize(WORDS, 0);
         words
     });
-    words.chain([NOT_CANCELLED]).collect()
+    words.chain([0; EDGE_WORDS]).chain([NOT_CANCELLED]).collect()
 }
 
 /// The words of a level that `update_transform` writes.

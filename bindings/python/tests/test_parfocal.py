@@ -157,6 +157,7 @@ def test_every_setting_is_a_keyword_argument(engine, result):
         motion="similarity",
         registration_step="gauss-newton",
         photometric=True,
+        edges=True,
         fused=True,
         keep_frames=False,
         decode="auto",

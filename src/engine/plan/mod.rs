@@ -6,7 +6,7 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::stack::{self, Slopes, node_count};
 use crate::engine::stages::state::MAX_LEVELS;
-use crate::engine::stages::{self, convolve, linearise, shape_windows, uncertainty_terms};
+use crate::engine::stages::{self, convolve, edge, linearise, shape_windows, uncertainty_terms};
 
 mod layout;
 
@@ -233,7 +233,8 @@ impl Plan {
 
     /// Layers of both blur stacks.
     pub(crate) fn stack_layers(&self) -> u32 {
-        self.first_layer(1) + self.layers_of(&self.pyramid[0])
+        let stacks = self.first_layer(1) + self.layers_of(&self.pyramid[0]);
+        if self.settings.edges { stacks.max(edge::LAYERS) } else { stacks }
     }
 
     /// Layers of a blur stack on a level.

@@ -74,6 +74,9 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     }
     s.uncertainty_terms();
     s.uncertainty();
+    if plan.settings.edges {
+        s.edges();
+    }
     for channel in 0..plan.fused_count() {
         s.fuse(channel);
     }

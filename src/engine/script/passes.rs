@@ -2,16 +2,17 @@
 
 use super::compose::{BOTH, Composer};
 use crate::base::{Decode, RegistrationStep};
-use crate::engine::arguments::{self, Grid, Over};
+use crate::engine::arguments::{self, Edges, Grid, Over};
 use crate::engine::plan::{Level, MAP_LAYERS, Plan, relative_blur_share, transform_share};
 use crate::engine::slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, exposure, fuse, grid, halve_grid, ingest, linearise,
-    mask, pixels, prolong, relax, relax_grid, relax_level, residual, shape, shape_median, shape_windows, sums, system,
-    uncertainty, uncertainty_terms, unpack, update, update_transform,
+    NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, edge, edge_agree, edge_apply, edge_cells, edge_costs,
+    edge_decide, exposure, fuse, grid, halve_grid, ingest, linearise, mask, pixels, prolong, relax, relax_grid,
+    relax_level, residual, shape, shape_median, shape_windows, sums, system, uncertainty, uncertainty_terms, unpack,
+    update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -487,6 +488,44 @@ impl Composer<'_> {
         let (plan, variant) = (self.plan, if self.masked { uncertainty::MASKED } else { NO_VARIANT });
         let constants = uncertainty::Constants::new(plan.size, plan.pyramid[0].centre, &plan.settings);
         self.over(plan.size, bindings, &constants, variant);
+    }
+
+    /// V and its standard deviation at depth edges, by the outlines that explain the photographs best.
+    pub(super) fn edges(&mut self) {
+        let (plan, finest) = (self.plan, &self.plan.pyramid[0]);
+        let (size @ [width, height], levels) = (plan.size, plan.solved);
+        let over = |over| Grid::Edges { levels, over };
+        let [cells, pixels] = [edge_cells::STAGE.groups(edge::cells(size)), edge_apply::STAGE.groups(size)];
+        let groups = [edge_costs::tiles(size), [cells[0], cells[1]], [pixels[0], pixels[1]]];
+        let bindings = edge_cells::Bindings {
+            v: slot::relative_blur(0).read(),
+            results: slot::RESULTS.update(),
+            arguments: slot::ARGUMENTS.write(),
+        };
+        let argument_place = arguments::edge_place(levels) as u32;
+        let constants = edge_cells::Constants { width, height, argument_place, groups };
+        self.over(edge::cells(size), bindings, &constants, NO_VARIANT);
+        let bindings = edge_costs::Bindings {
+            i1: slot::i1(0).read(),
+            i2: slot::i2(0).read(),
+            v: slot::relative_blur(0).read(),
+            results: slot::RESULTS.update(),
+            state: slot::STATE.read(),
+        };
+        let constants = edge_costs::Constants { width, height, centre: single(finest.centre) };
+        self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Tiles));
+        let bindings = edge_decide::Bindings { results: slot::RESULTS.update() };
+        self.dispatch(bindings, &edge_decide::Constants { width, height }, NO_VARIANT, over(Edges::Cells));
+        for n in 0..edge_agree::PASSES {
+            let bindings = edge_agree::Bindings { results: slot::RESULTS.update() };
+            let (from, to) = (edge_agree::place(n), edge_agree::place(n + 1));
+            let constants = edge_agree::Constants { width, height, from, to };
+            self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Cells));
+        }
+        let bindings = edge_apply::Bindings { v: slot::relative_blur(0).update(), results: slot::RESULTS.update() };
+        let decided = edge_agree::place(edge_agree::PASSES);
+        let constants = edge_apply::Constants { width, height, decided };
+        self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Pixels));
     }
 
     /// One channel of the fused image, equation 37. Its photographs replace the luminance.

@@ -337,6 +337,11 @@ impl<'a> Trial<'a> {
         (self.rig.floats(&self.buffers[&n]), &self.expected.numbers[&slot(n)])
     }
 
+    /// Words on the device, and by the CPU reference.
+    pub(crate) fn words(&self, n: usize) -> [Vec<u32>; 2] {
+        [self.rig.words(&self.buffers[&n]), self.expected.words[&slot(n)].clone()]
+    }
+
     /// The sums of the registration on the device, and by the CPU reference.
     pub(crate) fn sums(&self, n: usize, layout: Layout) -> [Sums; 2] {
         [Sums::from_partials(&self.numbers(n).0, layout), self.expected.sums.clone()]

@@ -348,6 +348,8 @@ impl Instance {
             "five storage buffers per shader"
         } else if limits.max_compute_work_group_invocations < 256 {
             "workgroups of 256"
+        } else if limits.max_compute_shared_memory_size < 1 << 15 {
+            "32 KiB of memory that a workgroup shares"
         } else {
             return None;
         };

@@ -37,6 +37,7 @@ class Settings(TypedDict, total=False):
     motion: str  # "translation", "similarity", "affine" or "homography"
     registration_step: str  # "gauss-newton" or "gradient-descent"
     photometric: bool
+    edges: bool  # depth edges of a pair as sharp as the scene's
     fused: bool  # also compute the fused image of a pair
     keep_frames: bool  # keep the frames of a sweep that do not show the scene of the others
     decode: str  # "auto": uint8 is read as sRGB, other types as linear; "none"; "srgb"

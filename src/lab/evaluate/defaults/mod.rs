@@ -123,6 +123,48 @@ fn close_to_jumps(relative_blur: &[f32], width: usize) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Settings;
+    use crate::engine::{Engine, testing};
+    use crate::lab::scene::Shape;
+    use crate::solve::{PairSolver, SolveOptions};
+
+    #[test]
+    fn outlines_lie_where_those_of_the_scene_do_in_either_order() {
+        let engine = Engine::new(&testing::options()).unwrap();
+        for (seed, noise, nearer_first) in [(1, 0.003, true), (2, 0.01, false), (3, 0.003, false)] {
+            let mut scene = Scene { width: 256, height: 256, seed, noise, ..Preset::Card.scene() };
+            if let (Shape::Layers { lens, .. }, false) = (&mut scene.shape, nearer_first) {
+                lens.focus.reverse();
+            }
+            let pair = scene.render().unwrap();
+            let solve = |edges| {
+                let settings = Settings { edges, ..Settings::default() };
+                PairSolver::new(&engine, &settings)
+                    .unwrap()
+                    .solve([&pair.i1, &pair.i2], &SolveOptions::default())
+                    .unwrap()
+            };
+            let [before, after] = [false, true].map(solve);
+            let close = close_to_jumps(&pair.relative_blur, 256);
+            let wrong = |solution: &Solution| errors(solution, &pair.relative_blur, |i| close[i])[1];
+            println!("{:.1} % wrong, before {:.1} %", wrong(&after), wrong(&before));
+            assert!(wrong(&after) < 0.5 * wrong(&before));
+            // Away from edges no bit changes.
+            let far = |i: usize| !close[i.saturating_sub(8)] && !close[(i + 8).min(close.len() - 1)];
+            let changed = (0..close.len())
+                .filter(|&i| far(i) && after.relative_blur[i].to_bits() != before.relative_blur[i].to_bits());
+            assert!(changed.count() < close.len() / 50);
+        }
+        let plane = Scene { width: 96, height: 80, noise: 0.003, ..Preset::Plane.scene() }.render().unwrap();
+        let [off, on] = [false, true].map(|edges| {
+            let settings = Settings { edges, ..Settings::default() };
+            let mut solver = PairSolver::new(&engine, &settings).unwrap();
+            let solution = solver.solve([&plane.i1, &plane.i2], &SolveOptions::default()).unwrap();
+            [&solution.relative_blur, &solution.uncertainty]
+                .map(|field| field.iter().map(|v| v.to_bits()).collect::<Vec<_>>())
+        });
+        assert!(off == on, "there is no edge");
+    }
 
     #[test]
     fn a_square_around_each_jump_is_close() {

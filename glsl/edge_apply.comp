@@ -1,0 +1,93 @@
+#version 460
+// V and its standard deviation at the depth edges whose outlines two layers explain. CPU reference:
+// src/engine/stages/edge_apply.rs.
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform image2DArray relative_blur;
+layout(binding = 1, r32f) uniform image2DArray results;
+layout(push_constant) uniform Constants {
+    int width, height;
+    int decided;                     // first number of the decisions
+};
+
+#include "edge.glsl"
+
+// Cells in each direction that an outline is taken from.
+const int AROUND = 4;
+// What must speak for an outline, in units of cost per cell: over V as it is, and over the other order; the share of
+// cells whose outline is well within the displacements; and the cells that continue the edge.
+const float GAIN = 0.0, ORDER = 3.0, WITHIN = 0.9, LENGTH = 4.0;
+// The farthest pixels that change, px from where V was halfway, and from where on they change less.
+const float FARTHEST = 13.0, FADING = 9.0;
+// σ² of the weights of cells: along the edge, and by the pixel's distance from it.
+const float ALONG = 4.0, AWAY = 36.0;
+
+const int COLUMNS = int(gl_WorkGroupSize.x) / SIDE + 2 * AROUND, LINES = int(gl_WorkGroupSize.y) / SIDE + 2 * AROUND;
+// A bit for each cell, by row: whether an outline is accepted with the near side in front, and with the far side.
+shared uint accepted[LINES][2];
+
+// 0: V stays; 1: the near side is in front; 2: the far side is.
+int order_of(ivec2 cell) {
+    if (any(lessThan(cell, ivec2(0))) || any(greaterThanEqual(cell, ivec2(width, height) / SIDE))) return 0;
+    if (number_of(cell, EDGES, 0) == 0.0) return 0;
+    float margin = number_of(cell, DECISIONS, decided + 4);
+    int reversed = margin < 0.0 ? 1 : 0;
+    bool accepted = abs(margin) > ORDER && number_of(cell, DECISIONS, decided + reversed) > GAIN
+        && number_of(cell, DECISIONS, decided + 2 + reversed) > WITHIN && number_of(cell, DECISIONS, decided + 5) > LENGTH;
+    return accepted ? 1 + reversed : 0;
+}
+
+// The probability that a place `inside` px inside the outline's start is in front.
+float in_front(ivec2 cell, int outlines, float inside) {
+    float place = clamp(inside + float(BACKWARD) + 1.0, 0.0, float(DISPLACEMENTS));
+    int n = int(place);
+    float below = n == 0 ? 0.0 : number_of(cell, outlines, n - 1);
+    return n == DISPLACEMENTS ? below : mix(below, number_of(cell, outlines, n), place - float(n));
+}
+
+void main() {
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy), corner = ivec2(gl_WorkGroupID.xy * gl_WorkGroupSize.xy) / SIDE - AROUND;
+    int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    if (gl_LocalInvocationIndex < 2 * LINES) accepted[gl_LocalInvocationIndex / 2][gl_LocalInvocationIndex % 2] = 0;
+    barrier();
+    for (int n = int(gl_LocalInvocationIndex); n < COLUMNS * LINES; n += step) {
+        int order = order_of(corner + ivec2(n % COLUMNS, n / COLUMNS));
+        if (order > 0) atomicOr(accepted[n / COLUMNS][order - 1], 1u << (n % COLUMNS));
+    }
+    barrier();
+    if (x.x >= width || x.y >= height) return;
+    ivec2 own = x / SIDE - corner;
+    float sum = 0.0, nearest = 1e30;
+    vec4 levels = vec4(0.0);
+    float near_share = 0.0;
+    for (int j = own.y - AROUND; j <= own.y + AROUND; j++) {
+        uvec2 orders = (uvec2(accepted[j][0], accepted[j][1]) >> (own.x - AROUND)) & ((1u << (2 * AROUND + 1)) - 1u);
+        for (uint cells = orders.x | orders.y; cells != 0u; cells &= cells - 1u) {
+            int i = findLSB(cells);
+            int order = (orders.x >> i & 1u) != 0u ? 1 : 2;
+            ivec2 cell = corner + ivec2(own.x - AROUND + i, j);
+            Edge edge = edge_of(cell);
+            vec2 apart = vec2(x) - edge.place;
+            float inside = dot(apart, edge.normal), along = dot(apart, vec2(-edge.normal.y, edge.normal.x));
+            if (abs(inside) > FARTHEST) continue;
+            nearest = min(nearest, inside * inside + 4.0 * along * along);
+            float near = order == 1 ? in_front(cell, OUTLINES, inside) : 1.0 - in_front(cell, REVERSED_OUTLINES, -inside);
+            float weight = exp(-along * along / (2.0 * ALONG) - inside * inside / (2.0 * AWAY));
+            sum += weight;
+            near_share += weight * near;
+            levels += weight * vec4(edge.near, edge.far, edge.near_deviation, edge.far_deviation);
+        }
+    }
+    if (sum < 1e-3) return;
+    float p = near_share / sum;
+    levels /= sum;
+    float v = imageLoad(relative_blur, ivec3(x, 0)).r, deviation = imageLoad(results, ivec3(x, 1)).r;
+    float share = clamp((FARTHEST - sqrt(nearest)) / (FARTHEST - FADING), 0.0, 1.0) * min(1.0, sum / 0.3);
+    v = mix(v, mix(levels.y, levels.x, p), share);
+    float mixed = sqrt(max(p * (1.0 - p), 0.0)) * abs(levels.x - levels.y) + mix(levels.w, levels.z, p);
+    imageStore(relative_blur, ivec3(x, 0), vec4(v));
+    // Where there are no results, both are NaN.
+    if (isnan(deviation)) return;
+    imageStore(results, ivec3(x, 0), vec4(v));
+    imageStore(results, ivec3(x, 1), vec4(mix(deviation, mixed, share)));
+}

@@ -1,0 +1,112 @@
+#version 460
+// Finds the cells at depth edges, their normals, and V of either side. CPU reference: src/engine/stages/edge_cells.rs.
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 1, r32f) uniform image2DArray results;            // layers: V, its standard deviation; later the cells
+layout(binding = 2, std430) writeonly buffer Arguments { uint arguments[]; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    int argument_place;              // first word of the workgroups of the passes over edges
+    uint tiles_x, tiles_y, cells_x, cells_y, pixels_x, pixels_y;
+};
+
+#include "edge.glsl"
+
+// The least jump of V, px²; as a share of the range over twice the distance, so that a slope is none; in least standard
+// deviations.
+const float JUMP = 1.5, STEEP = 0.75, CERTAIN = 5.0;
+// The least difference of the levels: as a share of JUMP; of the larger |V|; in standard deviations of the difference.
+const float LEVELS = 0.8, SHARE = 0.35, SURE = 2.5;
+// The largest |V| of a side, px²: the blur that the searched profile has room for.
+const float LARGEST = 16.0;
+// The farthest pixels that a level is averaged over, and σ² of their weights.
+const int FARTHEST = 16;
+const float WEIGHT = 64.0;
+
+float v_at(ivec2 x) {
+    return imageLoad(relative_blur, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 0)).r;
+}
+
+float deviation_at(ivec2 x) {
+    return imageLoad(results, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 1)).r;
+}
+
+// V and its standard deviation between pixels.
+vec2 between(vec2 x) {
+    ivec2 i = ivec2(floor(x));
+    vec2 f = x - vec2(i);
+    vec2 above = mix(vec2(v_at(i), deviation_at(i)), vec2(v_at(i + ivec2(1, 0)), deviation_at(i + ivec2(1, 0))), f.x);
+    i.y++;
+    vec2 below = mix(vec2(v_at(i), deviation_at(i)), vec2(v_at(i + ivec2(1, 0)), deviation_at(i + ivec2(1, 0))), f.x);
+    return mix(above, below, f.y);
+}
+
+// The means of V and of its deviation on the near (1) or far (-1) side, along the normal until V is halfway. x is 0 if
+// there are less than two samples.
+vec3 level(vec2 place, vec2 normal, float halfway, float side) {
+    vec3 sums = vec3(0.0);
+    int count = 0;
+    for (int k = side > 0.0 ? 4 : 5; k <= FARTHEST; k++) {
+        vec2 sampled = between(place + side * float(k) * normal);
+        // Comparisons with NaN are false: where there is no deviation, the side ends.
+        if (!(side * (sampled.x - halfway) > 0.0 && sampled.y >= 0.0)) break;
+        sums += exp(-float(k * k) / (2.0 * WEIGHT)) * vec3(1.0, sampled);
+        count++;
+    }
+    return count < 2 ? vec3(0.0) : vec3(1.0, sums.yz / sums.x);
+}
+
+void main() {
+    ivec2 cell = ivec2(gl_GlobalInvocationID.xy), corner = SIDE * cell;
+    if (any(greaterThanEqual(cell, ivec2(width, height) / SIDE))) return;
+    imageStore(results, place_of(cell, EDGES, 0), vec4(0.0));
+    // Ranges of V, of every other pixel.
+    float high = -1e30, low = 1e30, inner_high = -1e30, inner_low = 1e30, least = 1e30;
+    for (int j = -4; j < 6; j++) {
+        for (int i = -4; i < 6; i++) {
+            ivec2 x = corner + 2 * ivec2(i, j) + 1;
+            float v = v_at(x), deviation = deviation_at(x);
+            high = max(high, v);
+            low = min(low, v);
+            if (deviation < least) least = deviation;
+            if (i >= -2 && i < 4 && j >= -2 && j < 4) {
+                inner_high = max(inner_high, v);
+                inner_low = min(inner_low, v);
+            }
+        }
+    }
+    float jump = inner_high - inner_low;
+    if (!(jump > JUMP && jump > STEEP * (high - low) && jump > CERTAIN * least)) return;
+    // The point of the cell nearest to where V is halfway.
+    float halfway = 0.5 * (high + low), best = 1.5;
+    vec2 place, normal = vec2(0.0);
+    for (int n = 0; n < SIDE * SIDE; n++) {
+        ivec2 x = corner + ivec2(n % SIDE, n / SIDE);
+        vec3 above = vec3(v_at(x + ivec2(-1, -1)), v_at(x + ivec2(0, -1)), v_at(x + ivec2(1, -1)));
+        vec3 here = vec3(v_at(x + ivec2(-1, 0)), v_at(x), v_at(x + ivec2(1, 0)));
+        vec3 below = vec3(v_at(x + ivec2(-1, 1)), v_at(x + ivec2(0, 1)), v_at(x + ivec2(1, 1)));
+        vec3 rows = above + 2.0 * here + below, weights = vec3(1.0, 2.0, 1.0);
+        vec2 slope = vec2(rows.z - rows.x, dot(weights, below - above)) / 8.0;
+        float steepness = length(slope);
+        if (steepness < max(0.02 * (high - low), 1e-6)) continue;
+        float away = (halfway - dot(weights, rows) / 16.0) / steepness;
+        if (abs(away) < best) {
+            best = abs(away);
+            normal = slope / steepness;
+            place = vec2(x) + away * normal;
+        }
+    }
+    // Each piece of an edge belongs to one cell.
+    if (normal == vec2(0.0) || ivec2(floor((place + 0.5) / float(SIDE))) != cell) return;
+    vec3 near = level(place, normal, halfway, 1.0), far = level(place, normal, halfway, -1.0);
+    if (near.x == 0.0 || far.x == 0.0) return;
+    float largest = max(abs(near.y), abs(far.y)), difference = near.y - far.y;
+    if (!(difference > max(max(LEVELS * JUMP, SHARE * largest), SURE * length(vec2(near.z, far.z))))) return;
+    if (largest > LARGEST) return;
+    float numbers[9] = float[](1.0, place.x, place.y, normal.x, normal.y, near.y, far.y, near.z, far.z);
+    for (int n = 0; n < 9; n++) imageStore(results, place_of(cell, EDGES, n), vec4(numbers[n]));
+    // All invocations that get here write the same.
+    uint groups[9] = uint[](tiles_x, tiles_y, 1, cells_x, cells_y, 1, pixels_x, pixels_y, 1);
+    for (int n = 0; n < 9; n++) arguments[argument_place + n] = groups[n];
+}

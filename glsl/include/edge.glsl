@@ -1,0 +1,44 @@
+// Cells of 4 x 4 px at depth edges. Their numbers are in layers of `results` that the fused image overwrites later: each
+// cell has 16 floats in a layer, at its own pixels. CPU reference: src/engine/stages/edge.rs.
+
+const int SIDE = 4;                  // of a cell, pixels
+// Layers: costs of the outlines with the near side in front, and with the far side in front; the edges; the distributions
+// of the outline's place in both orders; the decisions.
+const int COSTS = 3, REVERSED_COSTS = 4, EDGES = 5, OUTLINES = 6, REVERSED_OUTLINES = 7, DECISIONS = 8;
+const int LAYERS = 9;
+// Displacements of an outline towards the side in front, px: from -BACKWARD on.
+const int BACKWARD = 4, DISPLACEMENTS = 15;
+// The cost of V as it is, behind those of the outlines.
+const int BEFORE = DISPLACEMENTS;
+
+ivec3 place_of(ivec2 cell, int layer, int n) {
+    return ivec3(SIDE * cell + ivec2(n % SIDE, n / SIDE), layer);
+}
+
+float number_of(ivec2 cell, int layer, int n) {
+    return imageLoad(results, place_of(cell, layer, n)).r;
+}
+
+// The edge of a cell: near is the side of the larger V.
+struct Edge {
+    bool exists;
+    vec2 place;                      // where V is halfway, pixels
+    vec2 normal;                     // towards the near side
+    float near, far;                 // V of either side, px²
+    float near_deviation, far_deviation;
+};
+
+Edge edge_of(ivec2 cell) {
+    if (number_of(cell, EDGES, 0) == 0.0) return Edge(false, vec2(0.0), vec2(0.0), 0.0, 0.0, 0.0, 0.0);
+    return Edge(true, vec2(number_of(cell, EDGES, 1), number_of(cell, EDGES, 2)),
+                vec2(number_of(cell, EDGES, 3), number_of(cell, EDGES, 4)), number_of(cell, EDGES, 5),
+                number_of(cell, EDGES, 6), number_of(cell, EDGES, 7), number_of(cell, EDGES, 8));
+}
+
+// How far two cells lie on one edge, 0 to 1: by the angle between their normals. 0 if one is off the line of the other.
+float agreement(Edge a, Edge b) {
+    float along = dot(a.normal, b.normal);
+    vec2 apart = b.place - a.place;
+    float off = 0.5 * abs(dot(apart, a.normal + b.normal));
+    return along < 0.7 || off > 2.0 + 0.25 * length(apart) ? 0.0 : along;
+}

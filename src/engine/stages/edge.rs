@@ -1,0 +1,187 @@
+//! Cells of 4 x 4 px at depth edges: what the passes over edges share.
+//!
+//! The numbers of a cell are in layers of the results that the fused image overwrites later. Each cell has 16 numbers in
+//! a layer, at its own pixels. The CPU reference of `glsl/include/edge.glsl`.
+
+use super::Field;
+use crate::engine::shaders::edge;
+
+/// Side of a cell, pixels.
+pub(crate) const SIDE: usize = edge::SIDE as usize;
+/// The layer of the costs with the near side in front; and of the cost of V as it is, behind them.
+pub(crate) const COSTS: usize = edge::COSTS as usize;
+/// The layer of the costs with the far side in front.
+pub(crate) const REVERSED_COSTS: usize = edge::REVERSED_COSTS as usize;
+/// The layer of the edges.
+pub(crate) const EDGES: usize = edge::EDGES as usize;
+/// The layers of the distributions of the outline's place, by order.
+pub(crate) const OUTLINES: [usize; 2] = [edge::OUTLINES as usize, edge::REVERSED_OUTLINES as usize];
+/// The layer of the decisions.
+pub(crate) const DECISIONS: usize = edge::DECISIONS as usize;
+/// Layers of the results that the passes over edges need.
+pub(crate) const LAYERS: u32 = edge::LAYERS;
+/// Displacements of an outline, a pixel apart.
+pub(crate) const DISPLACEMENTS: usize = edge::DISPLACEMENTS as usize;
+/// The first displacement is this many pixels away from the side in front.
+pub(crate) const BACKWARD: usize = edge::BACKWARD as usize;
+/// The number of the cost of V as it is.
+pub(crate) const BEFORE: usize = DISPLACEMENTS;
+
+/// Columns and rows of cells of an image.
+pub(crate) fn cells([width, height]: [u32; 2]) -> [u32; 2] {
+    [width / edge::SIDE, height / edge::SIDE]
+}
+
+/// All cells of an image, row by row.
+pub(super) fn all_cells(size: [u32; 2]) -> impl Iterator<Item = [usize; 2]> {
+    let [columns, rows] = cells(size).map(|side| side as usize);
+    (0..rows).flat_map(move |y| (0..columns).map(move |x| [x, y]))
+}
+
+/// The cells within `around` of a cell.
+pub(super) fn cells_around(
+    [x, y]: [usize; 2],
+    around: usize,
+    size: [u32; 2],
+) -> impl Iterator<Item = [usize; 2]> + use<> {
+    let [columns, rows] = cells(size).map(|side| side as usize);
+    let (xs, ys) = (
+        x.saturating_sub(around)..=(x + around).min(columns - 1),
+        y.saturating_sub(around)..=(y + around).min(rows - 1),
+    );
+    ys.flat_map(move |y| xs.clone().map(move |x| [x, y]))
+}
+
+/// The n-th number of a cell in a layer.
+pub(super) fn number(layer: &Field, [x, y]: [usize; 2], n: usize) -> f64 {
+    layer.get(SIDE * x + n % SIDE, SIDE * y + n / SIDE)
+}
+
+/// Sets the numbers of a cell in a layer, from the `first` on.
+pub(super) fn set(layer: &mut Field, [x, y]: [usize; 2], first: usize, numbers: &[f64]) {
+    for (n, number) in (first..).zip(numbers) {
+        layer.data[(SIDE * y + n / SIDE) * layer.width + SIDE * x + n % SIDE] = *number;
+    }
+}
+
+/// The value between pixels, of the nearest place inside.
+pub(super) fn between(field: &Field, [x, y]: [f64; 2]) -> f64 {
+    let (low, f) = ([x.floor(), y.floor()], [x - x.floor(), y - y.floor()]);
+    let at = |i: isize, j: isize| field.clamped(low[0] as isize + i, low[1] as isize + j);
+    let row = |j: isize| at(0, j) * (1.0 - f[0]) + at(1, j) * f[0];
+    row(0) * (1.0 - f[1]) + row(1) * f[1]
+}
+
+/// The edge of a cell. Near is the side of the larger V, far the other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Edge {
+    /// Where V is halfway, pixels.
+    pub(super) place: [f64; 2],
+    /// The unit normal towards the near side.
+    pub(super) normal: [f64; 2],
+    /// V of the near and of the far side, px².
+    pub(super) levels: [f64; 2],
+    /// Their standard deviations, px².
+    pub(super) deviations: [f64; 2],
+}
+
+impl Edge {
+    /// The edge of a cell in the layer of edges.
+    pub(super) fn of(edges: &Field, cell: [usize; 2]) -> Option<Self> {
+        let at = |n: usize| number(edges, cell, n);
+        (at(0) != 0.0).then(|| Self {
+            place: [at(1), at(2)],
+            normal: [at(3), at(4)],
+            levels: [at(5), at(6)],
+            deviations: [at(7), at(8)],
+        })
+    }
+
+    /// As numbers of a cell.
+    pub(super) fn numbers(&self) -> [f64; 9] {
+        let Self { place, normal, levels, deviations } = self;
+        [1.0, place[0], place[1], normal[0], normal[1], levels[0], levels[1], deviations[0], deviations[1]]
+    }
+
+    /// How far two cells lie on one edge, 0 to 1: the cosine of the angle between their normals. 0 if one is off the line
+    /// of the other.
+    pub(super) fn agreement(&self, other: &Self) -> f64 {
+        let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
+        let along = dot(self.normal, other.normal);
+        let apart = [other.place[0] - self.place[0], other.place[1] - self.place[1]];
+        let both = [self.normal[0] + other.normal[0], self.normal[1] + other.normal[1]];
+        let off = 0.5 * dot(apart, both).abs();
+        if along < 0.7 || off > 2.0 + 0.25 * apart[0].hypot(apart[1]) { 0.0 } else { along }
+    }
+}
+
+/// Fields for the tests of the passes over edges.
+#[cfg(test)]
+pub(super) mod testing {
+    use super::super::harness::smooth_field;
+    use super::super::{edge_cells, edge_costs, edge_decide};
+    use super::*;
+    use crate::engine::stages::state::DoubleState;
+
+    /// V with an edge along a curve, the near side right of it, and a deviation. NaN in a corner of the deviation.
+    pub(in super::super) fn solved(width: usize, height: usize, levels: [f64; 2]) -> [Field; 2] {
+        let v = Field::from_fn(width, height, |x, y| {
+            let from_edge = x as f64 - 0.45 * width as f64 - 4.0 * (y as f64 / 9.0).sin();
+            let share = 0.5 + 0.5 * (from_edge / 2.0).tanh();
+            share * levels[0] + (1.0 - share) * levels[1]
+        });
+        let deviation =
+            Field::from_fn(width, height, |x, y| if x < 5 && y < 7 { f64::NAN } else { 0.05 + 0.01 * (x % 3) as f64 });
+        [v, deviation]
+    }
+
+    /// The layers of the results up to `until`, by the CPU references.
+    pub(in super::super) fn layers(size: [u32; 2], levels: [f64; 2], until: usize) -> Vec<Field> {
+        let [width, height] = size.map(|side| side as usize);
+        let [v, deviation] = solved(width, height, levels);
+        let mut layers = vec![Field::zeros(width, height); LAYERS as usize];
+        layers[0] =
+            Field::from_fn(width, height, |x, y| if deviation.get(x, y).is_nan() { f64::NAN } else { v.get(x, y) });
+        layers[1] = deviation.clone();
+        layers[EDGES] = edge_cells::cpu_reference(size, &v, &deviation);
+        if until > COSTS {
+            let photographs = [1, 2].map(|seed| smooth_field(width, height, seed));
+            let c = edge_costs::constants(size);
+            let costs =
+                edge_costs::cpu_reference(&c, &DoubleState::default(), photographs.each_ref(), &v, &layers[EDGES]);
+            [layers[COSTS], layers[REVERSED_COSTS]] = costs;
+        }
+        if until >= OUTLINES[0] {
+            let [near, far, decisions] =
+                edge_decide::cpu_reference(size, [&layers[COSTS], &layers[REVERSED_COSTS]], &layers[EDGES]);
+            (layers[OUTLINES[0]], layers[OUTLINES[1]], layers[DECISIONS]) = (near, far, decisions);
+        }
+        layers
+    }
+
+    /// The number of cells with an edge.
+    pub(in super::super) fn count(edges: &Field) -> usize {
+        all_cells([edges.width as u32, edges.height as u32]).filter(|&cell| Edge::of(edges, cell).is_some()).count()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_on_one_line_agree_and_parallel_lines_do_not() {
+        let edge = |place, angle: f64| Edge {
+            place,
+            normal: [angle.cos(), angle.sin()],
+            levels: [1.0, 0.0],
+            deviations: [0.1; 2],
+        };
+        let here = edge([10.0, 10.0], 0.0);
+        assert_eq!(here.agreement(&here), 1.0);
+        assert_eq!(here.agreement(&edge([10.5, 18.0], 0.0)), 1.0);
+        assert_eq!(here.agreement(&edge([16.0, 12.0], 0.0)), 0.0);
+        assert!((here.agreement(&edge([10.0, 14.0], 0.5)) - 0.5f64.cos()).abs() < 1e-12);
+        assert_eq!(here.agreement(&edge([10.0, 14.0], 1.0)), 0.0);
+    }
+}

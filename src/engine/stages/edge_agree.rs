@@ -1,0 +1,86 @@
+//! Averages what speaks for an outline along the edge, so that an edge is moved as a whole or stays. Section 7b of
+//! `docs/method.md`.
+
+use super::edge::{self, DECISIONS, EDGES, Edge};
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::{Field, pixels};
+use crate::engine::shaders::edge_agree as shader;
+use crate::engine::vulkan::Variant;
+
+/// Numbers that speak for an outline, of a cell.
+pub(crate) const NUMBERS: usize = shader::NUMBERS as usize;
+/// How often they are averaged. From one pass to the next they alternate between two places.
+pub(crate) const PASSES: u32 = 3;
+
+/// The first number of the decisions after n passes.
+pub(crate) fn place(n: u32) -> u32 {
+    shader::NUMBERS * (n % 2)
+}
+
+push_constants! {
+    /// Width, pixels.
+    width: u32,
+    /// Height, pixels.
+    height: u32,
+    /// First number of the decisions that are read.
+    from: u32,
+    /// First number of those that are written.
+    to: u32,
+}
+
+bindings! {
+    EDGE_AGREE:
+    /// Layers: edges and decisions.
+    results: Updates<Results>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: a number of each cell read. What is read at edges depends on the scene.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let decisions = cpu_reference(c, memory.layer(self.results, EDGES), memory.layer(self.results, DECISIONS));
+        memory.set_layer(self.results, DECISIONS, decisions);
+    }
+}
+
+/// The layer of the decisions after a pass.
+pub(crate) fn cpu_reference(c: &Constants, edges: &Field, decisions: &Field) -> Field {
+    let (mut averaged, size) = (decisions.clone(), [c.width, c.height]);
+    for cell in edge::all_cells(size) {
+        let Some(edge) = Edge::of(edges, cell) else { continue };
+        let (mut sums, mut sum) = ([0.0; NUMBERS], 0.0);
+        for other in edge::cells_around(cell, shader::AROUND as usize, size) {
+            let weight = Edge::of(edges, other).map_or(0.0, |neighbour| edge.agreement(&neighbour));
+            sum += weight;
+            for (n, total) in sums.iter_mut().enumerate() {
+                *total += weight * edge::number(decisions, other, c.from as usize + n);
+            }
+        }
+        edge::set(&mut averaged, cell, c.to as usize, &sums.map(|total| total / sum));
+    }
+    averaged
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::edge::testing::layers;
+    use super::super::harness::{Input, Trial};
+    use super::*;
+    use crate::engine::stages::NO_VARIANT;
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        for (size, levels) in [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0])] {
+            let results = layers(size, levels, DECISIONS);
+            for n in 0..PASSES {
+                let c = Constants { width: size[0], height: size[1], from: place(n), to: place(n + 1) };
+                let groups = STAGE.groups(edge::cells(size));
+                // Means of differences of up to 1000.
+                Trial::run::<Bindings>(&[Input::Image(&results)], &c, NO_VARIANT, groups).assert_within(2e-3);
+            }
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! V and its standard deviation at the depth edges whose outlines two layers explain. Section 7b of `docs/method.md`.
+//!
+//! With the probability p that a pixel shows the near side, from the distributions of the cells around it,
+//! `V = p V_near + (1 - p) V_far` and `σ = √(p (1 - p)) |V_near - V_far| + p σ_near + (1 - p) σ_far`. An edge stays as it
+//! is unless the outline explains the photographs at least as well as V did, and better than any with the other side in
+//! front; unless it is well within the displacements; and unless it goes on for some cells.
+
+use super::edge::{self, BACKWARD, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES};
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::{Field, pixels};
+use crate::engine::shaders::edge_apply as shader;
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width, pixels.
+    width: u32,
+    /// Height, pixels.
+    height: u32,
+    /// First number of the decisions.
+    decided: u32,
+}
+
+bindings! {
+    EDGE_APPLY:
+    v: Updates<RelativeBlur>,
+    /// Layers: V, its standard deviation; edges, distributions and decisions.
+    results: Updates<Results>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: a number of each cell read. What is read and written at edges depends on the scene.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let layer = |n| memory.layer(self.results, n);
+        let outlines = OUTLINES.map(layer);
+        let (v, deviation) = (memory.layer(self.v, 0), layer(1));
+        let [v, deviation] = cpu_reference(c, v, deviation, layer(EDGES), outlines, layer(DECISIONS));
+        let masked =
+            Field::from_fn(v.width, v.height, |x, y| if deviation.get(x, y).is_nan() { f64::NAN } else { v.get(x, y) });
+        memory.set_layer(self.v, 0, v);
+        memory.set_layer(self.results, 0, masked);
+        memory.set_layer(self.results, 1, deviation);
+    }
+}
+
+/// V and its standard deviation.
+pub(crate) fn cpu_reference(
+    c: &Constants,
+    v: &Field,
+    deviation: &Field,
+    edges: &Field,
+    outlines: [&Field; 2],
+    decisions: &Field,
+) -> [Field; 2] {
+    let (size, mut results) = ([c.width, c.height], [v.clone(), deviation.clone()]);
+    let accepted: Vec<Option<(Edge, usize)>> =
+        edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
+    let [columns, rows] = edge::cells(size).map(|side| side as usize);
+    for (y, x) in (0..v.height).flat_map(|y| (0..v.width).map(move |x| (y, x))) {
+        let own = [(x / edge::SIDE).min(columns - 1), (y / edge::SIDE).min(rows - 1)];
+        let (mut sum, mut near, mut levels, mut deviations) = (0.0, 0.0, [0.0; 2], [0.0; 2]);
+        let mut nearest = f64::MAX;
+        let around = shader::AROUND as usize;
+        for cell in edge::cells_around(own, around, size) {
+            // Columns and rows of pixels beyond the last cell have their own cells.
+            if cell[0] + around < x / edge::SIDE || cell[1] + around < y / edge::SIDE {
+                continue;
+            }
+            let Some((edge, order)) = &accepted[cell[1] * columns + cell[0]] else { continue };
+            let apart = [x as f64 - edge.place[0], y as f64 - edge.place[1]];
+            let inside = apart[0] * edge.normal[0] + apart[1] * edge.normal[1];
+            let along = apart[1] * edge.normal[0] - apart[0] * edge.normal[1];
+            if inside.abs() > shader::FARTHEST {
+                continue;
+            }
+            nearest = nearest.min(inside * inside + 4.0 * along * along);
+            let weight = (-along * along / (2.0 * shader::ALONG) - inside * inside / (2.0 * shader::AWAY)).exp();
+            let in_front = |inside: f64| in_front(outlines[*order], cell, inside);
+            sum += weight;
+            near += weight * if *order == 0 { in_front(inside) } else { 1.0 - in_front(-inside) };
+            for i in 0..2 {
+                levels[i] += weight * edge.levels[i];
+                deviations[i] += weight * edge.deviations[i];
+            }
+        }
+        if sum < 1e-3 {
+            continue;
+        }
+        let p = near / sum;
+        let [near, far] = levels.map(|level| level / sum);
+        let [near_deviation, far_deviation] = deviations.map(|deviation| deviation / sum);
+        let fading = (shader::FARTHEST - nearest.sqrt()) / (shader::FARTHEST - shader::FADING);
+        let share = fading.clamp(0.0, 1.0) * (sum / 0.3).min(1.0);
+        let mixed =
+            (p * (1.0 - p)).max(0.0).sqrt() * (near - far).abs() + p * near_deviation + (1.0 - p) * far_deviation;
+        let n = y * v.width + x;
+        results[0].data[n] += share * (p * near + (1.0 - p) * far - v.data[n]);
+        results[1].data[n] += share * (mixed - deviation.data[n]);
+    }
+    results
+}
+
+/// The order in which an outline is accepted: 0 with the near side in front, 1 with the far side.
+fn order(c: &Constants, decisions: &Field, cell: [usize; 2]) -> Option<usize> {
+    let at = |n: usize| edge::number(decisions, cell, c.decided as usize + n);
+    let order = usize::from(at(4) < 0.0);
+    (at(4).abs() > shader::ORDER
+        && at(order) > shader::GAIN
+        && at(2 + order) > shader::WITHIN
+        && at(5) > shader::LENGTH)
+        .then_some(order)
+}
+
+/// The probability that a place is in front that is `inside` px inside of where V is halfway.
+fn in_front(outlines: &Field, cell: [usize; 2], inside: f64) -> f64 {
+    let place = (inside + BACKWARD as f64 + 1.0).clamp(0.0, DISPLACEMENTS as f64);
+    let n = place as usize;
+    let below = if n == 0 { 0.0 } else { edge::number(outlines, cell, n - 1) };
+    if n == DISPLACEMENTS { below } else { below + (place - n as f64) * (edge::number(outlines, cell, n) - below) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::edge::testing::{layers, solved};
+    use super::super::harness::{Input, Trial};
+    use super::*;
+    use crate::engine::stages::NO_VARIANT;
+
+    /// The results with the decisions of a share of the cells replaced, so that some are accepted in either order.
+    fn decided(size: [u32; 2], levels: [f64; 2]) -> Vec<Field> {
+        let mut results = layers(size, levels, DECISIONS);
+        for cell @ [x, y] in edge::all_cells(size) {
+            let numbers = match (x + y) % 3 {
+                0 => [9.0, 0.0, 1.0, 0.0, 5.0, 9.0],
+                1 => [0.0, 9.0, 0.0, 1.0, -5.0, 9.0],
+                _ => [9.0, 9.0, 0.5, 0.5, 5.0, 9.0],
+            };
+            edge::set(&mut results[DECISIONS], cell, 0, &numbers);
+        }
+        results
+    }
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        for (size @ [width, height], levels) in
+            [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0]), ([130, 19], [2.0, -2.0])]
+        {
+            let results = decided(size, levels);
+            let [v, _] = solved(width as usize, height as usize, levels);
+            let c = Constants { width, height, decided: 0 };
+            let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&results)];
+            let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(size));
+            // √(p (1 - p)) of p within 6e-8 of 1, times a jump of up to 7 px².
+            trial.assert_within(5e-3);
+            let changed = trial.layers(0)[0].data.iter().zip(&v.data).filter(|(a, b)| (*a - *b).abs() > 0.1).count();
+            assert!(changed > 20, "{changed}");
+        }
+    }
+
+    #[test]
+    fn what_speaks_for_no_outline_changes_nothing() {
+        let (size, c) = ([67, 41], Constants { width: 67, height: 41, decided: 0 });
+        let mut results = layers(size, [4.0, -3.0], DECISIONS);
+        for cell in edge::all_cells(size) {
+            edge::set(&mut results[DECISIONS], cell, 0, &[9.0, 9.0, 1.0, 1.0, shader::ORDER - 0.1, 9.0]);
+        }
+        let [v, deviation] = solved(67, 41, [4.0, -3.0]);
+        let outlines = OUTLINES.map(|n| &results[n]);
+        let applied = cpu_reference(&c, &v, &deviation, &results[EDGES], outlines, &results[DECISIONS]);
+        assert!(applied[0] == v);
+    }
+}

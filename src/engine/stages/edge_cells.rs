@@ -1,0 +1,178 @@
+//! Finds the cells at depth edges, their normals, and V of either side. Section 7b of `docs/method.md`.
+//!
+//! A cell has an edge if V jumps over about ±5 px, and hardly more over ±9 px: a slope that goes on is no jump. The edge
+//! is where V is halfway between the extremes, its normal the slope of V there. V of a side is a weighted mean along the
+//! normal, from 4 px on, beyond the pixels over which the solve passes from one side to the other.
+
+use super::edge::{self, EDGES, Edge, SIDE, all_cells, between};
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::{Field, pixels};
+use crate::engine::shaders::edge_cells as shader;
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width, pixels.
+    width: u32,
+    /// Height, pixels.
+    height: u32,
+    /// First word of the workgroups of the passes over edges.
+    argument_place: u32,
+    /// Their workgroups along x and y, if there is an edge: over tiles, over cells, over pixels.
+    groups: [[u32; 2]; 3],
+}
+
+bindings! {
+    EDGE_CELLS:
+    v: Reads<RelativeBlur>,
+    /// Layers: V, its standard deviation; the edges.
+    results: Updates<Results>,
+    arguments: Writes<Arguments>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: V and its deviation read, a number per cell written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        8 * pixels(c.width, c.height) + 4 * pixels(c.width, c.height) / (SIDE * SIDE) as u64
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let edges = cpu_reference([c.width, c.height], memory.layer(self.v, 0), memory.layer(self.results, 1));
+        if all_cells([c.width, c.height]).any(|cell| Edge::of(&edges, cell).is_some()) {
+            let words = &mut memory.words_mut(self.arguments)[c.argument_place as usize..];
+            words
+                .iter_mut()
+                .zip(c.groups.iter().flat_map(|&[x, y]| [x, y, 1]))
+                .for_each(|(word, groups)| *word = groups);
+        }
+        memory.set_layer(self.results, EDGES, edges);
+    }
+}
+
+/// The edges of all cells.
+pub(crate) fn cpu_reference(size: [u32; 2], v: &Field, deviation: &Field) -> Field {
+    let mut edges = Field::zeros(v.width, v.height);
+    for cell in all_cells(size) {
+        if let Some(edge) = edge_of(v, deviation, cell) {
+            edge::set(&mut edges, cell, 0, &edge.numbers());
+        }
+    }
+    edges
+}
+
+fn edge_of(v: &Field, deviation: &Field, cell: [usize; 2]) -> Option<Edge> {
+    let corner = cell.map(|c| (SIDE * c) as isize);
+    // Ranges of V, of every other pixel.
+    let (mut outer, mut inner, mut least) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN], f64::MAX);
+    for (j, i) in (-4..6).flat_map(|j| (-4..6).map(move |i| (j, i))) {
+        let [x, y] = [corner[0] + 2 * i + 1, corner[1] + 2 * j + 1];
+        let v = v.clamped(x, y);
+        least = least.min(deviation.clamped(x, y));
+        outer = [outer[0].min(v), outer[1].max(v)];
+        if (-2..4).contains(&i) && (-2..4).contains(&j) {
+            inner = [inner[0].min(v), inner[1].max(v)];
+        }
+    }
+    let (jump, range) = (inner[1] - inner[0], outer[1] - outer[0]);
+    if !(jump > shader::JUMP && jump > shader::STEEP * range && jump > shader::CERTAIN * least) {
+        return None;
+    }
+    let halfway = 0.5 * (outer[0] + outer[1]);
+    let (mut best, mut found) = (1.5, None);
+    for n in 0..(SIDE * SIDE) as isize {
+        let [x, y] = [corner[0] + n % SIDE as isize, corner[1] + n / SIDE as isize];
+        let at = |i: isize, j: isize| v.clamped(x + i, y + j);
+        let column = |i: isize| at(i, -1) + 2.0 * at(i, 0) + at(i, 1);
+        let row = |j: isize| at(-1, j) + 2.0 * at(0, j) + at(1, j);
+        let slope = [(column(1) - column(-1)) / 8.0, (row(1) - row(-1)) / 8.0];
+        let steepness = slope[0].hypot(slope[1]);
+        if steepness < (0.02 * range).max(1e-6) {
+            continue;
+        }
+        let away = (halfway - (row(-1) + 2.0 * row(0) + row(1)) / 16.0) / steepness;
+        if away.abs() < best {
+            let normal = slope.map(|s| s / steepness);
+            best = away.abs();
+            found = Some(([x as f64 + away * normal[0], y as f64 + away * normal[1]], normal));
+        }
+    }
+    let (place, normal): ([f64; 2], _) = found?;
+    // Each piece of an edge belongs to one cell.
+    if place.map(|p| ((p + 0.5) / SIDE as f64).floor()) != cell.map(|c| c as f64) {
+        return None;
+    }
+    let near = level(v, deviation, place, normal, halfway, 1.0)?;
+    let far = level(v, deviation, place, normal, halfway, -1.0)?;
+    let (largest, difference) = (near[0].abs().max(far[0].abs()), near[0] - far[0]);
+    let least = (shader::LEVELS * shader::JUMP).max(shader::SHARE * largest).max(shader::SURE * near[1].hypot(far[1]));
+    (difference > least && largest <= shader::LARGEST).then_some(Edge {
+        place,
+        normal,
+        levels: [near[0], far[0]],
+        deviations: [near[1], far[1]],
+    })
+}
+
+/// The means of V and of its deviation on the near (1) or far (-1) side, along the normal until V is halfway.
+fn level(v: &Field, deviation: &Field, place: [f64; 2], normal: [f64; 2], halfway: f64, side: f64) -> Option<[f64; 2]> {
+    let first = if side > 0.0 { 4 } else { 5 };
+    let (mut sums, mut sum, mut count) = ([0.0; 2], 0.0, 0);
+    for k in (first..=shader::FARTHEST).map(f64::from) {
+        let at = [0, 1].map(|i| place[i] + side * k * normal[i]);
+        let (v, deviation) = (between(v, at), between(deviation, at));
+        if side * (v - halfway) <= 0.0 || deviation.is_nan() {
+            break;
+        }
+        let weight = (-k * k / (2.0 * shader::WEIGHT)).exp();
+        sums = [sums[0] + weight * v, sums[1] + weight * deviation];
+        (sum, count) = (sum + weight, count + 1);
+    }
+    (count >= 2).then(|| sums.map(|s| s / sum))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::edge::testing::{count, solved};
+    use super::super::harness::{Input, Trial, random_field};
+    use super::*;
+    use crate::engine::stages::NO_VARIANT;
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        for (width, height) in [(67usize, 41usize), (96, 32), (19, 22)] {
+            let size = [width as u32, height as u32];
+            let [step, deviation] = solved(width, height, [4.0, -3.0]);
+            let flat = Field::zeros(width, height);
+            for (v, is_edge) in [(step, true), (random_field(width, height, 1), false), (flat, false)] {
+                let layers = [vec![v.clone(), deviation.clone()], vec![Field::zeros(width, height); 7]].concat();
+                let c =
+                    Constants { width: size[0], height: size[1], argument_place: 2, groups: [[3, 4], [5, 6], [7, 8]] };
+                let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&layers), Input::Words(&[9; 14])];
+                let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
+                // Places are up to 96 px, in single precision, from a quotient by the slope.
+                trial.assert_within(1e-4);
+                assert_eq!(count(&trial.layers(1)[EDGES]) > 0, is_edge, "{width} x {height}");
+                let [actual, expected] = trial.words(2);
+                let set = [9, 9, 3, 4, 1, 5, 6, 1, 7, 8, 1, 9, 9, 9];
+                assert_eq!([actual, expected], [if is_edge { set } else { [9; 14] }; 2].map(Vec::from));
+            }
+        }
+    }
+
+    #[test]
+    fn an_edge_is_where_v_is_halfway_with_the_levels_of_its_sides() {
+        let [near, far] = [5.0, -2.0];
+        let v = Field::from_fn(64, 48, |x, _| {
+            let share = 0.5 + 0.5 * ((x as f64 - 30.3) / 1.5).tanh();
+            share * near + (1.0 - share) * far
+        });
+        let deviation = Field::from_fn(64, 48, |x, _| if x > 30 { 0.2 } else { 0.1 });
+        let edge = Edge::of(&cpu_reference([64, 48], &v, &deviation), [7, 5]).unwrap();
+        assert!((edge.place[0] - 30.3).abs() < 0.1, "{edge:?}");
+        assert!((edge.normal[0] - 1.0).abs() < 1e-12 && edge.normal[1].abs() < 1e-12);
+        assert!((edge.levels[0] - near).abs() < 0.05 && (edge.levels[1] - far).abs() < 0.05, "{edge:?}");
+        assert!((edge.deviations[0] - 0.2).abs() < 1e-9 && (edge.deviations[1] - 0.1).abs() < 1e-9, "{edge:?}");
+        // A slope that goes on is none.
+        let slope = Field::from_fn(64, 48, |x, _| 0.4 * x as f64);
+        assert_eq!(count(&cpu_reference([64, 48], &slope, &deviation)), 0);
+    }
+}

@@ -1,0 +1,401 @@
+//! The costs of displaced outlines at a depth edge. Section 7b of `docs/method.md`.
+//!
+//! The model has two layers. The front one is in focus at its own V and hides part of the other. `h(v)` is a Gaussian of
+//! variance v, V_f and V_b are those of the front and of the back, and m is 1 inside the outline. With the photograph
+//! `I_s` in which the front is the sharper, and the other one `I_o`, the front's light in `I_o` is `A = h(|V_f|) * (m I_s)`,
+//! and the share `t = 1 - h(|V_f|) * m` of the back's light passes the front's rim. The back is `(I_o - A)/t` where its V
+//! has the other sign, and `I_s` outside where it has the same. Both photographs are compared with what this predicts, and
+//! residuals r of variance s cost `ln(1 + r²/s) + ½ ln(s/s₀)`: the second term is the price of texture that is not
+//! predicted. Without it outlines are biased.
+//!
+//! The outline of a cell is straight and is displaced along the normal. So all filters are along the normal, after one
+//! blur across it. The other order, with the far side in front, is the same seen from the other side.
+
+use super::edge::{self, BACKWARD, BEFORE, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_COSTS, between};
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::state::{DoubleState, from_centre};
+use super::{Field, pixels};
+use crate::engine::shaders::edge_costs as shader;
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width, pixels.
+    width: u32,
+    /// Height, pixels.
+    height: u32,
+    /// The image centre, pixels.
+    centre: [f32; 2],
+}
+
+bindings! {
+    EDGE_COSTS:
+    i1: Reads<I1>,
+    i2: Reads<I2>,
+    v: Reads<RelativeBlur>,
+    /// Layers: the edges; the costs.
+    results: Updates<Results>,
+    state: Reads<State>,
+}
+
+/// Workgroups over an image.
+pub(crate) fn tiles(size: [u32; 2]) -> [u32; 2] {
+    edge::cells(size).map(|cells| cells.div_ceil(shader::CELLS))
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: a number of each cell read. What is read at edges depends on the scene.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let photographs = [memory.layer(self.i1, 0), memory.layer(self.i2, 0)];
+        let (v, edges) = (memory.layer(self.v, 0), memory.layer(self.results, EDGES));
+        let [costs, reversed] = cpu_reference(c, memory.state(self.state), photographs, v, edges);
+        memory.set_layer(self.results, COSTS, costs);
+        memory.set_layer(self.results, REVERSED_COSTS, reversed);
+    }
+}
+
+const HALF: usize = shader::HALF as usize;
+const ALONG: usize = 2 * HALF + 1;
+const LINES: usize = shader::LINES as usize;
+const REACH: usize = shader::REACH as usize;
+const ROWS: usize = LINES + 2 * REACH;
+const WINDOW: usize = shader::WINDOW as usize;
+
+/// Samples of a photograph along the normal, on lines side by side.
+type Profile = [[f64; ALONG]; ROWS];
+/// The same on the lines that costs are summed over.
+type Lines = [[f64; ALONG]; LINES];
+
+/// The layers of the costs in both orders.
+pub(crate) fn cpu_reference(
+    c: &Constants,
+    state: &DoubleState,
+    [i1, i2]: [&Field; 2],
+    v: &Field,
+    edges: &Field,
+) -> [Field; 2] {
+    let mut layers = [Field::zeros(v.width, v.height), Field::zeros(v.width, v.height)];
+    for cell in edge::all_cells([c.width, c.height]) {
+        let Some(edge) = Edge::of(edges, cell) else { continue };
+        let profiles = profiles(c, state, [i1, i2], &edge);
+        let near_in = &profiles[usize::from(edge.levels[0] <= 0.0)];
+        let samples = || near_in[REACH..REACH + LINES].iter().flatten();
+        let average = samples().sum::<f64>() / (LINES * ALONG) as f64;
+        let square = samples().map(|i| i * i).sum::<f64>() / (LINES * ALONG) as f64;
+        let least = shader::LEAST.powi(2) + shader::CONTRAST.powi(2) * (square - average * average).max(0.0);
+        let terms = Terms { average, least };
+        let [near, far] = edge.levels;
+        let seen_from_behind = profiles.map(|profile| reversed(&profile));
+        edge::set(&mut layers[0], cell, 0, &terms.costs(&profiles, [near, far]));
+        edge::set(&mut layers[1], cell, 0, &terms.costs(&seen_from_behind, [far, near]));
+        edge::set(&mut layers[0], cell, BEFORE, &[terms.cost_before(&profiles, &edge, v)]);
+    }
+    layers
+}
+
+/// The place of a sample.
+fn place_on(edge: &Edge, line: f64, k: usize) -> [f64; 2] {
+    let (along, across) = (k as f64 - HALF as f64, line - 0.5 * (LINES - 1) as f64);
+    let [nx, ny] = edge.normal;
+    [edge.place[0] + along * nx - across * ny, edge.place[1] + along * ny + across * nx]
+}
+
+/// Samples of I1, and of I2 on I1's pixels with I1's brightness.
+fn profiles(c: &Constants, state: &DoubleState, [i1, i2]: [&Field; 2], edge: &Edge) -> [Profile; 2] {
+    let (r, centre) = (&state.registration, c.centre.map(f64::from));
+    let last = [i1.width as f64 - 1.0, i1.height as f64 - 1.0];
+    let inside = |x: [f64; 2]| [0, 1].map(|i| x[i].clamp(0.0, last[i]));
+    // Shading hardly changes around an edge.
+    let [dx, dy] = r.transform.displacement([edge.place[0] - centre[0], edge.place[1] - centre[1]]);
+    let shading = state.applied_shading.at(from_centre([edge.place[0] + dx, edge.place[1] + dy], centre));
+    let mut profiles = [[[0.0; ALONG]; ROWS]; 2];
+    for (row, k) in (0..ROWS).flat_map(|row| (0..ALONG).map(move |k| (row, k))) {
+        let x = inside(place_on(edge, row as f64 - REACH as f64, k));
+        let d = r.transform.displacement([x[0] - centre[0], x[1] - centre[1]]);
+        let y = inside([x[0] + d[0], x[1] + d[1]]);
+        profiles[0][row][k] = between(i1, x);
+        profiles[1][row][k] = r.gain * shading * between(i2, y) + r.offset;
+    }
+    profiles
+}
+
+/// A profile as seen from the other side.
+fn reversed(profile: &Profile) -> Profile {
+    std::array::from_fn(|row| std::array::from_fn(|k| profile[ROWS - 1 - row][ALONG - 1 - k]))
+}
+
+/// The weights of a Gaussian at 0, 1, ... px.
+fn kernel(variance: f64) -> Vec<f64> {
+    let variance = variance.max(shader::LEAST_VARIANCE);
+    let last = ((shader::EXTENT * variance.sqrt()).ceil() as usize).min(REACH);
+    let weights: Vec<f64> = (0..=last).map(|i| (-((i * i) as f64) / (2.0 * variance)).exp()).collect();
+    let sum = 2.0 * weights.iter().sum::<f64>() - 1.0;
+    weights.into_iter().map(|w| w / sum).collect()
+}
+
+/// Offsets and weights of a kernel, on both sides.
+fn taps(kernel: &[f64]) -> impl Iterator<Item = (isize, f64)> {
+    let reach = kernel.len() as isize - 1;
+    (-reach..=reach).map(|i| (i, kernel[i.unsigned_abs()]))
+}
+
+/// Blur across the normal.
+fn across(profile: &Profile, variance: f64) -> Lines {
+    let kernel = kernel(variance);
+    std::array::from_fn(|line| {
+        std::array::from_fn(|k| taps(&kernel).map(|(i, w)| w * profile[(REACH + line).wrapping_add_signed(i)][k]).sum())
+    })
+}
+
+/// The weighted mean of the values around place k for which `counts`, `None` if there are none.
+fn mean(kernel: &[f64], k: usize, value: impl Fn(usize) -> f64, counts: impl Fn(usize) -> f64) -> Option<f64> {
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for (i, w) in taps(kernel) {
+        let q = k.wrapping_add_signed(i);
+        if q < ALONG {
+            sum += w * counts(q) * value(q);
+            weight += w * counts(q);
+        }
+    }
+    (weight > 1e-3).then_some(sum / weight)
+}
+
+fn cost(residual: f64, variance: f64, least: f64) -> f64 {
+    (residual * residual / variance).ln_1p() + 0.5 * (variance / least).ln()
+}
+
+/// What the costs of a cell share.
+struct Terms {
+    /// Of the photograph in which the near side is the sharper, on the lines.
+    average: f64,
+    /// The least variance of a residual.
+    least: f64,
+}
+
+impl Terms {
+    /// The costs of all displacements, with V of the front, which is at the ends of the lines, and of the back.
+    fn costs(&self, profiles: &[Profile; 2], [front_v, back_v]: [f64; 2]) -> [f64; DISPLACEMENTS] {
+        let (sharper, other) = if front_v > 0.0 { (&profiles[0], &profiles[1]) } else { (&profiles[1], &profiles[0]) };
+        let opposite = (front_v > 0.0) != (back_v > 0.0);
+        let [front_v, back_v] = [front_v.abs(), back_v.abs()];
+        let on_lines = |profile: &Profile| -> Lines { std::array::from_fn(|line| profile[REACH + line]) };
+        let (in_sharper, in_other) = (on_lines(sharper), on_lines(other));
+        let (front, near) = (across(sharper, front_v), across(sharper, shader::MEAN_VARIANCE));
+        let back_in = if opposite { other } else { sharper };
+        let back = [across(back_in, back_v), across(back_in, shader::TEXTURE_VARIANCE)];
+        let hiding = [across(sharper, front_v + back_v), across(sharper, front_v + shader::TEXTURE_VARIANCE)];
+        let of_front = kernel(front_v);
+        let of_back = [kernel(back_v), kernel(shader::TEXTURE_VARIANCE)];
+        let (of_mean, of_rim) = (kernel(shader::MEAN_VARIANCE), kernel(shader::RIM_VARIANCE));
+
+        // Variance of the texture: in front; outside it in the same photograph; behind, where the front's blur does not
+        // reach.
+        let is = |condition: bool| f64::from(u8::from(condition));
+        let variance = |from: isize, to: isize, difference: &dyn Fn(usize, usize) -> f64| {
+            let range = HALF.wrapping_add_signed(from)..=HALF.wrapping_add_signed(to);
+            let squares = range.clone().flat_map(|k| (0..LINES).map(move |line| (line, k)));
+            squares.map(|(line, k)| difference(line, k).powi(2)).sum::<f64>() / (LINES * range.count()) as f64
+        };
+        let average = |mean: Option<f64>| mean.unwrap_or(self.average);
+        let front_texture = variance(4, 16, &|line, k| {
+            in_sharper[line][k] - average(mean(&of_mean, k, |q| near[line][q], |q| is(q >= HALF + 2)))
+        });
+        let outside_texture = variance(-14, 0, &|line, k| {
+            in_sharper[line][k] - average(mean(&of_mean, k, |q| near[line][q], |q| is(q < HALF + 2)))
+        });
+        let back_sharp = if opposite { &in_other } else { &in_sharper };
+        let back_texture = variance(-16, -4, &|line, k| {
+            back_sharp[line][k] - average(mean(&of_back[1], k, |q| back[1][line][q], |q| is(q <= HALF - 2)))
+        });
+
+        std::array::from_fn(|n| {
+            let outline = HALF - BACKWARD + n;
+            let inside = |kernel: &[f64], k: usize, value: &dyn Fn(usize) -> f64| -> f64 {
+                let tap = |(i, w): (isize, f64)| (k.wrapping_add_signed(i), w);
+                let inner = |(q, _): &(usize, f64)| (*q as isize) >= outline as isize;
+                taps(kernel).map(tap).filter(inner).map(|(q, w)| w * value(q.min(ALONG - 1))).sum()
+            };
+            let open: [f64; ALONG] = std::array::from_fn(|k| 1.0 - inside(&of_front, k, &|_| 1.0));
+            let weights: [f64; ALONG] = std::array::from_fn(|k| match opposite {
+                true if open[k] < shader::DIM => 0.0,
+                true => open[k] * open[k],
+                false => is(k < outline),
+            });
+            let restored = |which: usize, line: usize, k: usize| {
+                if !opposite {
+                    return back[which][line][k];
+                }
+                let hidden = inside(&of_front, k, &|q| hiding[which][line][q]);
+                ((back[which][line][k] - hidden) / open[k].max(shader::DIM)).clamp(-0.3, 1.3)
+            };
+            let mut total = 0.0;
+            for line in 0..LINES {
+                let layers: [[f64; ALONG]; 2] =
+                    [0, 1].map(|which| std::array::from_fn(|k| weights[k] * restored(which, line, k)));
+                for k in HALF - WINDOW..=HALF + WINDOW {
+                    // Beyond the ends of the lines the layer behind goes on.
+                    let sums = [0, 1].map(|which| {
+                        taps(&of_back[which]).fold([0.0; 2], |[value, weight], (i, w)| {
+                            let q = (k as isize + i).clamp(0, ALONG as isize - 1) as usize;
+                            [value + w * layers[which][q], weight + w * weights[q]]
+                        })
+                    });
+                    let [known, known_coarse] = sums.map(|[_, weight]| weight);
+                    let coarse = if known_coarse > 1e-3 { sums[1][0] / known_coarse } else { self.average };
+                    let fine = if known > 1e-3 { sums[0][0] / known } else { coarse };
+                    let gap = shader::HIDDEN * (1.0 - known).clamp(0.0, 1.0).powi(2) * back_texture;
+                    let near_mean = average(mean(&of_mean, k, |q| near[line][q], |q| is(q >= outline)));
+                    let far_mean = average(mean(&of_mean, k, |q| near[line][q], |q| is(q < outline)));
+                    let lit = inside(&of_front, k, &|q| front[line][q]);
+                    let least = self.least;
+                    // The other photograph: the front's blur over the back.
+                    let (behind, texture) = if opposite { (coarse, back_texture) } else { (fine, gap) };
+                    let through = open[k] * open[k];
+                    total += cost(lit + open[k] * behind - in_other[line][k], least + through * texture, least);
+                    // The sharper photograph: inside like its neighbours inside, outside like the back.
+                    let rim = inside(&of_rim, k, &|_| 1.0);
+                    total += if k >= outline {
+                        cost(in_sharper[line][k] - near_mean, least + front_texture, least)
+                    } else if opposite {
+                        let variance = least + rim * rim * front_texture + (1.0 - rim).powi(2) * gap;
+                        cost(rim * near_mean + (1.0 - rim) * fine - in_sharper[line][k], variance, least)
+                    } else {
+                        cost(in_sharper[line][k] - far_mean, least + outside_texture, least)
+                    };
+                }
+            }
+            total
+        })
+    }
+
+    /// The cost of V as it is: of S, and of the sharper photograph against its own local mean.
+    ///
+    /// S is that of a Gaussian, as in the costs of outlines: that of the solve is less, since it knows the kernel better.
+    /// Across the normal the blur is that of the side's V.
+    fn cost_before(&self, profiles: &[Profile; 2], edge: &Edge, v: &Field) -> f64 {
+        let images = edge.levels.map(|level| usize::from(level <= 0.0));
+        let opposite = images[0] != images[1];
+        let sides = [0, 1].map(|side| {
+            let profile = &profiles[images[side]];
+            [across(profile, edge.levels[side].abs()), across(profile, shader::MEAN_VARIANCE)]
+        });
+        let of_mean = kernel(shader::MEAN_VARIANCE);
+        let places = (0..LINES).flat_map(|line| (HALF - WINDOW..=HALF + WINDOW).map(move |k| (line, k)));
+        let residuals: Vec<[f64; 2]> = places
+            .map(|(line, k)| {
+                let v = between(v, place_on(edge, line as f64, k));
+                let near = if opposite { v > 0.0 } else { v > 0.5 * (edge.levels[0] + edge.levels[1]) };
+                let side = usize::from(!near);
+                let sharper = images[side];
+                let blurred = |kernel: &[f64], lines: &Lines| {
+                    mean(kernel, k, |q| lines[line][q], |_| 1.0).unwrap_or(self.average)
+                };
+                let s = blurred(&kernel(v.abs()), &sides[side][0]) - profiles[1 - sharper][REACH + line][k];
+                let local = blurred(&of_mean, &sides[side][1]);
+                [profiles[sharper][REACH + line][k] - local, (s * s / self.least).ln_1p()]
+            })
+            .collect();
+        let square = residuals.iter().map(|[r, _]| r * r).sum::<f64>() / residuals.len() as f64;
+        residuals.iter().map(|[r, data]| data + cost(*r, self.least + square, self.least)).sum()
+    }
+}
+
+/// The constants of an image, for tests.
+#[cfg(test)]
+pub(super) fn constants([width, height]: [u32; 2]) -> Constants {
+    let centre = [width, height].map(|side| (side as f32 - 1.0) / 2.0);
+    Constants { width, height, centre }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::edge::testing::{count, layers};
+    use super::super::harness::{Input, Trial, random_field, smooth_field};
+    use super::super::state::{Registration, State};
+    use super::*;
+    use crate::base::{Photometric, Similarity};
+    use crate::engine::stages::{NO_VARIANT, convolve, edge_cells};
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        let photometric = Photometric { gain: 0.9, offset: 0.02 };
+        let mut state = State::new(&Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &photometric));
+        state.applied_shading[0] = 0.1;
+        // Fronts in focus in I1 and in I2, backs of the same and of the other sign, wide and narrow blur.
+        for (n, levels) in [[4.0, -3.0], [9.0, 2.0], [-1.0, -7.0], [1.2, -1.0]].into_iter().enumerate() {
+            let [width, height] = [[67, 41], [96, 40], [70, 35], [64, 48]][n];
+            let size = [width as u32, height as u32];
+            let results = layers(size, levels, 0);
+            assert!(count(&results[EDGES]) > 4, "{levels:?}");
+            let texture = [1, 2].map(|seed| [smooth_field(width, height, seed)]);
+            let noise = [3, 4].map(|seed| [random_field(width, height, seed)]);
+            let v = [results[0].clone()];
+            for [i1, i2] in [texture, noise] {
+                let inputs = [&i1[..], &i2, &v, &results].map(Input::Image).into_iter().chain([Input::State(&state)]);
+                let c = constants(size);
+                let [columns, rows] = tiles(size);
+                let trial = Trial::run::<Bindings>(&inputs.collect::<Vec<_>>(), &c, NO_VARIANT, [columns, rows, 1]);
+                // Sums of 232 costs of up to 8, whose logarithms are in single precision.
+                trial.assert_within(0.02);
+                assert!(trial.layers(3)[COSTS].data.iter().any(|&cost| cost > 1.0));
+            }
+        }
+    }
+
+    /// A textured front over a textured back under Gaussian blur: the costs are least at the true outline, in the true
+    /// order, and less than that of V as it is.
+    #[test]
+    fn the_true_outline_and_order_cost_least() {
+        let size @ [width, height] = [96usize, 256];
+        let cases = [[5.0, -4.0], [9.0, -8.0], [2.0, -3.0], [-1.0, -6.0], [6.0, 1.0]];
+        for (seed, levels) in (1..).zip(cases) {
+            let [front, back] =
+                [seed, seed + 10].map(|seed| convolve::smoothed(&random_field(width, height, seed), 1.0));
+            let matte = Field::from_fn(width, height, |x, _| f64::from(u8::from(x >= 48)));
+            // V = σ2² - σ1² of each layer, the sharper one in focus.
+            let photograph = |image: usize| {
+                let sigma = levels.map(|v: f64| if (v > 0.0) == (image == 0) { 0.6 } else { (0.36 + v.abs()).sqrt() });
+                let lit =
+                    Field { data: front.data.iter().zip(&matte.data).map(|(i, m)| i * m).collect(), ..front.clone() };
+                let [lit, cover] = [lit, matte.clone()].map(|field| convolve::smoothed(&field, sigma[0]));
+                let behind = convolve::smoothed(&back, sigma[1]);
+                Field::from_fn(width, height, |x, y| lit.get(x, y) + (1.0 - cover.get(x, y)) * behind.get(x, y))
+            };
+            let photographs = [photograph(0), photograph(1)];
+            // V passes from one side to the other 4 px too far out.
+            let v = Field::from_fn(width, height, |x, _| {
+                let share = 0.5 + 0.5 * ((x as f64 - 43.5) / 2.0).tanh();
+                share * levels[0] + (1.0 - share) * levels[1]
+            });
+            let deviation = Field::from_fn(width, height, |_, _| 0.05);
+            let image = [width as u32, height as u32];
+            let edges = edge_cells::cpu_reference(image, &v, &deviation);
+            let [costs, reversed] =
+                cpu_reference(&constants(image), &DoubleState::default(), photographs.each_ref(), &v, &edges);
+            let mut sums = [[0.0; DISPLACEMENTS]; 2];
+            let mut place = 0.0;
+            let cells: Vec<_> = edge::all_cells(image)
+                .filter(|cell| cell[1] > 3 && cell[1] < 60)
+                .filter(|&cell| Edge::of(&edges, cell).is_some())
+                .collect();
+            assert!(cells.len() >= 8, "{size:?}");
+            for &cell in &cells {
+                place += Edge::of(&edges, cell).unwrap().place[0] / cells.len() as f64;
+                for (sums, layer) in sums.iter_mut().zip([&costs, &reversed]) {
+                    let numbers = (0..).map(|n| edge::number(layer, cell, n));
+                    sums.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += number / cells.len() as f64);
+                }
+            }
+            let least = |sums: &[f64]| sums.iter().copied().fold(f64::MAX, f64::min);
+            let best = (0..DISPLACEMENTS).min_by(|&a, &b| sums[0][a].total_cmp(&sums[0][b])).unwrap();
+            // The first sample inside is pixel 48.
+            let found = place + best as f64 - BACKWARD as f64;
+            println!("{levels:?}: {found:.1}, least {:.0}, reversed {:.0}", least(&sums[0]), least(&sums[1]));
+            assert!((found - 48.0).abs() <= 1.0, "{levels:?}: {found}");
+            assert!(least(&sums[0]) < least(&sums[1]), "{levels:?}");
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! The distribution of the outline's place in both orders, and what speaks for it. Section 7b of `docs/method.md`.
+//!
+//! The costs E of a cell are averaged with those of its neighbours on the same edge. With a temperature τ the
+//! distribution of the displacement is proportional to `exp(-E/τ)`. Stored is its sum up to each displacement.
+//!
+//! What speaks for an outline: the cost of V as it is less the least cost, for both orders; whether the mean displacement
+//! is within the range, for both; the least cost of the other order less that of this one; and how many cells within two
+//! continue the edge.
+
+use super::edge::{self, BEFORE, COSTS, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, REVERSED_COSTS};
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::{Field, pixels};
+use crate::engine::shaders::edge_decide as shader;
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width, pixels.
+    width: u32,
+    /// Height, pixels.
+    height: u32,
+}
+
+bindings! {
+    EDGE_DECIDE:
+    /// Layers: edges and costs; distributions and decisions.
+    results: Updates<Results>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: a number of each cell read. What is read at edges depends on the scene.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let layer = |n| memory.layer(self.results, n);
+        let [near, far, decisions] =
+            cpu_reference([c.width, c.height], [layer(COSTS), layer(REVERSED_COSTS)], layer(EDGES));
+        memory.set_layer(self.results, OUTLINES[0], near);
+        memory.set_layer(self.results, OUTLINES[1], far);
+        memory.set_layer(self.results, DECISIONS, decisions);
+    }
+}
+
+/// The layers of the distributions, by order, and of the decisions.
+pub(crate) fn cpu_reference(size: [u32; 2], costs: [&Field; 2], edges: &Field) -> [Field; 3] {
+    let mut layers = [(); 3].map(|()| Field::zeros(edges.width, edges.height));
+    for cell in edge::all_cells(size) {
+        let Some(edge) = Edge::of(edges, cell) else { continue };
+        let (mut mean, mut before, mut sum, mut length) = ([[0.0; DISPLACEMENTS]; 2], 0.0, 0.0, 0.0);
+        for other in edge::cells_around(cell, shader::AROUND as usize, size) {
+            let Some(neighbour) = Edge::of(edges, other) else { continue };
+            let apart: f64 = [0, 1].map(|i| (other[i] as f64 - cell[i] as f64).powi(2)).iter().sum();
+            let agreement = edge.agreement(&neighbour);
+            length += agreement;
+            let weight = agreement * (-apart / (2.0 * shader::SPREAD)).exp();
+            sum += weight;
+            before += weight * edge::number(costs[0], other, BEFORE);
+            for (order, n) in (0..2).flat_map(|order| (0..DISPLACEMENTS).map(move |n| (order, n))) {
+                mean[order][n] += weight * edge::number(costs[order], other, n);
+            }
+        }
+        let mut least = [0.0; 2];
+        for (order, costs) in mean.iter().enumerate() {
+            least[order] = costs.iter().copied().fold(f64::MAX, f64::min);
+            let density = costs.map(|cost| (-(cost - least[order]) / (shader::TEMPERATURE * sum)).exp());
+            let total: f64 = density.iter().sum();
+            let place = density.iter().enumerate().map(|(n, p)| n as f64 * p).sum::<f64>() / total;
+            let mut share = 0.0;
+            let shares = density.map(|p| {
+                share += p / total;
+                share
+            });
+            edge::set(&mut layers[order], cell, 0, &shares);
+            let within = place > 1.0 && place < (DISPLACEMENTS - 2) as f64;
+            edge::set(&mut layers[2], cell, order, &[(before - least[order]) / sum]);
+            edge::set(&mut layers[2], cell, 2 + order, &[f64::from(u8::from(within))]);
+        }
+        edge::set(&mut layers[2], cell, 4, &[(least[1] - least[0]) / sum, length]);
+    }
+    layers
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::edge::testing::{count, layers};
+    use super::super::harness::{Input, Trial};
+    use super::*;
+    use crate::engine::stages::NO_VARIANT;
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        for (size, levels) in [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0]), ([64, 48], [-1.0, -7.0])] {
+            let results = layers(size, levels, COSTS + 1);
+            assert!(count(&results[EDGES]) > 4);
+            let c = Constants { width: size[0], height: size[1] };
+            let trial =
+                Trial::run::<Bindings>(&[Input::Image(&results)], &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
+            // Costs of some 1000 in single precision, the differences of which are divided by a temperature of 1.5.
+            trial.assert_within(2e-3);
+            let cell = edge::all_cells(size).find(|&cell| Edge::of(&results[EDGES], cell).is_some()).unwrap();
+            for layer in OUTLINES {
+                assert!((edge::number(&trial.layers(0)[layer], cell, DISPLACEMENTS - 1) - 1.0).abs() < 1e-9);
+            }
+        }
+    }
+}
