@@ -1,4 +1,4 @@
-//! V and its standard deviation at the depth edges whose outlines two layers explain. Section 7b of `docs/method.md`.
+//! V and its standard deviation at the depth edges whose outlines two layers explain. Section 7 of `docs/method.md`.
 //!
 //! With the probability p that a pixel shows the near side, from the distributions of the cells around it,
 //! `V = p V_near + (1 - p) V_far` and `σ = √(p (1 - p)) |V_near - V_far| + p σ_near + (1 - p) σ_far`. An edge stays as it

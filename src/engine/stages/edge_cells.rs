@@ -1,4 +1,4 @@
-//! Finds the cells at depth edges, their normals, and V of either side. Section 7b of `docs/method.md`.
+//! Finds the cells at depth edges, their normals, and V of either side. Section 7 of `docs/method.md`.
 //!
 //! A cell has an edge if V jumps over about ±5 px, and hardly more over ±9 px: a slope that goes on is no jump. The edge
 //! is where V is halfway between the extremes, its normal the slope of V there. V of a side is a weighted mean along the

@@ -1,4 +1,4 @@
-//! The costs of displaced outlines at a depth edge. Section 7b of `docs/method.md`.
+//! The costs of displaced outlines at a depth edge. Section 7 of `docs/method.md`.
 //!
 //! The model has two layers. The front one is in focus at its own V and hides part of the other. `h(v)` is a Gaussian of
 //! variance v, V_f and V_b are those of the front and of the back, and m is 1 inside the outline. With the photograph

@@ -1,4 +1,4 @@
-//! The distribution of the outline's place in both orders, and what speaks for it. Section 7b of `docs/method.md`.
+//! The distribution of the outline's place in both orders, and what speaks for it. Section 7 of `docs/method.md`.
 //!
 //! The costs E of a cell are averaged with those of its neighbours on the same edge. With a temperature τ the
 //! distribution of the displacement is proportional to `exp(-E/τ)`. Stored is its sum up to each displacement.
