@@ -38,7 +38,8 @@ const int SIDE = 24;                 // of a window, pixels
 const int TERMS_OF_S = 7;
 const int SHAPE = 5, LEFT = 6;
 const int PAIRS = TERMS_OF_S * (TERMS_OF_S + 1) / 2;
-const int VARIANCE = PAIRS, COUNT = PAIRS + 1, SUMMED = PAIRS + 2;
+// Sums of |V|, of the pixels, of those with V > 0, and of the power of I2's noise on I1's pixels.
+const int VARIANCE = PAIRS, COUNT = PAIRS + 1, FIRST = PAIRS + 2, BETWEEN = PAIRS + 3, SUMMED = PAIRS + 4;
 shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMMED];
 
 // The departure of a disk from a Gaussian at |V|, between two nodes.
@@ -69,11 +70,11 @@ void terms_at(ivec2 x, float v, float around, out float terms[TERMS_OF_S]) {
     PairSample both = blur_near(blur, v, shift, stencil(1, 0, columns_at, lines), stencil(2, 0, columns_at, lines), columns_at, lines);
     bool first = v >= 0.0;
     float departs = departure_at(first ? 1 : 2, abs(v), first ? vec2(0.0) : shift, columns_at, lines);
-    Blurred second = first ? both.j : both.b2;
-    vec2 gradient = r.gain * second.gradient;
-    float s = (first ? both.b1.value : both.i1) - (r.gain * second.value + r.offset);
+    // The blurred side stands for both: noise of the other, which is in S as a whole, would be in the terms too.
+    Blurred sharper = first ? both.b1 : both.b2;
+    float s = first ? sharper.value - (r.gain * both.j.value + r.offset) : both.i1 - (r.gain * sharper.value + r.offset);
     departs *= first ? 1.0 : -r.gain;
-    terms = float[](first ? both.b1.slope : -r.gain * both.b2.slope, gradient.x, gradient.y, 1.0, second.value - around, departs,
+    terms = float[](sharper.slope, sharper.gradient.x, sharper.gradient.y, 1.0, sharper.value - around, departs,
                     s + state.kernel_shape * departs);
 }
 
@@ -96,11 +97,13 @@ vec2 estimate(float sums[SUMMED]) {
     // A window that is not complete, or whose shape depends on the other terms.
     if (sums[COUNT] < float(SIDE * SIDE) || !(information > 1e-4 * whole[SHAPE]) || !(information > 1e-9)) return vec2(0.0);
     float left = max(m[LEFT][LEFT] - m[SHAPE][LEFT] * m[SHAPE][LEFT] / information, 0.0) / float(SIDE * SIDE - TERMS_OF_S);
-    // Noise of the sharper image is in both S and the departure.
-    float v = max(sums[VARIANCE] / float(SIDE * SIDE), 0.1), q = 16.0 / 9.0;
+    // Noise of the sharper image is in both S and the departure. That of I2 is interpolated, and has the gain.
+    float pixels = float(SIDE * SIDE), v = max(sums[VARIANCE] / pixels, 0.1), q = 16.0 / 9.0;
+    float first = sums[FIRST] / pixels, between = sums[BETWEEN] / pixels, square = state.registration.gain * state.registration.gain;
+    float before = mix(between, 1.0, first), own = mix(square, 1.0, first), other = mix(1.0, square * between, first);
     vec3 variances = vec3(v / q, v, v * q), powers;
-    for (int n = 0; n < 3; n++) powers[n] = blurred_power(noise, 0.5 * (v + variances[n]), 1.0).value;
-    float shared_noise = float(SIDE * SIDE) * left / (1.0 + powers[1]) * departure(v, variances, powers);
+    for (int n = 0; n < 3; n++) powers[n] = own * blurred_power(noise, 0.5 * (v + variances[n]), before).value;
+    float shared_noise = pixels * left / (other + powers[1]) * departure(v, variances, powers);
     // 5e-4: at least that of rounding to 256 values.
     return vec2(-(m[SHAPE][LEFT] - shared_noise) / information, information / (left + 2.5e-7));
 }
@@ -124,6 +127,8 @@ void main() {
         }
         sums[VARIANCE] += abs(v);
         sums[COUNT] += 1.0;
+        sums[FIRST] += v >= 0.0 ? 1.0 : 0.0;
+        sums[BETWEEN] += interpolated_power(d);
     }
     for (int i = 0; i < SUMMED; i++) {
         float sum = subgroupAdd(sums[i]);

@@ -11,7 +11,7 @@
 
 use super::blur::{self, Stacks};
 use super::mask::{self, Masks};
-use super::noise::Noise;
+use super::noise::{self, Noise};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, inside};
 use super::{Field, spline, stack};
@@ -115,7 +115,7 @@ pub fn cpu_reference(
     let windows = (0..rows).flat_map(|row| (0..columns).map(move |column| [column, row]));
     let estimates = windows.map(|[column, row]| {
         let corner = [corner(column, columns, size[0]), corner(row, rows, size[1])];
-        let (mut m, mut variance, mut count) = ([[0.0; TERMS]; TERMS], 0.0, 0);
+        let (mut m, mut means, mut count) = ([[0.0; TERMS]; TERMS], Means::default(), 0);
         for (y, x) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (corner[1] + y, corner[0] + x))) {
             let (v, r) = (v.get(x, y), &state.registration);
             let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
@@ -124,10 +124,12 @@ pub fn cpu_reference(
             }
             let terms = terms(c, state, stacks, [x, y], v);
             (0..TERMS).for_each(|i| (0..TERMS).for_each(|j| m[i][j] += terms[i] * terms[j]));
-            variance += v.abs() / (SIDE * SIDE) as f64;
+            means.variance += v.abs() / (SIDE * SIDE) as f64;
+            means.first += f64::from(u8::from(v >= 0.0)) / (SIDE * SIDE) as f64;
+            means.between += noise::interpolated(d) / (SIDE * SIDE) as f64;
             count += 1;
         }
-        if count < SIDE * SIDE { Window::default() } else { estimate(m, variance, &c.noise) }
+        if count < SIDE * SIDE { Window::default() } else { estimate(m, &means, state.registration.gain, &c.noise) }
     });
     estimates.collect()
 }
@@ -143,14 +145,14 @@ fn terms(c: &Constants, state: &DoubleState, stacks: &Stacks, [x, y]: [usize; 2]
     } else {
         -r.gain * departure(stacks.second, -v, [x, y], shift)
     };
-    let (i1, i2, gradient) = if first {
-        (b1.value, j.value, [j.dx, j.dy])
+    // The blurred side stands for both: noise of the other, which is in S as a whole, would be in the terms too.
+    let sharper = if first { b1 } else { b2 };
+    let s = if first {
+        sharper.value - (r.gain * j.value + r.offset)
     } else {
-        (spline::near(&stacks.first[0], x, y, [0.0; 2]).value, b2.value, [b2.dx, b2.dy])
+        spline::near(&stacks.first[0], x, y, [0.0; 2]).value - (r.gain * sharper.value + r.offset)
     };
-    let slope = if first { b1.slope } else { -r.gain * b2.slope };
-    let s = i1 - (r.gain * i2 + r.offset) + state.kernel_shape * departs;
-    [slope, r.gain * gradient[0], r.gain * gradient[1], 1.0, i2, departs, s]
+    [sharper.slope, sharper.dx, sharper.dy, 1.0, sharper.value, departs, s + state.kernel_shape * departs]
 }
 
 /// The departure at |V|, between two nodes.
@@ -162,8 +164,19 @@ fn departure(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> f6
     (1.0 - t) * at(k) + t * at(k + 1)
 }
 
+/// Means over a window.
+#[derive(Default)]
+struct Means {
+    /// Of |V|.
+    variance: f64,
+    /// The share of the pixels with V > 0.
+    first: f64,
+    /// Of the power of I2's noise on I1's pixels.
+    between: f64,
+}
+
 /// Eliminates the window's own terms, and fits the rest of S by the rest of the departure.
-fn estimate(mut m: [[f64; TERMS]; TERMS], variance: f64, noise: &Noise) -> Window {
+fn estimate(mut m: [[f64; TERMS]; TERMS], means: &Means, gain: f64, noise: &Noise) -> Window {
     let whole: [f64; TERMS] = std::array::from_fn(|i| m[i][i]);
     for p in 0..SHAPE {
         if m[p][p] > 1e-5 * whole[p] {
@@ -177,10 +190,14 @@ fn estimate(mut m: [[f64; TERMS]; TERMS], variance: f64, noise: &Noise) -> Windo
         return Window::default();
     }
     let left = (m[LEFT][LEFT] - product * product / information).max(0.0) / (SIDE * SIDE - TERMS) as f64;
-    let v = variance.max(0.1);
+    let v = means.variance.max(0.1);
     let variances = [v / RATIO, v, v * RATIO];
-    let powers = variances.map(|other| noise.blurred(0.5 * (v + other), 1.0).value);
-    let shared = (SIDE * SIDE) as f64 * left / (1.0 + powers[1]) * stack::departure(v, variances, powers);
+    // Noise of the sharper image; that of I2 is interpolated, and has the gain.
+    let mix = |of_second: f64, of_first: f64| of_second + means.first * (of_first - of_second);
+    let (before, own) = (mix(means.between, 1.0), mix(gain * gain, 1.0));
+    let other = mix(1.0, gain * gain * means.between);
+    let powers = variances.map(|other| own * noise.blurred(0.5 * (v + other), before).value);
+    let shared = (SIDE * SIDE) as f64 * left / (other + powers[1]) * stack::departure(v, variances, powers);
     Window { shape: -(product - shared) / information, weight: information / (left + 2.5e-7) }
 }
 
@@ -247,8 +264,9 @@ mod tests {
         check([&flat, &flat], &Field::zeros(40, 30), None);
     }
 
-    /// The median of the windows' shapes of a texture and its blurred copy, with V off by 0.2 px².
-    fn median_shape(kernel: &Kernel, noise: f64) -> f64 {
+    /// The median of the windows' shapes of a texture and its blurred copy, with V off by 0.2 px²: with the blurred one
+    /// as I2, and as I1.
+    fn median_shapes(kernel: &Kernel, noise: f64) -> [f64; 2] {
         let (size, nodes, v) = (220, stack::node_count(9.0), 4.0);
         let sharp = smooth_field(size, size, 7);
         let mut blurred = Field::zeros(size, size);
@@ -264,18 +282,25 @@ mod tests {
         };
         let stacks = [noisy(sharp, 8), noisy(blurred, 9)].map(|i| build_stack(&i, &Kernel::Gaussian, nodes));
         let c = Constants { factor: 1.0, noise: Noise::new(0), ..constants([size, size], nodes) };
-        let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: stack::Slopes::Laplacian };
-        let v = Field::from_fn(size, size, |_, _| v + 0.2);
-        let windows = cpu_reference(&c, &DoubleState::default(), &v, &read, None);
-        super::super::shape_median::cpu_reference(0.0, &windows)
+        [[0, 1], [1, 0]].map(|[first, second]| {
+            let read = Stacks { first: &stacks[first], second: &stacks[second], slopes: stack::Slopes::Laplacian };
+            let v = Field::from_fn(size, size, |_, _| if first == 0 { v + 0.2 } else { -v - 0.2 });
+            let windows = cpu_reference(&c, &DoubleState::default(), &v, &read, None);
+            super::super::shape_median::cpu_reference(0.0, &windows)
+        })
     }
 
     #[test]
-    fn a_disk_is_distinguished_from_a_gaussian() {
-        for noise in [0.0, 0.002] {
-            let [gaussian, disk] = [Kernel::Gaussian, Kernel::Pillbox].map(|kernel| median_shape(&kernel, noise));
-            println!("noise {noise}: gaussian {gaussian:.2}, disk {disk:.2}");
-            assert!(gaussian < 0.2 && (disk - 1.0).abs() < 0.35, "noise {noise}: {gaussian} {disk}");
+    fn a_disk_is_distinguished_from_a_gaussian_whichever_photograph_is_sharper() {
+        for noise in [0.0, 0.002, 0.01] {
+            let [gaussian, disk] = [Kernel::Gaussian, Kernel::Pillbox].map(|kernel| median_shapes(&kernel, noise));
+            println!("noise {noise}: gaussian {gaussian:.2?}, disk {disk:.2?}");
+            for n in 0..2 {
+                assert!(
+                    gaussian[n].abs() < 0.2 && (disk[n] - 1.0).abs() < 0.35,
+                    "noise {noise}: {gaussian:?} {disk:?}"
+                );
+            }
         }
     }
 }
