@@ -59,7 +59,7 @@ void main() {
     ivec2 own = x / SIDE - corner;
     float sum = 0.0, nearest = 1e30;
     vec4 levels = vec4(0.0);
-    float near_share = 0.0;
+    float near_share = 0.0, near_in_front = 0.0;
     for (int j = own.y - AROUND; j <= own.y + AROUND; j++) {
         uvec2 orders = (uvec2(accepted[j][0], accepted[j][1]) >> (own.x - AROUND)) & ((1u << (2 * AROUND + 1)) - 1u);
         for (uint cells = orders.x | orders.y; cells != 0u; cells &= cells - 1u) {
@@ -75,10 +75,14 @@ void main() {
             float weight = exp(-along * along / (2.0 * ALONG) - inside * inside / (2.0 * AWAY));
             sum += weight;
             near_share += weight * near;
+            if (order == 1) near_in_front += weight;
             levels += weight * vec4(edge.near, edge.far, edge.near_deviation, edge.far_deviation);
         }
     }
-    if (sum < 1e-3) return;
+    if (sum < 1e-3) {
+        imageStore(results, ivec3(x, SIDES), vec4(0.0));
+        return;
+    }
     float p = near_share / sum;
     levels /= sum;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, deviation = imageLoad(results, ivec3(x, 1)).r;
@@ -86,6 +90,11 @@ void main() {
     v = mix(v, mix(levels.y, levels.x, p), share);
     float mixed = sqrt(max(p * (1.0 - p), 0.0)) * abs(levels.x - levels.y) + mix(levels.w, levels.z, p);
     imageStore(relative_blur, ivec3(x, 0), vec4(v));
+    // By the sign of V, as the fused image takes the photographs.
+    float front = near_in_front > 0.5 * sum ? levels.x : levels.y;
+    bool fused = levels.x * levels.y < 0.0 && !isnan(deviation);
+    float side = !fused ? 0.0 : v * front > 0.0 ? abs(front) : -abs(front);
+    imageStore(results, ivec3(x, SIDES), vec4(side));
     // Where there are no results, both are NaN.
     if (isnan(deviation)) return;
     imageStore(results, ivec3(x, 0), vec4(v));

@@ -3,9 +3,10 @@
 
 const int SIDE = 4;                  // of a cell, pixels
 // Layers: costs of the outlines with the near side in front, and with the far side in front; the edges; the distributions
-// of the outline's place in both orders; the decisions.
-const int COSTS = 3, REVERSED_COSTS = 4, EDGES = 5, OUTLINES = 6, REVERSED_OUTLINES = 7, DECISIONS = 8;
-const int LAYERS = 9;
+// of the outline's place in both orders; the decisions. And of each pixel near an accepted outline beyond which V has the
+// other sign, |V| of what is in front: positive in front, negative behind; 0 elsewhere. This one stays for the fused image.
+const int COSTS = 3, REVERSED_COSTS = 4, EDGES = 5, OUTLINES = 6, REVERSED_OUTLINES = 7, DECISIONS = 8, SIDES = 9;
+const int LAYERS = 10;
 // Displacements of an outline towards the side in front, px: from -BACKWARD on.
 const int BACKWARD = 4, DISPLACEMENTS = 15;
 // The cost of V as it is, behind those of the outlines.

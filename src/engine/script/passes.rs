@@ -10,9 +10,9 @@ use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
     NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, edge, edge_agree, edge_apply, edge_cells, edge_costs,
-    edge_decide, exposure, fuse, grid, halve_grid, ingest, linearise, mask, pixels, prolong, relax, relax_grid,
-    relax_level, residual, shape, shape_median, shape_windows, sums, system, uncertainty, uncertainty_terms, unpack,
-    update, update_transform,
+    edge_decide, edge_fuse, exposure, fuse, grid, halve_grid, ingest, linearise, mask, pixels, prolong, relax,
+    relax_grid, relax_level, residual, shape, shape_median, shape_windows, sums, system, uncertainty,
+    uncertainty_terms, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -553,5 +553,12 @@ impl Composer<'_> {
             epsilon: plan.settings.heaviside_epsilon as f32,
         };
         self.over(plan.size, bindings, &constants, NO_VARIANT);
+        if plan.settings.edges {
+            let bindings = edge_fuse::Bindings { results: slot::RESULTS.update() };
+            let [width, height] = plan.size;
+            let constants = edge_fuse::Constants { width, height, layer: MAP_LAYERS + channel };
+            let grid = Grid::Edges { levels: plan.solved, over: Edges::Pixels };
+            self.dispatch(bindings, &constants, NO_VARIANT, grid);
+        }
     }
 }

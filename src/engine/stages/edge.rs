@@ -18,6 +18,9 @@ pub(crate) const EDGES: usize = edge::EDGES as usize;
 pub(crate) const OUTLINES: [usize; 2] = [edge::OUTLINES as usize, edge::REVERSED_OUTLINES as usize];
 /// The layer of the decisions.
 pub(crate) const DECISIONS: usize = edge::DECISIONS as usize;
+/// The layer of the side of each pixel near an accepted outline beyond which V has the other sign: |V| of what is in front,
+/// positive in front and negative behind. 0 elsewhere.
+pub(crate) const SIDES: usize = edge::SIDES as usize;
 /// Layers of the results that the passes over edges need.
 pub(crate) const LAYERS: u32 = edge::LAYERS;
 /// Displacements of an outline, a pixel apart.

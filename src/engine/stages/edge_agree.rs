@@ -1,4 +1,4 @@
-//! Averages what speaks for an outline along the edge, so that an edge is moved as a whole or stays. Section 7b of
+//! Averages what speaks for an outline along the edge, so that an edge is moved as a whole or stays. Section 7 of
 //! `docs/method.md`.
 
 use super::edge::{self, DECISIONS, EDGES, Edge};

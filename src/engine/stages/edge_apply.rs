@@ -5,7 +5,7 @@
 //! is unless the outline explains the photographs at least as well as V did, and better than any with the other side in
 //! front; unless it is well within the displacements; and unless it goes on for some cells.
 
-use super::edge::{self, BACKWARD, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES};
+use super::edge::{self, BACKWARD, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};
 use crate::engine::shaders::edge_apply as shader;
@@ -23,7 +23,7 @@ push_constants! {
 bindings! {
     EDGE_APPLY:
     v: Updates<RelativeBlur>,
-    /// Layers: V, its standard deviation; edges, distributions and decisions.
+    /// Layers: V, its standard deviation; edges, distributions and decisions; sides.
     results: Updates<Results>,
 }
 
@@ -37,16 +37,17 @@ impl Pass for Bindings {
         let layer = |n| memory.layer(self.results, n);
         let outlines = OUTLINES.map(layer);
         let (v, deviation) = (memory.layer(self.v, 0), layer(1));
-        let [v, deviation] = cpu_reference(c, v, deviation, layer(EDGES), outlines, layer(DECISIONS));
+        let [v, deviation, sides] = cpu_reference(c, v, deviation, layer(EDGES), outlines, layer(DECISIONS));
         let masked =
             Field::from_fn(v.width, v.height, |x, y| if deviation.get(x, y).is_nan() { f64::NAN } else { v.get(x, y) });
         memory.set_layer(self.v, 0, v);
         memory.set_layer(self.results, 0, masked);
         memory.set_layer(self.results, 1, deviation);
+        memory.set_layer(self.results, SIDES, sides);
     }
 }
 
-/// V and its standard deviation.
+/// V, its standard deviation, and the sides.
 pub(crate) fn cpu_reference(
     c: &Constants,
     v: &Field,
@@ -54,15 +55,16 @@ pub(crate) fn cpu_reference(
     edges: &Field,
     outlines: [&Field; 2],
     decisions: &Field,
-) -> [Field; 2] {
-    let (size, mut results) = ([c.width, c.height], [v.clone(), deviation.clone()]);
+) -> [Field; 3] {
+    let size = [c.width, c.height];
+    let mut results = [v.clone(), deviation.clone(), Field::zeros(v.width, v.height)];
     let accepted: Vec<Option<(Edge, usize)>> =
         edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
     let [columns, rows] = edge::cells(size).map(|side| side as usize);
     for (y, x) in (0..v.height).flat_map(|y| (0..v.width).map(move |x| (y, x))) {
         let own = [(x / edge::SIDE).min(columns - 1), (y / edge::SIDE).min(rows - 1)];
         let (mut sum, mut near, mut levels, mut deviations) = (0.0, 0.0, [0.0; 2], [0.0; 2]);
-        let mut nearest = f64::MAX;
+        let (mut nearest, mut near_in_front) = (f64::MAX, 0.0);
         let around = shader::AROUND as usize;
         for cell in edge::cells_around(own, around, size) {
             // Columns and rows of pixels beyond the last cell have their own cells.
@@ -81,6 +83,7 @@ pub(crate) fn cpu_reference(
             let in_front = |inside: f64| in_front(outlines[*order], cell, inside);
             sum += weight;
             near += weight * if *order == 0 { in_front(inside) } else { 1.0 - in_front(-inside) };
+            near_in_front += if *order == 0 { weight } else { 0.0 };
             for i in 0..2 {
                 levels[i] += weight * edge.levels[i];
                 deviations[i] += weight * edge.deviations[i];
@@ -99,6 +102,11 @@ pub(crate) fn cpu_reference(
         let n = y * v.width + x;
         results[0].data[n] += share * (p * near + (1.0 - p) * far - v.data[n]);
         results[1].data[n] += share * (mixed - deviation.data[n]);
+        if near * far < 0.0 && !deviation.data[n].is_nan() {
+            // By the sign of V, as the fused image takes the photographs.
+            let front = if near_in_front > 0.5 * sum { near } else { far };
+            results[2].data[n] = front.abs().copysign(results[0].data[n] * front);
+        }
     }
     results
 }

@@ -18,6 +18,7 @@ pub mod edge_apply;
 pub mod edge_cells;
 pub mod edge_costs;
 pub mod edge_decide;
+pub mod edge_fuse;
 pub mod exposure;
 pub mod fuse;
 pub mod grid;

@@ -123,7 +123,7 @@ fn close_to_jumps(relative_blur: &[f32], width: usize) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::Settings;
+    use crate::base::{Samples, Settings};
     use crate::engine::{Engine, testing};
     use crate::lab::scene::Shape;
     use crate::solve::{PairSolver, SolveOptions};
@@ -149,6 +149,25 @@ mod tests {
             let wrong = |solution: &Solution| errors(solution, &pair.relative_blur, |i| close[i])[1];
             println!("{:.1} % wrong, before {:.1} %", wrong(&after), wrong(&before));
             assert!(wrong(&after) < 0.5 * wrong(&before));
+            if !nearer_first {
+                // The ground is sharp in I1, with the light of the blurred card over it beyond the rim.
+                let mut sharp = Scene { noise: 0.0, ..scene.clone() };
+                if let Shape::Layers { lens, .. } = &mut sharp.shape {
+                    lens.f_number *= 100.0;
+                }
+                let [truth, frame] = [sharp.render().unwrap().i1, pair.i1.clone()].map(|frame| match frame.samples() {
+                    Samples::F32(values) => values.clone(),
+                    _ => panic!("scenes are rendered in floats"),
+                });
+                let error = |image: &[f32]| {
+                    let behind = (0..close.len()).filter(|&i| close[i] && pair.relative_blur[i] > 0.0);
+                    let squares: Vec<f64> = behind.map(|i| f64::from(image[i] - truth[i]).powi(2)).collect();
+                    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+                };
+                let [fused, frame] = [&after.fused, &frame].map(|image| error(image));
+                println!("behind the rim: fused {fused:.4}, the better photograph {frame:.4}");
+                assert!(fused < 0.75 * frame);
+            }
             // Away from edges no bit changes.
             let far = |i: usize| !close[i.saturating_sub(8)] && !close[(i + 8).min(close.len() - 1)];
             let changed = (0..close.len())

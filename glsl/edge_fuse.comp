@@ -1,0 +1,39 @@
+#version 460
+// One channel of the fused image behind a depth edge, without the light of what is in front. CPU reference:
+// src/engine/stages/edge_fuse.rs.
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform image2DArray results;
+layout(push_constant) uniform Constants {
+    int width, height;
+    int layer;                       // of the channel
+};
+
+#include "edge.glsl"
+
+// The least share of what is behind that a pixel's light is divided by: that at a straight rim.
+const float LEAST_SHARE = 0.5;
+
+void main() {
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy);
+    if (x.x >= width || x.y >= height) return;
+    float variance = -imageLoad(results, ivec3(x, SIDES)).r;
+    if (!(variance > 0.0)) return;
+    int reach = int(ceil(3.0 * sqrt(variance)));
+    ivec2 low = max(x - reach, ivec2(0)), high = min(x + reach, ivec2(width, height) - 1);
+    float sum = 0.0, in_front = 0.0, light = 0.0;
+    for (int j = low.y; j <= high.y; j++) {
+        for (int i = low.x; i <= high.x; i++) {
+            vec2 apart = vec2(i, j) - vec2(x);
+            float weight = exp(-dot(apart, apart) / (2.0 * variance));
+            sum += weight;
+            if (!(imageLoad(results, ivec3(i, j, SIDES)).r > 0.0)) continue;
+            in_front += weight;
+            light += weight * imageLoad(results, ivec3(i, j, layer)).r;
+        }
+    }
+    if (in_front == 0.0) return;
+    float fused = imageLoad(results, ivec3(x, layer)).r;
+    fused = max((fused - light / sum) / max(1.0 - in_front / sum, LEAST_SHARE), 0.0);
+    imageStore(results, ivec3(x, layer), vec4(fused));
+}
