@@ -3,21 +3,22 @@
 use super::Script;
 use super::compose::Composer;
 use crate::base::color::LUMINANCE;
+use crate::engine::arguments::Place;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Slot};
 use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, prolong, system, update};
 use crate::engine::tiles::NeededCells;
 
-fn script(plan: &Plan, fill: impl FnOnce(&mut Composer)) -> Script {
+fn script(plan: &Plan, level: usize, fill: impl FnOnce(&mut Composer)) -> Script {
     let mut composer = Composer::new(plan, false);
-    composer.settles = false;
+    (composer.settles, composer.place) = (false, Place::level(level));
     fill(&mut composer);
     composer.finish(0)
 }
 
 /// The upload of `frames` frames, a part each: from the photograph in the buffer, all levels of a layer of the pyramid.
 pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
-    script(plan, |s| {
+    script(plan, 0, |s| {
         for layer in 0..frames {
             if layer > 0 {
                 s.next_part();
@@ -36,7 +37,7 @@ pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
 
 /// Resamples frames onto the reference's pixels of a level, and band-passes them.
 pub(crate) fn align(plan: &Plan, level: &Level, frames: &[(u32, align::Constants)]) -> Script {
-    script(plan, |s| {
+    script(plan, level.index, |s| {
         for (frame, constants) in frames {
             s.spline(level, (slot::frames(level.index), *frame), (slot::SPLINE2.plane(), 0));
             let bindings = align::Bindings { spline: slot::SPLINE2.plane().read(), aligned: slot::ALIGNED.write() };
@@ -51,7 +52,7 @@ pub(crate) fn align(plan: &Plan, level: &Level, frames: &[(u32, align::Constants
 
 /// Prolongs u of the coarser level.
 pub(crate) fn prolong(plan: &Plan, level: &Level, limit: f32) -> Script {
-    script(plan, |s| {
+    script(plan, level.index, |s| {
         let [width, height] = level.size;
         let coarse = slot::relative_blur(level.index + 1).read();
         let bindings = prolong::Bindings { coarse, fine: slot::relative_blur(level.index).write() };
@@ -70,7 +71,7 @@ pub(crate) struct HalfPairs {
 
 /// Sums the linear systems of all pairs, with one blur stack at a time. `hold`: T and c do not step.
 pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold: bool) -> Script {
-    script(plan, |s| {
+    script(plan, level.index, |s| {
         s.empty(Slot::NormalEquations, level.size);
         // Pixels beyond the listed tiles are read with little weight, but must be numbers, and the same each time.
         s.empty(Slot::Stacks, plan.size);
@@ -101,7 +102,7 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold:
 
 /// Steps u by the linear system of all pairs, averaged over a window.
 pub(crate) fn step(plan: &Plan, level: &Level, constants: &system::Constants, update: &update::Constants) -> Script {
-    script(plan, |s| {
+    script(plan, level.index, |s| {
         s.system(level, constants, system::SWEEP);
         s.relaxation(level);
         s.update(level, update);

@@ -41,7 +41,7 @@ pub(super) const RELAXATION_SWEEPS: u32 = 3;
 /// by 0.050, 0.032 and 0.041 of a frame instead of 0.057, 0.032 and 0.044, but 11 frames by 0.082 instead of 0.076. T
 /// and c stay on the finest level: frames far out of focus show little but noise there. With steps of T a corner of the
 /// last of 11 simulated frames is off by 0.07 px, without by 0.008.
-const ITERATIONS: [usize; 3] = [4, 3, 2];
+pub(super) const ITERATIONS: [usize; 3] = [4, 3, 2];
 /// The largest move of a frame's corner in one step of T, px of the level: coarser levels have brought it closer.
 const MAX_CORNER_STEP: f64 = 0.5;
 /// A frame is resampled again once T has moved a corner by this, px of the level.
@@ -88,9 +88,107 @@ impl SharedParameters {
         self.settings[self.settings.len() - 1] - self.middle + FOCUS_MARGIN / self.rate_on(level).sqrt()
     }
 
-    fn finest_iterations(&self) -> usize {
+    pub(super) fn finest_iterations(&self) -> usize {
         if pairs::stride(&self.settings, self.rate) < 2.0 { ITERATIONS[2] - 1 } else { ITERATIONS[2] }
     }
+
+    /// Push constants that resample frame n onto the reference's pixels of a level.
+    pub(super) fn alignment(&self, level: &Level, n: usize) -> align::Constants {
+        let (gain, shading) = self.brightness[n];
+        let registration = Registration::new(self.transforms[n], &Photometric { gain, offset: 0.0 });
+        align::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            layer: n as u32,
+            factor: level.factor as f32,
+            centre: level.centre.map(|c| c as f32),
+            registration: (&registration).into(),
+            shading: shading.coefficients.map(|c| c as f32),
+        }
+    }
+
+    /// All pairs by the sharper frame, for u in these ranges, and the frames of each pair in the order of the sums.
+    /// `words`: the words per pixel that state which frames are excluded.
+    pub(super) fn half_pairs(
+        &self,
+        level: &Level,
+        words: u32,
+        ranges: &Ranges,
+    ) -> (Vec<sweep::HalfPairs>, Vec<[usize; 2]>) {
+        let rate = self.rate_on(level);
+        let chosen = pairs::choose(&self.settings, rate);
+        let [columns, rows, _] = half_pair::tiles(level.size);
+        // By the sharper frame; either frame of a pair is the sharper one at some pixels.
+        let (mut frames, mut half_pairs) = (Vec::new(), Vec::new());
+        for sharper in 0..self.settings.len() {
+            let partner = |[i, j]: &[usize; 2]| if *i == sharper { Some(*j) } else { (*j == sharper).then_some(*i) };
+            let max_blur = MAX_SHARPER_BLUR.max(rate * self.gap(sharper).powi(2));
+            let constants = chosen.iter().filter_map(partner).map(|other| {
+                let row = half_pairs.len() as u32 * columns * rows;
+                half_pairs.push([sharper, other]);
+                half_pair::Constants { row, words, ..self.half_pair(level, max_blur, [sharper, other]) }
+            });
+            let others = constants.collect();
+            let (setting, reach) = (self.settings[sharper] - self.middle, (max_blur / rate).sqrt());
+            let needed = ranges.between(setting - reach, setting + reach);
+            frames.push(sweep::HalfPairs { sharper: sharper as u32, others, needed });
+        }
+        (frames, half_pairs)
+    }
+
+    fn half_pair(&self, level: &Level, max_blur: f64, [sharper, other]: [usize; 2]) -> half_pair::Constants {
+        let setting = |n: usize| (self.settings[n] - self.middle) as f32;
+        let transform = |n: usize| self.resampled[n].unwrap_or(self.transforms[n]);
+        let visible: [Rectangle; 2] = [sharper, other].map(|n| validity::visible(&transform(n), level));
+        half_pair::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: level.nodes as u32,
+            other: other as u32,
+            row: 0,
+            listed: 0,
+            own: sharper as u32,
+            words: 0,
+            own_setting: setting(sharper),
+            other_setting: setting(other),
+            rate: self.rate_on(level) as f32,
+            grain: NOISE_CORRELATION as f32,
+            eta: ETA as f32,
+            limit: MAX_RELATIVE_BLUR.min(level.limit) as f32,
+            far: max_blur as f32,
+            length: level.length as f32,
+            centre: level.centre.map(|c| c as f32),
+            shown: validity::intersection(visible).map(|side| side as f32),
+        }
+    }
+
+    /// Push constants of a step of u, with c of the level.
+    pub(super) fn step(&self, level: &Level, rate: f64) -> (system::Constants, update::Constants) {
+        let [width, height] = level.size;
+        let system = system::Constants {
+            width,
+            height,
+            alpha: (ALPHA * self.pairs_per_pixel) as f32,
+            rate: rate as f32,
+            smoothness_eta: SMOOTHNESS_ETA as f32,
+        };
+        let update = update::Constants {
+            width,
+            height,
+            largest_step: (MAX_STEP / rate.sqrt()) as f32,
+            relative_step: 0.0,
+            limit: self.limit(level) as f32,
+            share: 1.0,
+        };
+        (system, update)
+    }
+}
+
+/// The level where a solve starts.
+pub(super) fn first_level(plan: &Plan) -> usize {
+    let longest = |level: &Level| level.size[0].max(level.size[1]);
+    let coarsest = plan.pyramid.len() - 1;
+    plan.pyramid.iter().position(|level| longest(level) <= START_SIDE).unwrap_or(coarsest)
 }
 
 /// A solver for frames of one size, format and number. u stays on the device between its methods.
@@ -125,12 +223,12 @@ impl PyramidSolver {
 
     /// The number of levels of a solve.
     pub(super) fn level_count(&self) -> usize {
-        self.first_level() + 1
+        first_level(&self.plan) + 1
     }
 
     /// The pixels of all iterations on each level down to `last`, coarse to fine, without the final ones on the finest.
     pub(super) fn work_above(&self, last: usize) -> Vec<u64> {
-        let first = self.first_level();
+        let first = first_level(&self.plan);
         let iterations = |index: usize| if index < first { ITERATIONS[1] } else { ITERATIONS[0] };
         (last.min(first)..=first)
             .rev()
@@ -141,13 +239,6 @@ impl PyramidSolver {
     /// The pixels of the iterations on the finest level, or on a part of it, with T and c held.
     pub(super) fn final_work(&self) -> u64 {
         ITERATIONS[2] as u64 * self.plan.pyramid[0].pixels()
-    }
-
-    /// The level where a solve starts.
-    fn first_level(&self) -> usize {
-        let longest = |level: &Level| level.size[0].max(level.size[1]);
-        let coarsest = self.plan.pyramid.len() - 1;
-        self.plan.pyramid.iter().position(|level| longest(level) <= START_SIDE).unwrap_or(coarsest)
     }
 
     /// Uploads the frames and computes their pyramids.
@@ -164,7 +255,7 @@ impl PyramidSolver {
         last: usize,
         done: &mut IterationDone<'_>,
     ) -> Result<SharedParameters, Error> {
-        let first = self.first_level();
+        let first = first_level(&self.plan);
         let (mut shared, focus) = self.start(first, input)?;
         self.device.fill(Slot::RelativeBlur { level: first }, &focus)?;
         for index in (last.min(first)..=first).rev() {
@@ -191,7 +282,7 @@ impl PyramidSolver {
         excluded: &ExcludedPixels,
         done: &mut IterationDone<'_>,
     ) -> Result<[Field; 2], Error> {
-        if self.first_level() == 0 {
+        if first_level(&self.plan) == 0 {
             return self.refine(1, shared, excluded, done);
         }
         self.prolong(0, shared)?;
@@ -334,7 +425,7 @@ impl PyramidSolver {
     ) -> Result<(Vec<PairSums>, f64), Error> {
         self.resample(level, shared)?;
         let rate = shared.rate_on(level);
-        let sums = self.half_pairs(level, shared, rate, hold)?;
+        let sums = self.half_pairs(level, shared, hold)?;
         shared.pairs_per_pixel = sums.iter().map(|pair| pair.sums.valid).sum::<f64>() / self.valid_pixels.max(1.0);
         Ok((sums, rate))
     }
@@ -359,48 +450,16 @@ impl PyramidSolver {
                 continue;
             }
             shared.resampled[n] = Some(t);
-            let (gain, shading) = shared.brightness[n];
-            let registration = Registration::new(t, &Photometric { gain, offset: 0.0 });
-            let constants = align::Constants {
-                width: level.size[0],
-                height: level.size[1],
-                layer: n as u32,
-                factor: level.factor as f32,
-                centre: level.centre.map(|c| c as f32),
-                registration: (&registration).into(),
-                shading: shading.coefficients.map(|c| c as f32),
-            };
-            moved.push((n as u32, constants));
+            moved.push((n as u32, shared.alignment(level, n)));
         }
         if moved.is_empty() { Ok(()) } else { self.device.run(&sweep::align(&self.plan, level, &moved)) }
     }
 
     /// The sums of all pairs, of u on the device.
-    fn half_pairs(
-        &mut self,
-        level: &Level,
-        shared: &SharedParameters,
-        rate: f64,
-        hold: bool,
-    ) -> Result<Vec<PairSums>, Error> {
-        let chosen = pairs::choose(&shared.settings, rate);
+    fn half_pairs(&mut self, level: &Level, shared: &SharedParameters, hold: bool) -> Result<Vec<PairSums>, Error> {
         let [columns, rows, _] = half_pair::tiles(level.size);
         let ranges = Ranges::of(&self.focus(level)?);
-        // By the sharper frame; either frame of a pair is the sharper one at some pixels.
-        let (mut frames, mut half_pairs) = (Vec::new(), Vec::new());
-        for sharper in 0..self.frames {
-            let partner = |[i, j]: &[usize; 2]| if *i == sharper { Some(*j) } else { (*j == sharper).then_some(*i) };
-            let max_blur = MAX_SHARPER_BLUR.max(rate * shared.gap(sharper).powi(2));
-            let constants = chosen.iter().filter_map(partner).map(|other| {
-                let row = half_pairs.len() as u32 * columns * rows;
-                half_pairs.push([sharper, other]);
-                self.half_pair(level, shared, [rate, max_blur], [sharper, other], row)
-            });
-            let others = constants.collect();
-            let (setting, reach) = (shared.settings[sharper] - shared.middle, (max_blur / rate).sqrt());
-            let needed = ranges.between(setting - reach, setting + reach);
-            frames.push(sweep::HalfPairs { sharper: sharper as u32, others, needed });
-        }
+        let (frames, half_pairs) = shared.half_pairs(level, self.excluded_words, &ranges);
         let layout = Layout::of(self.plan.projective());
         let floats = (columns * rows) as usize * layout.length;
         // Tiles that are not listed write no sums.
@@ -413,58 +472,10 @@ impl PyramidSolver {
         half_pairs.iter().enumerate().map(read).collect()
     }
 
-    fn half_pair(
-        &self,
-        level: &Level,
-        shared: &SharedParameters,
-        [rate, max_blur]: [f64; 2],
-        [sharper, other]: [usize; 2],
-        row: u32,
-    ) -> half_pair::Constants {
-        let setting = |n: usize| (shared.settings[n] - shared.middle) as f32;
-        let transform = |n: usize| shared.resampled[n].unwrap_or(shared.transforms[n]);
-        let visible: [Rectangle; 2] = [sharper, other].map(|n| validity::visible(&transform(n), level));
-        half_pair::Constants {
-            width: level.size[0],
-            height: level.size[1],
-            nodes: level.nodes as u32,
-            other: other as u32,
-            row,
-            listed: 0,
-            own: sharper as u32,
-            words: self.excluded_words,
-            own_setting: setting(sharper),
-            other_setting: setting(other),
-            rate: rate as f32,
-            grain: NOISE_CORRELATION as f32,
-            eta: ETA as f32,
-            limit: MAX_RELATIVE_BLUR.min(level.limit) as f32,
-            far: max_blur as f32,
-            length: level.length as f32,
-            centre: level.centre.map(|c| c as f32),
-            shown: validity::intersection(visible).map(|side| side as f32),
-        }
-    }
-
     /// Steps u; returns the sums by which u is eliminated from the step of c.
     fn step(&mut self, level: &Level, shared: &SharedParameters, rate: f64) -> Result<[f64; 2], Error> {
-        let [width, height] = level.size;
-        let constants = system::Constants {
-            width,
-            height,
-            alpha: (ALPHA * shared.pairs_per_pixel) as f32,
-            rate: rate as f32,
-            smoothness_eta: SMOOTHNESS_ETA as f32,
-        };
-        let update = update::Constants {
-            width,
-            height,
-            largest_step: (MAX_STEP / rate.sqrt()) as f32,
-            relative_step: 0.0,
-            limit: shared.limit(level) as f32,
-            share: 1.0,
-        };
-        self.device.run(&sweep::step(&self.plan, level, &constants, &update))?;
+        let (system, update) = shared.step(level, rate);
+        self.device.run(&sweep::step(&self.plan, level, &system, &update))?;
         let [columns, rows, _] = system::tiles(level.size);
         let floats = (columns * rows) as usize * system::SUMS;
         let rows: Vec<f32> = self.device.buffer(Slot::Partials).read(0, floats)?;
