@@ -56,16 +56,20 @@ use_driver() {
   have_icd
 }
 
-# lavapipe: prints the path of the manifest of Mesa's software driver, or nothing
-lavapipe() {
+# mesa_driver NAME: prints the path of the manifest of one of Mesa's drivers, or nothing
+mesa_driver() {
   local icd
-  for icd in /{usr/share,etc}/vulkan/icd.d/lvp_icd*.json; do
+  for icd in /{usr/share,etc}/vulkan/icd.d/"$1"_icd*.json; do
     if icd_works "$icd"; then
       echo "$icd"
       return
     fi
   done
 }
+
+# Mesa's software driver, and its driver for AMD GPUs
+lavapipe() { mesa_driver lvp; }
+radv() { mesa_driver radeon; }
 
 have_validation() {
   local layers=({/etc,/usr/share,/usr/local/share}/vulkan/explicit_layer.d/VkLayer_khronos_validation.json)

@@ -5,6 +5,8 @@ mod contrast;
 mod effects;
 pub(crate) mod filter;
 mod frame_in_flight;
+#[cfg(test)]
+mod gpu_model;
 mod motion;
 pub(crate) mod parts;
 pub(crate) mod plan;

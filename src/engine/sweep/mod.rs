@@ -6,6 +6,8 @@
 //! a sweep has no `submit`.
 
 mod device;
+#[cfg(test)]
+pub(super) mod model;
 mod pairs;
 mod parts;
 mod pyramid;

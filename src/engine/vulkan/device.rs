@@ -85,7 +85,7 @@ impl Device {
     }
 
     /// Adds an allocator and a pipeline cache to a device.
-    fn from_handles(
+    pub(super) fn from_handles(
         instance: Arc<Instance>,
         physical: PhysicalDevice,
         (handle, queue, queue_lock): (ash::Device, Arc<Mutex<vk::Queue>>, Option<Arc<dyn QueueLock>>),

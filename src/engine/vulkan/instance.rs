@@ -396,7 +396,7 @@ fn compute_family(families: &[vk::QueueFamilyProperties]) -> Option<u32> {
         .and_then(|i| u32::try_from(i).ok())
 }
 
-fn text(name: Result<&CStr, std::ffi::FromBytesUntilNulError>) -> String {
+pub(super) fn text(name: Result<&CStr, std::ffi::FromBytesUntilNulError>) -> String {
     name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 

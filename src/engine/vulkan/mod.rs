@@ -12,6 +12,8 @@ mod pipeline;
 mod pipeline_cache;
 mod recorder;
 mod recording;
+#[cfg(test)]
+pub(crate) mod statistics;
 mod timestamps;
 
 pub(crate) use device::{Device, MIB};

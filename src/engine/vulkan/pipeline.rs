@@ -87,6 +87,15 @@ impl Pipeline {
 
     /// Compiles a variant of a stage, with the device's pipeline cache.
     pub(crate) fn variant(device: &Arc<Device>, stage: &Stage, variant: Variant) -> Result<Self, Error> {
+        Self::with_flags(device, stage, variant, vk::PipelineCreateFlags::empty())
+    }
+
+    pub(super) fn with_flags(
+        device: &Arc<Device>,
+        stage: &Stage,
+        variant: Variant,
+        flags: vk::PipelineCreateFlags,
+    ) -> Result<Self, Error> {
         let name = stage.shader.name;
         let mut pipeline = Self {
             handle: vk::Pipeline::null(),
@@ -98,7 +107,7 @@ impl Pipeline {
             device: device.clone(),
         };
         pipeline.create_layouts()?;
-        pipeline.compile(stage, variant)?;
+        pipeline.compile(stage, variant, flags)?;
         device.name(pipeline.handle, name);
         Ok(pipeline)
     }
@@ -135,7 +144,7 @@ impl Pipeline {
         Ok(())
     }
 
-    fn compile(&mut self, stage: &Stage, variant: Variant) -> Result<(), Error> {
+    fn compile(&mut self, stage: &Stage, variant: Variant, flags: vk::PipelineCreateFlags) -> Result<(), Error> {
         let device = &self.device;
         let spirv: Vec<u32> = bytemuck::pod_collect_to_vec(stage.shader.spirv);
         let create = vk::ShaderModuleCreateInfo::default().code(&spirv);
@@ -153,7 +162,7 @@ impl Pipeline {
             .module(module)
             .name(c"main")
             .specialization_info(&specialization);
-        let create = [vk::ComputePipelineCreateInfo::default().stage(shader).layout(self.layout)];
+        let create = [vk::ComputePipelineCreateInfo::default().flags(flags).stage(shader).layout(self.layout)];
         // SAFETY: module, layout and cache belong to this device; the referenced structures outlive the call.
         let created = unsafe { device.handle.create_compute_pipelines(device.pipeline_cache, &create, None) };
         // SAFETY: a pipeline does not need its module after its creation.

@@ -1,0 +1,346 @@
+//! What solves dispatch, and with how many iterations: the input of the model.
+
+use bytemuck::Zeroable;
+
+use crate::base::{Channels, Depth, Format, Settings};
+use crate::engine::arguments::{Edges, Grid};
+use crate::engine::plan::{Allocation, Plan};
+use crate::engine::script::{Action, Dispatch, Part, Script, compose};
+use crate::engine::slot::Slot;
+use crate::engine::stages::state::{LevelState, MAX_LEVELS};
+use crate::engine::stages::{
+    coarsest_grids, convolve, edge_cells, grid, half_pair, linearise, pixels, relax, relax_level, subdivide,
+};
+use crate::engine::sweep::model as sweep;
+use crate::engine::vulkan::{Stage, Variant};
+
+/// Invocations of a wave.
+const WAVE: u32 = 64;
+/// Frames of a sweep.
+const FRAMES: usize = 11;
+
+/// A pair that was solved on lavapipe.
+struct Measured {
+    title: &'static str,
+    size: [u32; 2],
+    channels: Channels,
+    /// Whether it has clipped pixels.
+    masked: bool,
+    /// Iterations of each level, finest first, and before which I2 was warped again: bit n is iteration 2ⁿ.
+    levels: &'static [(u32, u32)],
+}
+
+/// From the trace of `parfocal bench`: the heat sink in `data`, and `--sizes 1M,4M,16M`. The synthetic pairs are
+/// modelled without their few clipped pixels, so that sizes compare.
+const PAIRS: [Measured; 4] = [
+    Measured {
+        title: "heat sink, 2 Mpx",
+        size: [1920, 1080],
+        channels: Channels::Rgb,
+        masked: true,
+        levels: &[(12, 0b1111), (8, 0b111), (8, 0b111), (8, 0b111), (8, 0), (14, 0)],
+    },
+    Measured {
+        title: "1 Mpx",
+        size: [1000; 2],
+        channels: Channels::Gray,
+        masked: false,
+        levels: &[(4, 0), (6, 0), (8, 0b1), (6, 0b1), (6, 0), (14, 0)],
+    },
+    Measured {
+        title: "4 Mpx",
+        size: [2000; 2],
+        channels: Channels::Gray,
+        masked: false,
+        levels: &[(4, 0), (6, 0), (6, 0), (6, 0b11), (8, 0b11), (8, 0), (12, 0)],
+    },
+    Measured {
+        title: "16 Mpx",
+        size: [4000; 2],
+        channels: Channels::Gray,
+        masked: false,
+        levels: &[(4, 0), (6, 0), (6, 0), (6, 0b1), (6, 0b11), (6, 0b11), (8, 0), (10, 0)],
+    },
+];
+
+/// The share of the work of a pass over depth edges that is needed, measured on the heat sink: 0.8 % of its cells have
+/// an edge.
+fn share_at_edges(over: Edges) -> f64 {
+    match over {
+        // Rounds of two cells in a workgroup: 0.29 on average, where the compiler counts 8.
+        Edges::Tiles => 0.036,
+        // Waves with a cell that has an edge.
+        Edges::Cells => 0.21,
+        // Waves within the reach of such a cell.
+        Edges::Pixels => 0.26,
+    }
+}
+
+/// A solve, and what its passes did.
+pub(super) struct Solve {
+    pub(super) title: String,
+    pub(super) size: [u32; 2],
+    scripts: Vec<Script>,
+    layout: Vec<Allocation>,
+    levels: [LevelState; MAX_LEVELS],
+}
+
+/// A pass: the name of its shader and its variant.
+pub(super) type Name = (&'static str, Variant);
+
+/// An entry of a script as the GPU executes it.
+pub(super) struct Work {
+    pub(super) name: Name,
+    /// `None` for copies.
+    pub(super) stage: Option<&'static Stage>,
+    pub(super) level: usize,
+    /// Zero for copies, and for dispatches that are not needed.
+    pub(super) waves: f64,
+    pub(super) bytes: f64,
+    pub(super) waits: bool,
+    /// The rounds of its loops, as a share of those that the compiler counts.
+    pub(super) rounds: f64,
+}
+
+impl Solve {
+    fn pair(pair: &Measured, registers: bool) -> Self {
+        let [width, height] = pair.size;
+        let format = Format { channels: pair.channels, depth: Depth::U8 };
+        let plan = Plan::new(width, height, [format; 2], &Settings::default()).unwrap();
+        let mut script = compose(&plan, pair.masked);
+        if registers {
+            script.parts.truncate(script.registered);
+        }
+        let mut levels = [LevelState::zeroed(); MAX_LEVELS];
+        for (level, &(iterations, warps)) in levels.iter_mut().zip(pair.levels) {
+            (level.iterations, level.warps) = (iterations, warps);
+        }
+        let title = format!("{}, {}", if registers { "registration" } else { "pair" }, pair.title);
+        Self { title, size: pair.size, scripts: vec![script], layout: plan.pair_layout(), levels }
+    }
+
+    fn sweep(size: [u32; 2], title: &str) -> Self {
+        let plan = sweep::plan(size, Format { channels: Channels::Gray, depth: Depth::U8 });
+        let (scripts, layout) = (sweep::scripts(&plan, FRAMES), plan.sweep_layout(FRAMES as u32));
+        let title = format!("sweep of {FRAMES}, {title}");
+        Self { title, size, scripts, layout, levels: [LevelState::zeroed(); MAX_LEVELS] }
+    }
+
+    /// All solves of the model.
+    pub(super) fn all() -> Vec<Self> {
+        let pairs = [false, true].map(|registers| PAIRS.iter().map(move |pair| Self::pair(pair, registers)));
+        let sweeps = PAIRS[1..].iter().map(|pair| Self::sweep(pair.size, pair.title));
+        pairs.into_iter().flatten().chain(sweeps).collect()
+    }
+
+    /// The command buffers that are submitted.
+    pub(super) fn parts(&self) -> usize {
+        self.scripts.iter().map(|script| script.parts.len()).sum()
+    }
+
+    /// What the GPU executes. Parts in which no dispatch is needed are skipped by conditional rendering. Elsewhere a
+    /// dispatch that is not needed is executed with no workgroups.
+    pub(super) fn work(&self) -> Vec<Work> {
+        let mut all = Vec::new();
+        for (script, part) in self.scripts.iter().flat_map(|script| script.parts.iter().map(move |part| (script, part)))
+        {
+            if dispatches(part).next().is_some() && !dispatches(part).any(|dispatch| self.needs(dispatch)) {
+                continue;
+            }
+            let mut level = dispatches(part).next().map_or(0, |dispatch| dispatch.place.level);
+            for (n, entry) in part.entries.iter().enumerate() {
+                let work = match &entry.action {
+                    Action::Dispatch(dispatch) => self.dispatch(script, dispatch),
+                    transfer => self.transfer(transfer, level),
+                };
+                level = work.level;
+                // A part begins with a barrier.
+                all.push(Work { waits: entry.waits || n == 0, ..work });
+            }
+        }
+        all
+    }
+
+    /// Whether a dispatch has workgroups.
+    fn needs(&self, dispatch: &Dispatch) -> bool {
+        dispatch.place.executed(dispatch.grid, &[self.levels; 2])
+    }
+
+    fn dispatch(&self, script: &Script, dispatch: &Dispatch) -> Work {
+        let (groups, share) = match dispatch.grid {
+            Grid::Direct(groups) => (groups, 1.0),
+            Grid::Edges { over, .. } => (groups_at_edges(script, over), share_at_edges(over)),
+            Grid::Level { .. } | Grid::IfMoved { .. } => {
+                let word = dispatch.grid.word().unwrap();
+                (script.arguments[word..word + 3].try_into().unwrap(), 1.0)
+            }
+        };
+        let needed = if self.needs(dispatch) { 1.0 } else { 0.0 };
+        let groups: f64 = groups.map(f64::from).iter().product();
+        let [width, height] = dispatch.stage.workgroup;
+        Work {
+            name: (dispatch.stage.shader.name, dispatch.variant),
+            stage: Some(dispatch.stage),
+            level: dispatch.place.level,
+            waves: needed * share * groups * f64::from((width * height).div_ceil(WAVE)),
+            bytes: needed * dispatch.bytes as f64 * share_of_tiles(dispatch, groups),
+            waits: false,
+            rounds: rounds(dispatch),
+        }
+    }
+
+    /// A copy, with the bytes that it reads and writes.
+    fn transfer(&self, action: &Action, level: usize) -> Work {
+        let bytes = |slot: Slot| self.layout.iter().find(|a| a.slot == slot).map_or(0, Allocation::bytes);
+        let (name, bytes) = match action {
+            Action::Copy { from, to, .. } => ("copy", 2 * bytes(*from).min(bytes(*to))),
+            Action::Clear { image, .. } => ("clear", bytes(*image)),
+            Action::Download { .. } => ("download", 2 * bytes(Slot::EndMaps)),
+            Action::Dispatch(_) => unreachable!("it copies nothing"),
+        };
+        let name = (name, [false; 4]);
+        Work { name, stage: None, level, waves: 0.0, bytes: bytes as f64, waits: false, rounds: 1.0 }
+    }
+}
+
+/// The workgroups of a pass over depth edges, which `edge_cells` writes to the arguments.
+fn groups_at_edges(script: &Script, over: Edges) -> [u32; 3] {
+    let finds = |dispatch: &&Dispatch| dispatch.stage.shader.name == edge_cells::STAGE.shader.name;
+    let constants = &script.dispatches().find(finds).unwrap().constants;
+    let [x, y] = bytemuck::pod_read_unaligned::<edge_cells::Constants>(constants).groups[over as usize];
+    [x, y, 1]
+}
+
+fn dispatches(part: &Part) -> impl Iterator<Item = &Dispatch> {
+    part.entries.iter().filter_map(|entry| if let Action::Dispatch(d) = &entry.action { Some(d) } else { None })
+}
+
+/// The rounds of the loop in which a pass spends its time, as a share of those that the compiler counts: 8, in a loop
+/// within it 4 for each, and 2 in those within that. 1 for passes whose rounds are not in their push constants.
+fn rounds(dispatch: &Dispatch) -> f64 {
+    let (c, [width, height]) = (&dispatch.constants, dispatch.stage.workgroup);
+    // Of one color of a grid, for each invocation of the only workgroup.
+    let color = |size: [u32; 2]| f64::from(size[1].div_ceil(height) * size[0].div_ceil(2).div_ceil(width));
+    match (dispatch.stage.shader.name, dispatch.variant[0]) {
+        ("coarsest_grids", _) => {
+            let c: coarsest_grids::Constants = bytemuck::pod_read_unaligned(c);
+            let grids = std::iter::successors(Some([c.width, c.height]), |size| Some(grid::halved(*size)));
+            let sweeps = (1..=c.grids).map(|n| if n == c.grids { c.coarsest_sweeps } else { c.sweeps });
+            let all = grids.zip(sweeps).map(|(size, sweeps)| 2.0 * f64::from(sweeps) * color(size)).sum::<f64>();
+            all / (8.0 * 4.0 * 2.0 * 2.0)
+        }
+        ("relax_level", _) => {
+            let c: relax_level::Constants = bytemuck::pod_read_unaligned(c);
+            f64::from(c.sweeps) * color([c.width, c.height]) / (8.0 * 4.0 * 2.0)
+        }
+        ("linearise", _) => f64::from(bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows) / 8.0,
+        ("relax", _) => f64::from(bytemuck::pod_read_unaligned::<relax::Constants>(c).rows) / 8.0,
+        ("convolve", true) => f64::from(bytemuck::pod_read_unaligned::<convolve::Constants>(c).blocks) / 8.0,
+        _ => 1.0,
+    }
+}
+
+/// The share of the image that the listed tiles of a sweep cover; 1 for passes over the whole image.
+fn share_of_tiles(dispatch: &Dispatch, tiles: f64) -> f64 {
+    let c = &dispatch.constants;
+    let (tile, size) = match (dispatch.stage.shader.name, dispatch.variant[2]) {
+        ("half_pair", _) => {
+            let c: half_pair::Constants = bytemuck::pod_read_unaligned(c);
+            (half_pair::TILE, [c.width, c.height])
+        }
+        ("convolve", true) => {
+            let c: convolve::Constants = bytemuck::pod_read_unaligned(c);
+            (convolve::tile(c.vertical == 1), [c.length, c.breadth])
+        }
+        ("subdivide", true) => {
+            let c: subdivide::Constants = bytemuck::pod_read_unaligned(c);
+            (subdivide::STAGE.workgroup.map(|side| 2 * side), [c.width, c.height])
+        }
+        _ => return 1.0,
+    };
+    (tiles * pixels(tile[0], tile[1]) as f64 / pixels(size[0], size[1]) as f64).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the passes of a name do.
+    fn of<'a>(work: &'a [Work], name: &'a str) -> impl Iterator<Item = &'a Work> {
+        work.iter().filter(move |work| work.name.0 == name)
+    }
+
+    #[test]
+    fn passes_run_as_often_as_their_levels_have_iterations() {
+        let pair = &PAIRS[1];
+        let work = Solve::pair(pair, false).work();
+        for (level, &(iterations, warps)) in pair.levels.iter().enumerate() {
+            let count = |name| of(&work, name).filter(|work| work.level == level && work.waves > 0.0).count() as u32;
+            assert_eq!(count("linearise"), iterations, "level {level}");
+            assert_eq!(count("update"), iterations - 1, "level {level}");
+            // A level is warped before its first iteration, except for the two coarsest.
+            let first = u32::from(level + 2 < pair.levels.len());
+            assert_eq!(count("warp"), first + warps.count_ones(), "level {level}");
+        }
+        // A level settles after an odd iteration: the rest of this iteration is executed with no workgroups.
+        let skipped = of(&work, "update").filter(|work| work.waves == 0.0);
+        assert_eq!(skipped.count(), pair.levels.len());
+        assert!(work.iter().filter(|work| work.stage.is_some() && work.waves == 0.0).all(|work| work.bytes == 0.0));
+    }
+
+    #[test]
+    fn a_registration_ends_before_the_results() {
+        let [solve, registration] = [false, true].map(|registers| Solve::pair(&PAIRS[1], registers));
+        assert_eq!(registration.parts() + 1, solve.parts());
+        let passes = ["linearise", "uncertainty", "edge_costs", "fuse"];
+        let counts = |solve: &Solve| passes.map(|name| of(&solve.work(), name).count());
+        let ([all, uncertainty, edges, fused], [registering, rest @ ..]) = (counts(&solve), counts(&registration));
+        assert_eq!((registering, rest), (all, [0; 3]));
+        assert_eq!([uncertainty, edges, fused], [1; 3]);
+    }
+
+    #[test]
+    fn waves_and_bytes_are_those_of_the_whole_image() {
+        let pair = &PAIRS[1];
+        let work = Solve::pair(pair, false).work();
+        // 16 x 250 workgroups of 64 x 4 invocations. V, its standard deviation and terms: 20 bytes per pixel.
+        let whole: Vec<_> = of(&work, "uncertainty").map(|work| (work.waves, work.bytes)).collect();
+        assert_eq!(whole, [(16.0 * 250.0 * 4.0, 20e6)]);
+        // V of the coarsest level, 32 x 32 px.
+        let cleared: Vec<f64> = of(&work, "clear").map(|work| work.bytes).collect();
+        assert_eq!(cleared, [4.0 * 32.0 * 32.0]);
+        // V, its deviation, the residual and the grey fused image, read and written.
+        let downloaded: Vec<f64> = of(&work, "download").map(|work| work.bytes).collect();
+        assert_eq!(downloaded, [32e6]);
+        // 250 x 250 cells: 32 x 32 workgroups of 8 x 8.
+        let edges: Vec<f64> = of(&work, "edge_costs").map(|work| work.waves).collect();
+        assert_eq!(edges, [share_at_edges(Edges::Tiles) * 32.0 * 32.0 * 4.0]);
+    }
+
+    #[test]
+    fn rounds_of_loops_are_those_of_the_constants() {
+        let work = Solve::pair(&PAIRS[1], false).work();
+        let rounds = |name, level| of(&work, name).find(|work| work.level == level).unwrap().rounds;
+        // Levels of 32 x 32 px: three sweeps of 8 rounds for each color.
+        assert_eq!(rounds("relax_level", 5), 3.0 * 8.0 / 64.0);
+        // Grids of 16 x 16 and 8 x 8 cells: 6 half-sweeps of 4 rounds, 60 of 2.
+        assert_eq!(rounds("coarsest_grids", 5), (6.0 * 4.0 + 60.0 * 2.0) / 128.0);
+        // Lines per invocation: a quarter on small levels.
+        assert_eq!([5, 0].map(|level| rounds("linearise", level)), [2.0 / 8.0, 1.0]);
+        assert_eq!(rounds("system", 0), 1.0);
+    }
+
+    #[test]
+    fn passes_of_a_sweep_run_where_a_frame_is_nearly_in_focus() {
+        let solve = Solve::sweep([1000; 2], "1 Mpx");
+        let work = solve.work();
+        let finest: Vec<f64> = of(&work, "half_pair").filter(|work| work.level == 0).map(|work| work.bytes).collect();
+        // Frames at distances of 1 and 2 settings, each the sharper one of a pair once.
+        assert_eq!(finest.len(), 2 * (10 + 9));
+        // c is 0.36 px² of variance by squared settings: a blur of 1 px² is reached 1.67 settings away, a sixth of the
+        // image on either side. Two tiles of 64 px reach beyond.
+        let largest = finest.iter().copied().fold(0.0, f64::max) / 40e6;
+        assert!((1.0 / 3.0..1.0 / 3.0 + 0.13).contains(&largest), "{largest}");
+        assert!(of(&work, "align").all(|work| work.bytes <= 8e6));
+    }
+}
