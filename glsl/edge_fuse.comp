@@ -2,17 +2,29 @@
 // One channel of the fused image behind a depth edge, without the light of what is in front. CPU reference:
 // src/engine/stages/edge_fuse.rs.
 
+#include "spline.glsl"
+#include "state.glsl"
+
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform image2DArray results;
+layout(binding = 0, r32f) uniform readonly image2DArray channel1;
+layout(binding = 1, r32f) uniform readonly image2DArray spline2;       // coefficients of the channel of I2
+layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 3, r32f) uniform image2DArray results;
+layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
     int layer;                       // of the channel
+    float centre_x, centre_y;
 };
 
 #include "edge.glsl"
+#include "fuse.glsl"
 
 // The least share of what is behind that a pixel's light is divided by: that at a straight rim.
 const float LEAST_SHARE = 0.5;
+// How far the result may be beyond what the other photograph shows there, as a share of the difference of both: room for the
+// texture that is blurred there. Where an outline is a pixel too far out, more than the front's light is subtracted.
+const float MOST_BEYOND = 0.5;
 
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
@@ -33,7 +45,11 @@ void main() {
         }
     }
     if (in_front == 0.0) return;
-    float fused = imageLoad(results, ivec3(x, layer)).r;
-    fused = max((fused - light / sum) / max(1.0 - in_front / sum, LEAST_SHARE), 0.0);
-    imageStore(results, ivec3(x, layer), vec4(fused));
+    vec2 photographs = photographs_at(x);
+    float fused = imageLoad(results, ivec3(x, layer)).r, behind = (fused - light / sum) / max(1.0 - in_front / sum, LEAST_SHARE);
+    // The photograph in which the front is sharp shows what is behind without it, but blurred.
+    float blurred = imageLoad(relative_blur, ivec3(x, 0)).r < 0.0 ? photographs.x : photographs.y;
+    float most = MOST_BEYOND * abs(fused - blurred);
+    behind = clamp(behind, min(fused, blurred - most), max(fused, blurred + most));
+    imageStore(results, ivec3(x, layer), vec4(behind));
 }

@@ -18,22 +18,12 @@ layout(push_constant) uniform Constants {
     float epsilon;
 };
 
-float coefficient(int image, ivec3 place) {
-    return imageLoad(spline2, place).r;
-}
+#include "fuse.glsl"
 
 void main() {
-    ivec2 x = ivec2(gl_GlobalInvocationID.xy), size = ivec2(width, height), i;
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy);
     if (x.x >= width || x.y >= height) return;
-    Registration r = state.registration;
-    vec2 centre = vec2(centre_x, centre_y), d = displacement(r, x, 1.0, centre), f;
-    float fused = imageLoad(channel1, ivec3(x, 0)).r;
-    if (inside(x, d, size, 0.0, 1.0)) {
-        place(x, d, size, i, f);
-        float shading = shading_at(state.applied_shading, (vec2(x) + d - centre) / centre);
-        float j = r.gain * shading * spline_at(2, 0, size, i, f).value + r.offset;
-        float v = imageLoad(relative_blur, ivec3(x, 0)).r;
-        fused = mix(j, fused, clamp(0.5 + atan(v / epsilon) / 3.14159265358979, 0.0, 1.0));
-    }
-    imageStore(result, ivec3(x, layer), vec4(fused));
+    vec2 photographs = photographs_at(x);
+    float v = imageLoad(relative_blur, ivec3(x, 0)).r, first = clamp(0.5 + atan(v / epsilon) / 3.14159265358979, 0.0, 1.0);
+    imageStore(result, ivec3(x, layer), vec4(mix(photographs.y, photographs.x, first)));
 }

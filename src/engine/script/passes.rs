@@ -554,9 +554,15 @@ impl Composer<'_> {
         };
         self.over(plan.size, bindings, &constants, NO_VARIANT);
         if plan.settings.edges {
-            let bindings = edge_fuse::Bindings { results: slot::RESULTS.update() };
-            let [width, height] = plan.size;
-            let constants = edge_fuse::Constants { width, height, layer: MAP_LAYERS + channel };
+            let fuse::Constants { width, height, layer, centre, .. } = constants;
+            let bindings = edge_fuse::Bindings {
+                channel1: slot::i1(0).read(),
+                spline2: slot::SPLINE2.read(),
+                v: slot::relative_blur(0).read(),
+                results: slot::RESULTS.update(),
+                state: slot::STATE.read(),
+            };
+            let constants = edge_fuse::Constants { width, height, layer, centre };
             let grid = Grid::Edges { levels: plan.solved, over: Edges::Pixels };
             self.dispatch(bindings, &constants, NO_VARIANT, grid);
         }

@@ -3,11 +3,14 @@
 //!
 //! The photograph in which the far side is in focus shows the front out of focus there, beyond its rim. With the mask m of
 //! what is in front, the fused image F there, and `h` a Gaussian whose variance is |V| of the front, that photograph is
-//! `h * (m F) + (1 - h * m)` times what is behind, where what is behind varies little over h.
+//! `h * (m F) + (1 - h * m)` times what is behind, where what is behind varies little over h. The other photograph shows what
+//! is behind too, blurred, which limits what a wrong outline does.
 
 use super::edge::SIDES;
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels};
+use super::state::Registration;
+use super::{Field, fuse, pixels};
+use crate::base::Shading;
 use crate::engine::shaders::edge_fuse as shader;
 use crate::engine::vulkan::Variant;
 
@@ -18,12 +21,20 @@ push_constants! {
     height: u32,
     /// Layer of the channel.
     layer: u32,
+    /// The image centre, pixels.
+    centre: [f32; 2],
 }
 
 bindings! {
     EDGE_FUSE:
+    /// Channel of I1.
+    channel1: Reads<I1>,
+    /// Spline coefficients of the channel of I2.
+    spline2: Reads<Spline2>,
+    v: Reads<RelativeBlur>,
     /// Layers: sides, and the channel.
     results: Updates<Results>,
+    state: Reads<State>,
 }
 
 impl Pass for Bindings {
@@ -33,14 +44,26 @@ impl Pass for Bindings {
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let layer = c.layer as usize;
-        let fused = cpu_reference(memory.layer(self.results, SIDES), memory.layer(self.results, layer));
+        let (state, layer) = (memory.state(self.state), c.layer as usize);
+        let fused = cpu_reference(
+            c,
+            (&state.registration, &state.applied_shading),
+            [memory.layer(self.channel1, 0), memory.layer(self.spline2, 0)],
+            memory.layer(self.v, 0),
+            [memory.layer(self.results, SIDES), memory.layer(self.results, layer)],
+        );
         memory.set_layer(self.results, layer, fused);
     }
 }
 
 /// The channel of the fused image.
-pub(crate) fn cpu_reference(sides: &Field, fused: &Field) -> Field {
+pub(crate) fn cpu_reference(
+    c: &Constants,
+    state: (&Registration, &Shading),
+    photographs: [&Field; 2],
+    v: &Field,
+    [sides, fused]: [&Field; 2],
+) -> Field {
     Field::from_fn(fused.width, fused.height, |x, y| {
         let variance = -sides.get(x, y);
         if variance <= 0.0 {
@@ -61,61 +84,71 @@ pub(crate) fn cpu_reference(sides: &Field, fused: &Field) -> Field {
         if in_front == 0.0 {
             return fused.get(x, y);
         }
-        ((fused.get(x, y) - light / sum) / (1.0 - in_front / sum).max(shader::LEAST_SHARE)).max(0.0)
+        let before = fused.get(x, y);
+        let behind = (before - light / sum) / (1.0 - in_front / sum).max(shader::LEAST_SHARE);
+        let [i1, j] = fuse::photographs(state, c.centre, photographs, [x, y]);
+        let blurred = if v.get(x, y) < 0.0 { i1 } else { j };
+        let most = shader::MOST_BEYOND * (before - blurred).abs();
+        behind.clamp(before.min(blurred - most), before.max(blurred + most))
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Input, Trial, random_field};
+    use super::super::state::State;
     use super::*;
+    use crate::base::{Photometric, Similarity};
     use crate::engine::stages::NO_VARIANT;
     use crate::engine::stages::edge::LAYERS;
 
     const LAYER: usize = 3;
 
-    /// A front left of a curve, of two values of |V|, and what is behind within 11 px of it.
-    fn sides(width: usize, height: usize) -> Field {
-        Field::from_fn(width, height, |x, y| {
-            let behind = x as f64 - 0.4 * width as f64 - 3.0 * (y as f64 / 7.0).sin();
-            let variance = if y < height / 2 { 5.0 } else { 1.3 };
-            if behind < 0.0 {
-                variance
-            } else if behind < 11.0 {
-                -variance
-            } else {
-                0.0
-            }
-        })
+    fn constants([width, height]: [u32; 2]) -> Constants {
+        let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
+        Constants { width, height, layer: LAYER as u32, centre }
     }
 
     #[test]
     fn matches_the_cpu_reference() {
-        for [width, height] in [[37u32, 21u32], [64, 16], [130, 19]] {
-            let mut results = vec![Field::zeros(width as usize, height as usize); LAYERS as usize];
-            results[SIDES] = sides(width as usize, height as usize);
-            results[LAYER] = random_field(width as usize, height as usize, 4);
-            let c = Constants { width, height, layer: LAYER as u32 };
-            let trial =
-                Trial::run::<Bindings>(&[Input::Image(&results)], &c, NO_VARIANT, STAGE.groups([width, height]));
-            // Light of up to 1 over a share of at least a quarter.
+        for size in [[37u32, 21u32], [64, 16], [130, 19]] {
+            let [columns, rows] = size.map(|side| side as usize);
+            // A front left of a curve, of two values of |V|, and what is behind within 11 px of it. V has either sign behind.
+            let sides = Field::from_fn(columns, rows, |x, y| {
+                let behind = x as f64 - 0.4 * columns as f64 - 3.0 * (y as f64 / 7.0).sin();
+                let variance = if y < rows / 2 { 5.0 } else { 1.3 };
+                let side = if behind < 0.0 { 1.0 } else { -1.0 };
+                if behind < 11.0 { side * variance } else { 0.0 }
+            });
+            let [channel1, spline2, fused] = [1, 2, 4].map(|seed| random_field(columns, rows, seed));
+            let v = Field::from_fn(columns, rows, |_, y| if y % 9 < 5 { 2.0 } else { -2.0 });
+            let mut results = vec![Field::zeros(columns, rows); LAYERS as usize];
+            (results[SIDES], results[LAYER]) = (sides, fused);
+            let photometric = Photometric { gain: 0.9, offset: 0.02 };
+            let mut state = State::new(&Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &photometric));
+            state.applied_shading[0] = 0.1;
+            let [channel1, spline2, v] =
+                [&channel1, &spline2, &v].map(|field| Input::Image(std::slice::from_ref(field)));
+            let inputs = [channel1, spline2, v, Input::Image(&results), Input::State(&state)];
+            let trial = Trial::run::<Bindings>(&inputs, &constants(size), NO_VARIANT, STAGE.groups(size));
+            // Light of up to 1 over a share of at least ½.
             trial.assert_within(2e-5);
         }
     }
 
-    #[test]
-    fn behind_a_bright_front_the_dark_ground_is_as_dark_as_far_from_it() {
+    /// The fused image before and after: a front of 0.9 left of column 25, as in I1, and the ground of 0.1 of J with the
+    /// front's blur over it. The sides have the front end at `rim`.
+    fn cleared(rim: usize) -> [Field; 2] {
         let (width, height) = (60, 40);
         let sides = Field::from_fn(width, height, |x, _| {
-            if x < 25 {
+            if x < rim {
                 4.0
-            } else if x < 36 {
+            } else if x < rim + 11 {
                 -4.0
             } else {
                 0.0
             }
         });
-        // The ground in focus, with the front's blur over it: half of the front's light at the rim.
         let share = |x: usize| {
             let (near, all): (Vec<f64>, Vec<f64>) = (-9..=9)
                 .map(|d: i32| ((-f64::from(d * d) / 8.0).exp(), x as i32 + d < 25))
@@ -123,13 +156,36 @@ mod tests {
                 .unzip();
             near.iter().sum::<f64>() / all.iter().sum::<f64>()
         };
-        let fused = Field::from_fn(width, height, |x, _| if x < 25 { 0.9 } else { 0.1 + 0.8 * share(x) });
+        let i1 = Field::from_fn(width, height, |x, _| if x < 25 { 0.9 } else { 0.1 });
+        let j = Field::from_fn(width, height, |x, _| 0.1 + 0.8 * share(x));
+        let fused = Field::from_fn(width, height, |x, y| if x < rim { i1.get(x, y) } else { j.get(x, y) });
+        let v = Field::from_fn(width, height, |x, _| if x < rim { 4.0 } else { -4.0 });
+        let none = Registration::new(Similarity::new(0.0, 0.0, 0.0, 1.0), &Photometric::default());
+        let c = constants([width as u32, height as u32]);
+        let cleared = cpu_reference(&c, (&none, &Shading::default()), [&i1, &j], &v, [&sides, &fused]);
+        [fused, cleared]
+    }
+
+    #[test]
+    fn behind_a_bright_front_the_dark_ground_is_as_dark_as_far_from_it() {
+        let [fused, cleared] = cleared(25);
         assert!(fused.get(25, 20) > 0.4);
-        let cleared = cpu_reference(&sides, &fused);
-        for (n, (cleared, fused)) in cleared.data.iter().zip(&fused.data).enumerate() {
+        for (n, cleared) in cleared.data.iter().enumerate() {
             // 0.002: both Gaussians end at 3 and at 4.5 σ.
-            let expected = if n % width < 25 { 0.9 } else { 0.1 };
-            assert!((cleared - expected).abs() < 0.002, "{}: {cleared}, {fused}", n % width);
+            let expected = if n % 60 < 25 { 0.9 } else { 0.1 };
+            assert!((cleared - expected).abs() < 0.002, "{}: {cleared}", n % 60);
+        }
+    }
+
+    #[test]
+    fn an_outline_in_the_wrong_place_makes_no_black_rim() {
+        for rim in [23, 27] {
+            let [fused, cleared] = cleared(rim);
+            for (n, (cleared, fused)) in cleared.data.iter().zip(&fused.data).enumerate() {
+                // Half of what the ground was too bright by, at most.
+                let least = 0.1 - 0.5 * (fused - 0.1).abs() - 0.002;
+                assert!((least..=0.9 + 0.002).contains(cleared), "{}: {cleared}, {fused}", n % 60);
+            }
         }
     }
 }

@@ -57,24 +57,34 @@ impl Pass for Bindings {
 /// The fused channel.
 pub fn cpu_reference(
     c: &Constants,
-    (r, shading): (&Registration, &Shading),
+    state: (&Registration, &Shading),
     channel1: &Field,
     coefficients2: &Field,
     v: &Field,
 ) -> Field {
-    let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
     Field::from_fn(v.width, v.height, |x, y| {
-        let d = r.displacement(x, y, 1.0, centre);
-        let i1 = channel1.get(x, y);
-        if !inside([x, y], d, size, 0.0, 1.0) {
-            return i1;
-        }
-        let at = [x as f64 + d[0], y as f64 + d[1]];
-        let applied_shading = shading.at(from_centre(at, centre)) * spline::read(coefficients2, at[0], at[1]).value;
-        let j = r.gain * applied_shading + r.offset;
+        let [i1, j] = photographs(state, c.centre, [channel1, coefficients2], [x, y]);
         let h = heaviside(v.get(x, y), c.epsilon.into());
         h * i1 + (1.0 - h) * j
     })
+}
+
+/// A channel of I1 and J at a pixel, from that of I1 and the spline coefficients of I2. Where I2 does not reach, both are I1.
+/// The CPU reference of `glsl/include/fuse.glsl`.
+pub(super) fn photographs(
+    (r, shading): (&Registration, &Shading),
+    centre: [f32; 2],
+    [channel1, coefficients2]: [&Field; 2],
+    [x, y]: [usize; 2],
+) -> [f64; 2] {
+    let (size, centre) = ([channel1.width, channel1.height], centre.map(f64::from));
+    let (i1, d) = (channel1.get(x, y), r.displacement(x, y, 1.0, centre));
+    if !inside([x, y], d, size, 0.0, 1.0) {
+        return [i1; 2];
+    }
+    let at = [x as f64 + d[0], y as f64 + d[1]];
+    let applied_shading = shading.at(from_centre(at, centre)) * spline::read(coefficients2, at[0], at[1]).value;
+    [i1, r.gain * applied_shading + r.offset]
 }
 
 #[cfg(test)]
