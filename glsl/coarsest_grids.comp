@@ -2,6 +2,8 @@
 // The small grids of the cascade in one workgroup: sums the system up to the coarsest grid, solves it there, and relaxes
 // on the way back. There a dispatch takes longer than its work. CPU reference: src/engine/stages/coarsest_grids.rs.
 
+#extension GL_EXT_control_flow_attributes : require
+
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) coherent buffer GridEquations { vec4 equations[]; };
 layout(binding = 1, std430) coherent buffer GridSteps { float steps[]; };
@@ -15,8 +17,11 @@ layout(push_constant) uniform Constants {
     float over_relaxation;
 };
 
-// Set once: SPIRV-Tools 2023.1 folds a second expression of the same specialization constants into invalid code.
-ivec2 step;
+// The most cells of one color of the coarsest grid that are relaxed in shared memory, one by each invocation.
+const int CELLS = 256;
+shared float solved[2 * CELLS];
+
+int total, index;                    // invocations, and this one's
 
 // Other invocations read what was written before.
 void wait() {
@@ -43,37 +48,78 @@ int first_of(int grid) {
 void halve(int grid) {
     ivec2 fine = size_of(grid), coarse = halved(fine);
     int from = first_of(grid), to = first_of(grid + 1);
-    for (int y = int(gl_LocalInvocationID.y); y < coarse.y; y += step.y) {
-        for (int x = int(gl_LocalInvocationID.x); x < coarse.x; x += step.x)
-            equations[to + y * coarse.x + x] = coarse_equation(from, fine, ivec2(x, y));
-    }
+    for (int n = index; n < coarse.x * coarse.y; n += total)
+        equations[to + n] = coarse_equation(from, fine, ivec2(n % coarse.x, n / coarse.x));
 }
 
 // dV of a grid before its first sweep: that of the coarser grid, or zero.
 void start(int grid) {
     ivec2 size = size_of(grid);
     int to = first_of(grid), from = to + size.x * size.y, coarse = halved(size).x;
-    for (int y = int(gl_LocalInvocationID.y); y < size.y; y += step.y)
-        for (int x = int(gl_LocalInvocationID.x); x < size.x; x += step.x)
-            steps[to + y * size.x + x] = grid + 1 == grids ? 0.0 : steps[from + y / 2 * coarse + x / 2];
+    for (int n = index; n < size.x * size.y; n += total)
+        steps[to + n] = grid + 1 == grids ? 0.0 : steps[from + n / size.x / 2 * coarse + n % size.x / 2];
+}
+
+// The n-th cell of a color. Those of a row beyond its width are outside.
+ivec2 cell_of(int n, int color, ivec2 size) {
+    int y = n / halved(size).x;
+    return ivec2(2 * (n - y * halved(size).x) + (y + color & 1), y);
 }
 
 void relax(int grid, int color) {
     ivec2 size = size_of(grid);
-    int from = first_of(grid);
-    for (int y = int(gl_LocalInvocationID.y); y < size.y; y += step.y) {
-        for (int x = 2 * int(gl_LocalInvocationID.x) + (y + color & 1); x < size.x; x += 2 * step.x) {
-            int place = from + y * size.x + x;
-            vec4 around = vec4(x + 1 < size.x ? steps[place + 1] : 0.0, x > 0 ? steps[place - 1] : 0.0,
-                               y + 1 < size.y ? steps[place + size.x] : 0.0, y > 0 ? steps[place - size.x] : 0.0);
-            vec4 links = links_at(place, ivec2(x, y), size.x);
-            steps[place] = relaxed(steps[place], equations[place].xy, links, around, over_relaxation);
-        }
+    int from = first_of(grid), count = halved(size).x * size.y;
+    for (int n = index; n < count; n += total) {
+        ivec2 x = cell_of(n, color, size);
+        if (x.x >= size.x) continue;
+        int place = from + x.y * size.x + x.x;
+        vec4 around = vec4(x.x + 1 < size.x ? steps[place + 1] : 0.0, x.x > 0 ? steps[place - 1] : 0.0,
+                           x.y + 1 < size.y ? steps[place + size.x] : 0.0, x.y > 0 ? steps[place - size.x] : 0.0);
+        vec4 links = links_at(place, x, size.x);
+        steps[place] = relaxed(steps[place], equations[place].xy, links, around, over_relaxation);
     }
 }
 
+float solved_at(ivec2 x, ivec2 size) {
+    return all(greaterThanEqual(x, ivec2(0))) && all(lessThan(x, size)) ? solved[x.y * size.x + x.x] : 0.0;
+}
+
+// All sweeps on the coarsest grid, where each color has at most one cell by invocation.
+void relax_in_shared_memory(int grid) {
+    ivec2 size = size_of(grid), x[2];
+    int from = first_of(grid), count = halved(size).x * size.y;
+    vec4 links[2];
+    vec2 equation[2];
+    bool mine[2];
+    [[unroll]] for (int color = 0; color < 2; color++) {
+        x[color] = cell_of(index, color, size);
+        mine[color] = index < count && x[color].x < size.x;
+        if (!mine[color]) continue;
+        int place = from + x[color].y * size.x + x[color].x;
+        links[color] = links_at(place, x[color], size.x);
+        equation[color] = equations[place].xy;
+        solved[place - from] = steps[place];
+    }
+    barrier();
+    for (int sweep = 0; sweep < coarsest_sweeps; sweep++) {
+        [[unroll]] for (int color = 0; color < 2; color++) {
+            if (mine[color]) {
+                ivec2 c = x[color];
+                vec4 around = vec4(solved_at(c + ivec2(1, 0), size), solved_at(c - ivec2(1, 0), size),
+                                   solved_at(c + ivec2(0, 1), size), solved_at(c - ivec2(0, 1), size));
+                int place = c.y * size.x + c.x;
+                solved[place] = relaxed(solved[place], equation[color], links[color], around, over_relaxation);
+            }
+            barrier();
+        }
+    }
+    for (int n = index; n < size.x * size.y; n += total) steps[from + n] = solved[n];
+    wait();
+}
+
 void main() {
-    step = ivec2(gl_WorkGroupSize.xy);
+    total = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    index = int(gl_LocalInvocationIndex);
     for (int grid = 0; grid + 1 < grids; grid++) {
         halve(grid);
         wait();
@@ -81,7 +127,13 @@ void main() {
     for (int grid = grids - 1; grid >= 0; grid--) {
         start(grid);
         wait();
-        int count = 2 * (grid + 1 == grids ? coarsest_sweeps : sweeps);
+        ivec2 size = size_of(grid);
+        bool coarsest = grid + 1 == grids;
+        if (coarsest && halved(size).x * size.y <= min(CELLS, total)) {
+            relax_in_shared_memory(grid);
+            continue;
+        }
+        int count = 2 * (coarsest ? coarsest_sweeps : sweeps);
         for (int n = 0; n < count; n++) {
             relax(grid, n & 1);
             wait();

@@ -42,20 +42,18 @@ void relax(int color, ivec2 h) {
 }
 
 void main() {
-    ivec2 first = ivec2(gl_LocalInvocationID.xy), step = ivec2(gl_WorkGroupSize.xy);
+    int total = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y), first = int(gl_LocalInvocationIndex);
     // Also the pixel beyond an odd width: its neighbour reads it, with a weight of zero.
-    for (int y = first.y; y < height; y += step.y) {
-        for (int h = first.x; 2 * h < width; h += step.x) {
-            start(0, ivec2(h, y));
-            start(1, ivec2(h, y));
-        }
+    int columns = (width + 1) / 2, count = columns * height;
+    for (int n = first; n < count; n += total) {
+        start(0, ivec2(n % columns, n / columns));
+        start(1, ivec2(n % columns, n / columns));
     }
     memoryBarrierImage();
     barrier();
     for (int sweep = 0; sweep < sweeps; sweep++) {
         [[unroll]] for (int color = 0; color < 2; color++) {
-            for (int y = first.y; y < height; y += step.y)
-                for (int h = first.x; 2 * h < width; h += step.x) relax(color, ivec2(h, y));
+            for (int n = first; n < count; n += total) relax(color, ivec2(n % columns, n / columns));
             memoryBarrierImage();
             barrier();
         }

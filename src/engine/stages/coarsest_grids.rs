@@ -78,7 +78,8 @@ mod tests {
 
     #[test]
     fn matches_the_cpu_reference_from_any_contents() {
-        for level in [[74, 43], [128, 32], [35, 36], [16, 17], [9, 8]] {
+        // The coarsest grid of the last has too many cells for shared memory.
+        for level in [[74, 43], [128, 32], [35, 36], [16, 17], [9, 8], [300, 17]] {
             let places = grids(level);
             let [width, height] = places[0].size;
             let c = Constants {
