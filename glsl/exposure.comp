@@ -111,6 +111,7 @@ const int BATCH = 16;
 shared float fitted[FITTED];
 shared float shares[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][BATCH];
 shared float root[ALL][ALL];
+shared float diagonals[ALL];
 shared float coefficients[ALL];
 shared float scale;                  // of residuals, from which on a sample is an outlier
 
@@ -161,29 +162,42 @@ void add_up(Registration r, float constant, bool first) {
     }
 }
 
-// Cholesky; 1e-5 of the diagonal keeps terms that the samples hardly determine from growing.
+// Cholesky by all invocations, an element each; 1e-5 of the diagonal keeps terms that the samples hardly determine from
+// growing. One invocation alone would wait for shared memory some 1000 times in a row.
 void solve() {
-    for (int i = 0, n = 0; i < ALL; i++) {
-        for (int j = i; j < ALL; j++, n++) root[j][i] = fitted[n];
-        coefficients[i] = fitted[n++];
+    int index = int(gl_LocalInvocationIndex), total = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    for (int n = index; n < ALL * ALL; n += total) {
+        int i = n / ALL, j = n % ALL, row = j * (ALL + 1) - j * (j - 1) / 2;
+        if (j < i) root[i][j] = fitted[row + i - j];
+        if (j != i) continue;
+        diagonals[i] = root[i][i] = fitted[row] * (1.0 + 1e-5) + 1e-12;
+        coefficients[i] = fitted[row + ALL - i];
     }
+    barrier();
     for (int j = 0; j < ALL; j++) {
-        float diagonal = root[j][j] * (1.0 + 1e-5) + 1e-12, pivot = diagonal;
-        for (int k = 0; k < j; k++) pivot -= root[j][k] * root[j][k];
-        root[j][j] = sqrt(max(pivot, 1e-6 * diagonal));
-        for (int i = j + 1; i < ALL; i++) {
-            for (int k = 0; k < j; k++) root[i][j] -= root[i][k] * root[j][k];
-            root[i][j] /= root[j][j];
+        float pivot = sqrt(max(root[j][j], 1e-6 * diagonals[j]));
+        for (int n = index; n < ALL * ALL; n += total) {
+            int i = n / ALL, k = n % ALL;
+            if (k > j && k <= i) root[i][k] -= root[i][j] / pivot * (root[k][j] / pivot);
         }
+        barrier();
+        for (int i = j + index; i < ALL; i += total) root[i][j] = i == j ? pivot : root[i][j] / pivot;
     }
-    for (int i = 0; i < ALL; i++) {
-        for (int k = 0; k < i; k++) coefficients[i] -= root[i][k] * coefficients[k];
-        coefficients[i] /= root[i][i];
+    barrier();
+    for (int j = 0; j < ALL; j++) {
+        float solved = coefficients[j] / root[j][j];
+        for (int i = j + 1 + index; i < ALL; i += total) coefficients[i] -= root[i][j] * solved;
+        barrier();
+        if (index == 0) coefficients[j] = solved;
     }
-    for (int i = ALL - 1; i >= 0; i--) {
-        for (int k = i + 1; k < ALL; k++) coefficients[i] -= root[k][i] * coefficients[k];
-        coefficients[i] /= root[i][i];
+    barrier();
+    for (int j = ALL - 1; j >= 0; j--) {
+        float solved = coefficients[j] / root[j][j];
+        for (int i = index; i < j; i += total) coefficients[i] -= root[j][i] * solved;
+        barrier();
+        if (index == 0) coefficients[j] = solved;
     }
+    barrier();
 }
 
 void match_shading(Registration r) {
@@ -193,9 +207,9 @@ void match_shading(Registration r) {
     barrier();
     for (int round = 0; round <= ROUNDS; round++) {
         add_up(r, coefficients[0], round == 0);
+        if (round < ROUNDS) solve();
         if (n == 0) {
             if (round < ROUNDS) {
-                solve();
                 for (int i = 0; i < TERMS; i++) shading[i] = coefficients[i + 1] / max(coefficients[0], 1e-3);
             }
             // Twice the deviation of the residuals in the dark; in the first round those of the previous polynomial.
