@@ -12,7 +12,7 @@ layout(push_constant) uniform Constants {
 };
 
 const int MOST_WINDOWS = 256;
-const float LEAST_WINDOWS = 8.0, LEAST_SHAPE = 0.1, MOST_SHAPE = 1.5;
+const float LEAST_WINDOWS = 8.0, LEAST_SHAPE = 0.1, MOST_SHAPE = 4.0;
 const float UNBIASED = 0.75;
 shared vec2 estimates[MOST_WINDOWS];     // shape, weight
 shared float quartiles[3];
