@@ -84,7 +84,7 @@ float solved_at(ivec2 x, ivec2 size) {
     return all(greaterThanEqual(x, ivec2(0))) && all(lessThan(x, size)) ? solved[x.y * size.x + x.x] : 0.0;
 }
 
-// All sweeps on the coarsest grid, where each color has at most one cell by invocation.
+// All sweeps on the coarsest grid, where each color has at most one cell per invocation.
 void relax_in_shared_memory(int grid) {
     ivec2 size = size_of(grid), x[2];
     int from = first_of(grid), count = halved(size).x * size.y;

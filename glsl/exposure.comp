@@ -163,7 +163,7 @@ void add_up(Registration r, float constant, bool first) {
 }
 
 // Cholesky by all invocations, an element each; 1e-5 of the diagonal keeps terms that the samples hardly determine from
-// growing. One invocation alone would wait for shared memory some 1000 times in a row.
+// growing. One invocation alone would wait for shared memory some 900 times in a row.
 void solve() {
     int index = int(gl_LocalInvocationIndex), total = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     for (int n = index; n < ALL * ALL; n += total) {

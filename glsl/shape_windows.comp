@@ -38,7 +38,7 @@ const int SIDE = 24;                 // of a window, pixels
 const int TERMS_OF_S = 7;
 const int SHAPE = 5, LEFT = 6;
 const int PAIRS = TERMS_OF_S * (TERMS_OF_S + 1) / 2;
-// Sums of |V|, of the pixels, of those with V > 0, and of the power of I2's noise on I1's pixels.
+// Sums of |V|, of the pixels, of those with V ≥ 0, and of the power of I2's noise on I1's pixels.
 const int VARIANCE = PAIRS, COUNT = PAIRS + 1, FIRST = PAIRS + 2, BETWEEN = PAIRS + 3, SUMMED = PAIRS + 4;
 shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMMED];
 
@@ -70,7 +70,7 @@ void terms_at(ivec2 x, float v, float around, out float terms[TERMS_OF_S]) {
     PairSample both = blur_near(blur, v, shift, stencil(1, 0, columns_at, lines), stencil(2, 0, columns_at, lines), columns_at, lines);
     bool first = v >= 0.0;
     float departs = departure_at(first ? 1 : 2, abs(v), first ? vec2(0.0) : shift, columns_at, lines);
-    // The blurred side stands for both: noise of the other, which is in S as a whole, would be in the terms too.
+    // Terms of the sharper image, blurred by V: noise of the other is in S, and must not be in the terms.
     Blurred sharper = first ? both.b1 : both.b2;
     float s = first ? sharper.value - (r.gain * both.j.value + r.offset) : both.i1 - (r.gain * sharper.value + r.offset);
     departs *= first ? 1.0 : -r.gain;

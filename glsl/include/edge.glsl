@@ -3,8 +3,8 @@
 
 const int SIDE = 4;                  // of a cell, pixels
 // Layers: costs of the outlines with the near side in front, and with the far side in front; the edges; the distributions
-// of the outline's place in both orders; the decisions. And of each pixel near an accepted outline beyond which V has the
-// other sign, |V| of what is in front: positive in front, negative behind; 0 elsewhere. This one stays for the fused image.
+// of the outline's place in both orders; the decisions. SIDES, per pixel near an accepted outline across which V
+// changes sign: |V| of the front, positive in front, negative behind; 0 elsewhere. It stays for the fused image.
 const int COSTS = 3, REVERSED_COSTS = 4, EDGES = 5, OUTLINES = 6, REVERSED_OUTLINES = 7, DECISIONS = 8, SIDES = 9;
 const int LAYERS = 10;
 // Displacements of an outline towards the side in front, px: from -BACKWARD on.

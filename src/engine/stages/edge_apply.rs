@@ -1,9 +1,9 @@
 //! V and its standard deviation at the depth edges whose outlines two layers explain. Section 7 of `docs/method.md`.
 //!
 //! With the probability p that a pixel shows the near side, from the distributions of the cells around it,
-//! `V = p V_near + (1 - p) V_far` and `σ = √(p (1 - p)) |V_near - V_far| + p σ_near + (1 - p) σ_far`. An edge stays as it
-//! is unless the outline explains the photographs at least as well as V did, and better than any with the other side in
-//! front; unless it is well within the displacements; and unless it goes on for some cells.
+//! `V = p V_near + (1 - p) V_far` and `σ = √(p (1 - p)) |V_near - V_far| + p σ_near + (1 - p) σ_far`. V changes only if
+//! the outline explains the photographs better than V did, and better than any with the other side in front; if it is well
+//! within the displacements; and if it goes on for some cells.
 
 use super::edge::{self, BACKWARD, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES};
 use super::pass::{Memory, Pass, bindings, push_constants};

@@ -1,7 +1,7 @@
 //! Computes one channel of the fused image behind a depth edge, without the light of what is in front. Section 7 of
 //! `docs/method.md`.
 //!
-//! The photograph in which the far side is in focus shows the front out of focus there, beyond its rim. With the mask m of
+//! The photograph in which what is behind is in focus shows the front out of focus there, beyond its rim. With the mask m of
 //! what is in front, the fused image F there, and `h` a Gaussian whose variance is |V| of the front, that photograph is
 //! `h * (m F) + (1 - h * m)` times what is behind, where what is behind varies little over h. The other photograph shows what
 //! is behind too, blurred, which limits what a wrong outline does.

@@ -6,7 +6,7 @@
 //! shape causes, would be taken for shape. Noise of the sharper image is in both S and the departure; its part of their
 //! product is subtracted.
 //!
-//! On renderings the shape is 0.0 for Gaussians and 0.9 to 1.5 for disks, larger the blurrier the sharper image is.
+//! On renderings the shape is 0.0 for Gaussians and 0.9 to 1.4 for disks, and larger the blurrier the sharper image is.
 //! Real lenses lie between: 0.6 (heat sink), 0.4 (pcb-header), 0.9 (dimple), 1.4 (leaves).
 
 use super::blur::{self, Stacks};
@@ -145,7 +145,7 @@ fn terms(c: &Constants, state: &DoubleState, stacks: &Stacks, [x, y]: [usize; 2]
     } else {
         -r.gain * departure(stacks.second, -v, [x, y], shift)
     };
-    // The blurred side stands for both: noise of the other, which is in S as a whole, would be in the terms too.
+    // Terms of the sharper image, blurred by V: noise of the other is in S, and must not be in the terms.
     let sharper = if first { b1 } else { b2 };
     let s = if first {
         sharper.value - (r.gain * j.value + r.offset)
@@ -169,7 +169,7 @@ fn departure(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> f6
 struct Means {
     /// Of |V|.
     variance: f64,
-    /// The share of the pixels with V > 0.
+    /// The share of the pixels with V ≥ 0.
     first: f64,
     /// Of the power of I2's noise on I1's pixels.
     between: f64,

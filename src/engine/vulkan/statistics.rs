@@ -24,7 +24,7 @@ pub(crate) fn null_hardware() -> Result<Arc<Device>, Error> {
     let instance = Instance::new(false)?;
     let mut devices = instance.physical_devices()?.into_iter();
     let Some(physical) = devices.find(|device| device.info.name.contains("Null hardware")) else {
-        return Err(Error::NoDevice(" without hardware: run this by tools/gpu-model".into()));
+        return Err(Error::NoDevice(" for the model (run tools/gpu-model)".into()));
     };
     let queues =
         [vk::DeviceQueueCreateInfo::default().queue_family_index(physical.queue_family).queue_priorities(&[1.0])];

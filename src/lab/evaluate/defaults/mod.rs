@@ -168,7 +168,7 @@ mod tests {
                 println!("behind the rim: fused {fused:.4}, the better photograph {frame:.4}");
                 assert!(fused < 0.75 * frame);
             }
-            // Away from edges no bit changes.
+            // Away from edges along x hardly a pixel changes.
             let far = |i: usize| !close[i.saturating_sub(8)] && !close[(i + 8).min(close.len() - 1)];
             let changed = (0..close.len())
                 .filter(|&i| far(i) && after.relative_blur[i].to_bits() != before.relative_blur[i].to_bits());
