@@ -96,7 +96,7 @@ mod tests {
             let c = Constants { width: size[0], height: size[1] };
             let trial =
                 Trial::run::<Bindings>(&[Input::Image(&results)], &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
-            // Costs of some 1000 in single precision, the differences of which are divided by a temperature of 1.5.
+            // Costs of some 1000 in single precision, whose differences are divided by a temperature of 1.5.
             trial.assert_within(2e-3);
             let cell = edge::all_cells(size).find(|&cell| Edge::of(&results[EDGES], cell).is_some()).unwrap();
             for layer in OUTLINES {
