@@ -70,7 +70,7 @@ impl Contrast {
     }
 
     /// The least and the largest logarithm of the factor from the contrast of I1's side to that of I2's, of the gradients
-    /// weighted by `of`. The least is true if all noise is in I1, the largest if all is in I2. `None` if the two share
+    /// weighted by `of`. The least is true if all noise is in I2, the largest if all is in I1. `None` if the two share
     /// nothing.
     fn change(&self, of: [f64; 3]) -> Option<[f64; 2]> {
         let sum = |sums: [f64; 3]| sums.iter().zip(of).map(|(sum, of)| sum * of).sum::<f64>();

@@ -11,6 +11,7 @@ mod motion;
 pub(crate) mod parts;
 pub(crate) mod plan;
 mod prepared_solver;
+mod processing;
 mod progress;
 pub(crate) mod record;
 pub mod reference;

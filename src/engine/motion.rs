@@ -304,6 +304,7 @@ mod tests {
             effects: [[0.0; UNKNOWNS]; UNKNOWNS],
             matched: Vec::new(),
             unmatched: None,
+            steps: Default::default(),
         }
     }
 

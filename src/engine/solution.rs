@@ -5,6 +5,7 @@ use std::ops::{Deref, DerefMut};
 use super::contrast::{OneFocus, Shaken};
 use super::effects::determine_v;
 use super::motion::{OtherMotion, TransformDeviation};
+use super::processing::blocks_warning;
 use super::script::MOST_MOVING;
 use super::stages::state::State;
 use super::stages::uncertainty::{LARGEST, UNEXPLAINED, at_limit};
@@ -404,6 +405,7 @@ impl Findings {
             self.converged = false;
             self.warnings.push(found.warning());
         }
+        self.warnings.extend(blocks_warning(&gradients.steps));
     }
 
     /// A warning, if many pixels are at the limit of |V|, px².

@@ -6,6 +6,7 @@ use nalgebra::DMatrix;
 use super::contrast::Contrast;
 use super::effects::effects;
 use super::filter;
+use super::processing::Steps;
 use super::stages::spline::{Field, near, read};
 use super::stages::sums::{UNKNOWNS, displacements};
 use super::stages::{convolve, ingest};
@@ -148,6 +149,8 @@ pub(crate) struct Gradients {
     pub(crate) matched: Vec<Contrast>,
     /// Those of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all windows.
     pub(crate) unmatched: Option<Vec<Contrast>>,
+    /// The change of each photograph from pixel to pixel.
+    pub(crate) steps: [Steps; 2],
 }
 
 impl Gradients {
@@ -159,6 +162,7 @@ impl Gradients {
             effects,
             matched: Vec::new(),
             unmatched: Some(Vec::new()),
+            steps: [Steps::default(); 2],
         }
     }
 
@@ -167,6 +171,7 @@ impl Gradients {
         self.smooth.add(&other.smooth);
         add_sums(&mut self.effects, &other.effects);
         self.matched.extend(other.matched);
+        self.steps.iter_mut().zip(&other.steps).for_each(|(sum, other)| sum.add(other));
         self.unmatched = self.unmatched.take().zip(other.unmatched).map(|(sum, other)| [sum, other].concat());
     }
 }
@@ -214,8 +219,10 @@ impl Pair<'_> {
         let reach = MARGIN + (3.0 * widest.sqrt()).ceil() as u32;
         let part = window.expanded(reach, self.size());
         let i1 = self.photographs[0].luminance(part)?;
-        let Some(i2) = self.registered(part)? else { return Ok(None) };
-        let photographs = [i1, i2];
+        let Some(seen) = self.seen(part) else { return Ok(None) };
+        let original = self.photographs[1].luminance(seen)?;
+        let steps = [Steps::of(&i1, [part.x, part.y]), Steps::of(&original, [seen.x, seen.y])];
+        let photographs = [i1, self.registered(part, &original, seen)];
         let clear = self.clear(part, &photographs, reach as usize);
         let alike = (widest <= NEARLY_ALIKE).then(|| photographs.each_ref().map(|i| convolve::smoothed(i, SMOOTHING)));
         let sides = [(&photographs[0], 1.0), (&photographs[1], -1.0)].map(|(image, sign)| {
@@ -251,7 +258,7 @@ impl Pair<'_> {
                 unmatched.add_laplacians(alike.each_ref().map(|image| laplacian(image, x, y)));
             }
         }
-        (sums.matched, sums.unmatched) = (vec![matched], alike.map(|_| vec![unmatched]));
+        (sums.matched, sums.unmatched, sums.steps) = (vec![matched], alike.map(|_| vec![unmatched]), steps);
         Ok(Some(sums))
     }
 
@@ -286,8 +293,8 @@ impl Pair<'_> {
         }
     }
 
-    /// I2 on the pixels of a part of I1, in the brightness of I1. `None` if T maps the part outside of I2.
-    fn registered(&self, part: Region) -> Result<Option<Field>, Error> {
+    /// The part of I2 that its spline reads on the pixels of a part of I1. `None` if T maps the part outside of I2.
+    fn seen(&self, part: Region) -> Option<Region> {
         let (size, whole) = (self.photographs[1].size, centre(self.size()[0], self.size()[1]));
         let ends = |first: u32, length: u32| [f64::from(first), f64::from(first + length - 1)];
         let [left, top] = [ends(part.x, part.width), ends(part.y, part.height)];
@@ -301,17 +308,23 @@ impl Pair<'_> {
         let first = [0, 1].map(|n| (low[n] - SPLINE).floor().max(0.0));
         let end = [0, 1].map(|n| (high[n] + SPLINE).ceil().min(f64::from(size[n])));
         if !(0..2).all(|n| end[n] - first[n] >= 2.0 * SPLINE && low[n].is_finite() && high[n].is_finite()) {
-            return Ok(None);
+            return None;
         }
         let [x, y, width, height] = [first[0], first[1], end[0] - first[0], end[1] - first[1]].map(|v| v as u32);
-        let coefficients = spline(&self.photographs[1].luminance(Region { x, y, width, height })?);
+        Some(Region { x, y, width, height })
+    }
+
+    /// I2 on the pixels of a part of I1, in the brightness of I1; from the part of I2 that is [`seen`](Self::seen).
+    fn registered(&self, part: Region, original: &Field, seen: Region) -> Field {
+        let (whole, first) = (centre(self.size()[0], self.size()[1]), [seen.x, seen.y].map(f64::from));
+        let coefficients = spline(original);
         let value = |i: usize, j: usize| {
             let place = [f64::from(part.x) + i as f64, f64::from(part.y) + j as f64];
             let place = self.transform.apply(place, whole);
             let value = read(&coefficients, place[0] - first[0], place[1] - first[1]).value;
             self.brightness.apply(value, place)
         };
-        Ok(Some(Field::from_fn(part.width as usize, part.height as usize, value)))
+        Field::from_fn(part.width as usize, part.height as usize, value)
     }
 }
 

@@ -1,12 +1,15 @@
-//! Tests of what the contrasts of both photographs show: pairs without a difference of blur, shaken ones, and those whose
-//! brightness changes them as blur does.
+//! Tests of what the contrasts of both photographs show: pairs without a difference of blur, shaken ones, those whose
+//! brightness changes them as blur does, and compressed ones.
 
 use std::f64::consts::TAU;
 
-use parfocal::{Settings, Solution, transform::Similarity};
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use parfocal::frame::{Channels, Samples};
+use parfocal::{Frame, Settings, Solution, transform::Similarity};
 
 use crate::common::TestEngine;
-use crate::common::scene::{Exposures, Radiance, pair_by, pair_of, slanted};
+use crate::common::scene::{Exposures, Radiance, luminance, pair_by, pair_of, slanted};
 
 /// Solves a pair, displaced by about 1.6 px.
 fn solve(
@@ -112,5 +115,45 @@ fn pictures_whose_brightness_or_noise_stands_for_blur_do_not_determine_v() {
         let settings = Settings { photometric: false, ..Settings::default() };
         let solution = engine.solve(frames.each_ref(), &settings);
         assert!(solution.converged && solution.warnings.is_empty(), "{size:?}: {:?}", solution.warnings);
+    }
+}
+
+/// The frame in 8 bits by the sRGB curve, compressed as JPEG with a quality of 1 to 100, or not.
+fn compressed(frame: &Frame, quality: Option<u8>) -> Frame {
+    let stored = |v: &f64| {
+        let curve = if *v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+        (255.0 * curve).round() as u8
+    };
+    let mut values: Vec<u8> = luminance(frame).iter().map(stored).collect();
+    if let Some(quality) = quality {
+        let mut bytes = Vec::new();
+        let encoder = JpegEncoder::new_with_quality(&mut bytes, quality);
+        encoder.write_image(&values, frame.width(), frame.height(), ExtendedColorType::L8).unwrap();
+        values = image::load_from_memory(&bytes).unwrap().into_luma8().into_raw();
+    }
+    Frame::new(frame.width(), frame.height(), Channels::Gray, Samples::U8(values)).unwrap()
+}
+
+#[test]
+fn a_photograph_compressed_until_its_blocks_show_is_named() {
+    let engine = TestEngine::new();
+    for (size, seed) in [([128, 96], 1), ([168, 128], 2), ([224, 160], 3)] {
+        let transform = Similarity::new(1.3, -0.9, 0.15, 1.01);
+        let pair = pair_by(noisy([0.003; 2]), size, transform, slanted(size[0]), seed);
+        let said = |qualities: [Option<u8>; 2]| {
+            let frames = [0, 1].map(|n| compressed(&pair[n], qualities[n]));
+            engine.solve(frames.each_ref(), &Settings::default()).warnings.join("\n")
+        };
+        for (qualities, named) in [
+            ([None, Some(10)], "I2 was compressed as JPEG"),
+            ([Some(10), None], "I1 was compressed as JPEG"),
+            ([Some(15), Some(10)], "both photographs were compressed as JPEG"),
+        ] {
+            let said = said(qualities);
+            assert!(said.contains(named), "{size:?}, {qualities:?}: {said}");
+        }
+        for qualities in [[None, None], [None, Some(90)], [Some(90), Some(90)]] {
+            assert_eq!(said(qualities), "", "{size:?}, {qualities:?}");
+        }
     }
 }
