@@ -1,5 +1,5 @@
 #version 460
-// Refines a cubic B-spline on every other pixel to one on every pixel. CPU reference: src/engine/stages/subdivide.rs.
+// Refines cubic B-splines on every other pixel to those on every pixel, a layer for each workgroup along z. CPU reference: src/engine/stages/subdivide.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;
@@ -7,16 +7,19 @@ layout(binding = 1, r32f) uniform writeonly image2DArray fine;
 layout(binding = 2, std430) readonly buffer Tiles { uint tiles[]; };
 layout(push_constant) uniform Constants {
     int width, height;   // of the fine image
-    int layer;           // of the fine image
+    int layer;           // of the fine image, for the first layer of the coarse one
+    int step;            // from there to the next
+    int planes;          // layers
     int listed;          // first entry of the list of tiles
 };
 
 #include "tiles.glsl"
 
-float coefficient(int x, int y) { return imageLoad(coarse, ivec3(x, y, 0)).r; }
+float coefficient(int x, int y) { return imageLoad(coarse, ivec3(x, y, gl_WorkGroupID.z)).r; }
 
 void main() {
     ivec2 size = ivec2(width, height), i = invocation(tile_at(listed), gl_WorkGroupSize.xy), pixel = 2 * i;
+    int target = layer + int(gl_WorkGroupID.z) * step;
     if (pixel.x >= width || pixel.y >= height) return;
     // Mirrored about the border pixels of the fine image.
     ivec2 before = min(abs(i - 1), max(size - 2, 0)), after = max(min(i + 1, size - 2 - i), 0);
@@ -26,9 +29,9 @@ void main() {
         row[n] = vec3(coefficient(before.x, ys[n]), coefficient(i.x, ys[n]), coefficient(after.x, ys[n]));
     vec3 on = 0.125 * (row[0] + row[2]) + 0.75 * row[1], below = 0.5 * (row[1] + row[2]);
     const vec3 ON = vec3(0.125, 0.75, 0.125), BESIDE = vec3(0.0, 0.5, 0.5);
-    imageStore(fine, ivec3(pixel, layer), vec4(dot(ON, on)));
+    imageStore(fine, ivec3(pixel, target), vec4(dot(ON, on)));
     bool right = pixel.x + 1 < width, down = pixel.y + 1 < height;
-    if (right) imageStore(fine, ivec3(pixel + ivec2(1, 0), layer), vec4(dot(BESIDE, on)));
-    if (down) imageStore(fine, ivec3(pixel + ivec2(0, 1), layer), vec4(dot(ON, below)));
-    if (right && down) imageStore(fine, ivec3(pixel + 1, layer), vec4(dot(BESIDE, below)));
+    if (right) imageStore(fine, ivec3(pixel + ivec2(1, 0), target), vec4(dot(BESIDE, on)));
+    if (down) imageStore(fine, ivec3(pixel + ivec2(0, 1), target), vec4(dot(ON, below)));
+    if (right && down) imageStore(fine, ivec3(pixel + 1, target), vec4(dot(BESIDE, below)));
 }

@@ -60,9 +60,9 @@ pub(crate) enum Over {
     Half,
     /// All pixels.
     Pixels,
-    /// The tiles of a filter along x.
+    /// The tiles of a filter along x, of D and of b.
     AlongX,
-    /// The tiles of a filter along y.
+    /// The same along y.
     AlongY,
     /// One workgroup.
     One,

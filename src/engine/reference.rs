@@ -72,7 +72,7 @@ fn run(script: &Script, plan: &Plan, memory: &mut Memory) {
                 }
             }
             Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
-            Action::Clear { image, size } => memory.clear(*image, *size),
+            Action::Clear { image, size, .. } => memory.clear(*image, *size),
             // The results are read from the stacks.
             Action::Download { .. } => {}
         }

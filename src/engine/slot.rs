@@ -19,10 +19,9 @@ pub(crate) enum Slot {
     Stacks,
     /// Spline coefficients of I2.
     Spline2,
-    /// The intermediate image of a separable filter.
+    /// The intermediate images of separable filters. Until the next filter, their left halves hold the right sides of
+    /// the linear system for dV: of the red (layer 0) and of the black pixels (layer 1).
     Scratch,
-    /// Right sides of the linear system for dV: of the red (layer 0) and of the black pixels (layer 1).
-    RightSides,
     /// Weights of the linear system for dV, of the right, left, lower and upper neighbour, likewise.
     Weights,
     /// Equations of the coarse grids of the cascade.
@@ -213,7 +212,7 @@ pub(crate) const STACKS: Handle<Stacks> = Handle::new(Slot::Stacks);
 pub(crate) const RESULTS: Handle<Results> = Handle::new(Slot::Stacks);
 pub(crate) const SPLINE2: Handle<Spline2> = Handle::new(Slot::Spline2);
 pub(crate) const SCRATCH: Handle<Plane> = Handle::new(Slot::Scratch);
-pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::RightSides);
+pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::Scratch);
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
 pub(crate) const GRID_EQUATIONS: Handle<GridEquations> = Handle::new(Slot::GridEquations);
 pub(crate) const GRID_STEPS: Handle<GridSteps> = Handle::new(Slot::GridSteps);

@@ -192,9 +192,10 @@ impl Solve {
     /// A copy, with the bytes that it reads and writes.
     fn transfer(&self, action: &Action, level: usize) -> Work {
         let bytes = |slot: Slot| self.layout.iter().find(|a| a.slot == slot).map_or(0, Allocation::bytes);
+        let layer_bytes = |slot: Slot| self.layout.iter().find(|a| a.slot == slot).map_or(0, Allocation::layer_bytes);
         let (name, bytes) = match action {
             Action::Copy { from, to, .. } => ("copy", 2 * bytes(*from).min(bytes(*to))),
-            Action::Clear { image, .. } => ("clear", bytes(*image)),
+            Action::Clear { image, layers, .. } => ("clear", u64::from(*layers) * layer_bytes(*image)),
             Action::Download { .. } => ("download", 2 * bytes(Slot::EndMaps)),
             Action::Dispatch(_) => unreachable!("it copies nothing"),
         };
@@ -251,7 +252,7 @@ fn share_of_tiles(dispatch: &Dispatch, tiles: f64) -> f64 {
         }
         ("convolve", true) => {
             let c: convolve::Constants = bytemuck::pod_read_unaligned(c);
-            (convolve::tile(c.vertical == 1), [c.length, c.breadth])
+            (convolve::tile(convolve::is_vertical(dispatch.variant)), [c.length, c.breadth])
         }
         ("subdivide", true) => {
             let c: subdivide::Constants = bytemuck::pod_read_unaligned(c);

@@ -1,6 +1,6 @@
 //! The images and buffers of a solver with their sizes, and checks of these against a device's limits.
 
-use super::Plan;
+use super::{Plan, SCRATCH_LAYERS};
 use crate::base::{DeviceInfo, Error};
 use crate::engine::arguments;
 use crate::engine::slot::Slot;
@@ -41,9 +41,17 @@ impl Allocation {
     /// Bytes of the texels or of the buffer.
     pub(crate) fn bytes(&self) -> u64 {
         match self.kind {
-            AllocationKind::Image { size: [width, height], layers, texel } => {
+            AllocationKind::Image { layers, .. } => u64::from(layers) * self.layer_bytes(),
+            AllocationKind::Buffer { bytes, .. } => bytes,
+        }
+    }
+
+    /// Bytes of a layer of the image, or of the buffer.
+    pub(crate) fn layer_bytes(&self) -> u64 {
+        match self.kind {
+            AllocationKind::Image { size: [width, height], texel, .. } => {
                 let bytes = if texel == Texel::One { 4 } else { 8 };
-                bytes * u64::from(layers) * pixels(width, height)
+                bytes * pixels(width, height)
             }
             AllocationKind::Buffer { bytes, .. } => bytes,
         }
@@ -169,8 +177,7 @@ impl Plan {
         let (half, cells) = (self.pyramid[0].half(), grid::cells(self.size));
         let mut list = vec![
             image(Slot::Spline2, self.size, 1),
-            image(Slot::Scratch, self.size, 1),
-            image(Slot::RightSides, half, 2),
+            image(Slot::Scratch, self.size, SCRATCH_LAYERS),
             Allocation {
                 slot: Slot::Weights,
                 kind: AllocationKind::Image { size: half, layers: 2, texel: Texel::FourHalf },

@@ -25,6 +25,8 @@ const CONTINUATION: f64 = 6.0;
 const WHOLE_CONTINUATION: f64 = 20.0;
 /// Layers of results before the fused channels: V, its standard deviation, the residual.
 pub(crate) const MAP_LAYERS: u32 = 3;
+/// Layers of the scratch image, which filters take at once: those of both photographs, or D and b.
+pub(crate) const SCRATCH_LAYERS: u32 = 2;
 /// The most layers of results: three fused channels more.
 const RESULT_LAYERS: u32 = MAP_LAYERS + 3;
 

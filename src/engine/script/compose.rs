@@ -9,7 +9,7 @@ use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
-use crate::engine::stages::{convolve, grid, relax, relax_grid, update};
+use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, update};
 use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
@@ -90,8 +90,8 @@ fn groups(level: &Level, over: Over) -> [u32; 3] {
         Over::Tiles => level.tiles(),
         Over::Half => relax::tiles(level.size),
         Over::Pixels => update::STAGE.groups(level.size),
-        Over::AlongX => convolve::groups([level.size[0], level.size[1]], false),
-        Over::AlongY => convolve::groups([level.size[1], level.size[0]], true),
+        Over::AlongX => convolve::groups([level.size[0], level.size[1]], false, linearise::LAYERS),
+        Over::AlongY => convolve::groups([level.size[1], level.size[0]], true, linearise::LAYERS),
         Over::One => [1, 1, 1],
         Over::Coarse(n) => grid::grids(level.size).get(n).map_or([0; 3], |grid| relax_grid::tiles(grid.size)),
     }
@@ -229,12 +229,12 @@ impl<'a> Composer<'a> {
 
     /// Sets V of a level to zero.
     pub(super) fn clear(&mut self, level: &Level) {
-        self.empty(Slot::RelativeBlur { level: level.index }, level.size);
+        self.empty(Slot::RelativeBlur { level: level.index }, level.size, 1);
     }
 
-    /// Sets an image to zero.
-    pub(super) fn empty(&mut self, image: Slot, size: [u32; 2]) {
-        self.push(Action::Clear { image, size });
+    /// Sets the first layers of an image to zero.
+    pub(super) fn empty(&mut self, image: Slot, size: [u32; 2], layers: u32) {
+        self.push(Action::Clear { image, size, layers });
     }
 
     /// Begins a part.
@@ -290,8 +290,11 @@ impl<'a> Composer<'a> {
         self.place = Place::level(level.index);
         self.start(level);
         let mut filtered = 0;
-        for (image, layer) in BOTH.iter().flat_map(|&image| (0..plan.layers_of(level)).map(move |n| (image, n))) {
-            filtered += self.stack_layer(level, image, layer) * level.pixels();
+        for image in BOTH {
+            self.stack_start(level, image);
+        }
+        for layer in 1..plan.layers_of(level) {
+            filtered += self.stack_layer(level, 0..2, layer) * level.pixels();
             if filtered > FILTERS_AN_ITERATION * PART_BUDGET {
                 self.begin_level(level);
                 filtered = 0;

@@ -1,17 +1,37 @@
 //! The passes that filter: the pyramid and the blur stacks.
 
+use std::ops::Range;
+
 use super::compose::Composer;
 use crate::engine::arguments::{Grid, Over, Place};
-use crate::engine::plan::{FilterRange, Level, StackLayer};
+use crate::engine::plan::{FilterRange, Level, SCRATCH_LAYERS, StackLayer};
 use crate::engine::slot::{self, Handle, Plane};
 use crate::engine::stages::stack::Sampling;
 use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, subdivide, warp};
 
 /// A layer of an image.
-pub(super) type Layer = (Handle<Plane>, u32);
+type Layer = (Handle<Plane>, u32);
 
-/// The target of the first direction of a separable filter.
-const SCRATCH: Layer = (slot::SCRATCH, 0);
+/// Layers of an image that are filtered at once, each as the others.
+#[derive(Clone, Copy)]
+pub(super) struct Layers {
+    pub(super) image: Handle<Plane>,
+    pub(super) first: u32,
+    /// From a layer to the next.
+    pub(super) step: u32,
+    pub(super) count: u32,
+}
+
+impl From<Layer> for Layers {
+    fn from((image, first): Layer) -> Self {
+        Self { image, first, step: 1, count: 1 }
+    }
+}
+
+/// The targets of the first direction of a separable filter of `count` layers.
+fn scratch(count: u32) -> Layers {
+    Layers { count, ..(slot::SCRATCH, 0).into() }
+}
 
 /// Pixels around the wanted tiles for which a blur stack is computed: 4½ σ of the widest blur that a sweep compares.
 /// Pixels beyond weigh less than 1e-5.
@@ -27,8 +47,8 @@ struct Axis {
     stride: u32,
     /// Pixels after which the mirrored image repeats.
     period: u32,
-    /// 0 along x, 1 along y.
-    vertical: u32,
+    /// Along y instead of x.
+    vertical: bool,
     /// Pixels of the level from one filtered pixel to the next, along the axis and across it.
     spacing: [u32; 2],
 }
@@ -48,32 +68,36 @@ impl Composer<'_> {
         }
     }
 
-    /// A layer of a level's blur stack: the spline coefficients of the image, or a filter of an earlier layer. Returns
-    /// the number of separable filters.
-    pub(super) fn stack_layer(&mut self, level: &Level, image: usize, layer: u32) -> u64 {
-        let plan = self.plan;
-        let base = plan.first_layer(image);
-        let stack = |layer| (slot::STACKS.plane(), base + layer);
-        if layer == 0 {
-            if image == 1 && plan.warps(level) {
-                self.spline2(level);
-                self.warp(level);
-                return 2;
-            }
-            let from =
-                if image == 1 { self.apply_shading(level, stack(0)) } else { (slot::luminance(image, level.index), 0) };
-            self.spline(level, from, stack(0));
-            return 1;
+    /// The first layer of a level's blur stack: the spline coefficients of the image.
+    pub(super) fn stack_start(&mut self, level: &Level, image: usize) {
+        let first = (slot::STACKS.plane(), self.plan.first_layer(image));
+        if image == 1 && self.plan.warps(level) {
+            self.spline2(level);
+            return self.warp(level);
         }
-        let StackLayer { from, sampling, terms } = &plan.layers[layer as usize - 1];
+        let from = if image == 1 { self.apply_shading(level, first) } else { (slot::luminance(image, level.index), 0) };
+        self.spline(level, from, first);
+    }
+
+    /// A layer n > 0 of the level's blur stacks of some images: a filter of an earlier layer. Returns the number of
+    /// separable filters.
+    pub(super) fn stack_layer(&mut self, level: &Level, images: Range<usize>, n: u32) -> u64 {
+        let (plan, count) = (self.plan, images.len() as u32);
+        let layers = |n| Layers {
+            image: slot::STACKS.plane(),
+            first: plan.first_layer(images.start) + n,
+            step: plan.first_layer(1),
+            count,
+        };
+        let StackLayer { from, sampling, terms } = &plan.layers[n as usize - 1];
         if *sampling != Sampling::Every {
-            self.half_layer(level, [base + from, base + layer], *sampling == Sampling::Halving, terms[0]);
-            return 1;
+            self.half_layer(level, [*from, n].map(layers), *sampling == Sampling::Halving, terms[0]);
+            return u64::from(count);
         }
-        for (n, &term) in terms.iter().enumerate() {
-            self.separable([stack(*from), stack(layer)], level.size, term, 1, n > 0);
+        for (add, &term) in terms.iter().enumerate() {
+            self.separable([*from, n].map(layers), level.size, term, 1, add > 0);
         }
-        terms.len() as u64
+        u64::from(count) * terms.len() as u64
     }
 
     /// Spline coefficients of I2.
@@ -98,9 +122,17 @@ impl Composer<'_> {
         self.separable([from, to], level.size, [self.plan.prefilter; 2], 1, false);
     }
 
-    /// The mean over the window around each pixel, in place.
-    pub(super) fn smooth(&mut self, layer: Layer, size: [u32; 2]) {
-        self.separable([layer, layer], size, [self.plan.window; 2], 1, false);
+    /// The mean over the window around each pixel of an image's first `count` layers, in place.
+    pub(super) fn smooth(&mut self, image: Handle<Plane>, count: u32, size: [u32; 2]) {
+        for first in (0..count).step_by(SCRATCH_LAYERS as usize) {
+            self.smooth_layers(Layers { image, first, step: 1, count: SCRATCH_LAYERS.min(count - first) }, size);
+        }
+    }
+
+    /// The same of some layers, at most as many as the scratch image has.
+    pub(super) fn smooth_layers(&mut self, layers: impl Into<Layers>, size: [u32; 2]) {
+        let layers = layers.into();
+        self.separable([layers; 2], size, [self.plan.window; 2], 1, false);
     }
 
     /// The first layer of I2's blur stack: I2 warped onto I1's pixels. The second layer holds its samples in between.
@@ -121,7 +153,7 @@ impl Composer<'_> {
         self.warps[level.index].clear();
         self.warp(level);
         for layer in 1..self.plan.layers_of(level) {
-            self.stack_layer(level, 1, layer);
+            self.stack_layer(level, 1..2, layer);
         }
         if self.plan.finds_shape(level) {
             self.shape(level, 1);
@@ -137,14 +169,14 @@ impl Composer<'_> {
         Grid::IfMoved { level, n: warps.len() - 1 }
     }
 
-    /// A layer that is computed on every other pixel, then subdivided.
+    /// Layers that are computed on every other pixel, then subdivided.
     ///
-    /// The half-size layer is in the corner of the scratch image, which holds the layer before unless this is the
+    /// A half-size layer is in the corner of the scratch image, which holds the layer before unless this is the
     /// first. The layer's own place holds the result of the first direction in between.
     fn half_layer(
         &mut self,
         level: &Level,
-        [from, layer]: [u32; 2],
+        [from, layers]: [Layers; 2],
         first: bool,
         [along_x, along_y]: [FilterRange; 2],
     ) {
@@ -152,24 +184,24 @@ impl Composer<'_> {
         let (stride, period) = if first { (2, 2) } else { (1, 1) };
         let [length, breadth] = if first { [width, height] } else { [half_width, half_height] };
         let spacing = if first { [1, 1] } else { [2, 2] };
-        let x = Axis { length, breadth, stride, period: period * (width - 1), vertical: 0, spacing };
+        let x = Axis { length, breadth, stride, period: period * (width - 1), vertical: false, spacing };
         let length = if first { height } else { half_height };
         let spacing = if first { [1, 2] } else { [2, 2] };
-        let y = Axis { length, breadth: half_width, stride, period: period * (height - 1), vertical: 1, spacing };
-        let stack = |layer| (slot::STACKS.plane(), layer);
-        let source = if first { stack(from) } else { SCRATCH };
-        self.convolve([source, stack(layer)], &x, along_x, false);
-        self.convolve([stack(layer), SCRATCH], &y, along_y, false);
+        let y = Axis { length, breadth: half_width, stride, period: period * (height - 1), vertical: true, spacing };
+        let half = scratch(layers.count);
+        self.convolve([if first { from } else { half }, layers], &x, along_x, false);
+        self.convolve([layers, half], &y, along_y, false);
         let tile = subdivide::STAGE.workgroup.map(|side| 2 * side);
-        let (grid, list) = self.extent(tile, subdivide::STAGE.groups([half_width, half_height]));
+        let (grid, list) = self.extent(tile, subdivide::groups([half_width, half_height], layers.count));
         let tiles = slot::TILES.read();
         let bindings = subdivide::Bindings { coarse: slot::SCRATCH.read(), fine: slot::STACKS.write(), tiles };
-        let constants = subdivide::Constants { width, height, layer, listed: list.unwrap_or(0) };
+        let Layers { first: layer, step, count: planes, .. } = layers;
+        let constants = subdivide::Constants { width, height, layer, step, planes, listed: list.unwrap_or(0) };
         self.dispatch(bindings, &constants, subdivide::variant(list.is_some()), grid);
     }
 
     /// The grid of a filter: over the listed tiles of a size, with the first entry of their list, or `groups`
-    /// workgroups for all.
+    /// workgroups for all. Tiles are listed for single layers only.
     fn extent(&mut self, tile: [u32; 2], groups: [u32; 3]) -> (Grid, Option<u32>) {
         match self.list(tile, REACH) {
             Some((first, grid)) => (grid, Some(first)),
@@ -177,56 +209,58 @@ impl Composer<'_> {
         }
     }
 
-    /// A filter along x into the scratch image, then one along y. The result replaces the target layer or is added to
-    /// it.
+    /// A filter along x into the scratch image, then one along y. The results replace the target layers or are added to
+    /// them.
     pub(super) fn separable(
         &mut self,
-        [from, to]: [Layer; 2],
+        layers: [impl Into<Layers>; 2],
         [width, height]: [u32; 2],
         [along_x, along_y]: [FilterRange; 2],
         stride: u32,
         add: bool,
     ) {
         let spacing = [1, 1];
-        let x = Axis { length: width, breadth: height, stride, period: 2 * (width - 1), vertical: 0, spacing };
+        let x = Axis { length: width, breadth: height, stride, period: 2 * (width - 1), vertical: false, spacing };
         let breadth = width.div_ceil(stride);
-        let y = Axis { length: height, breadth, stride, period: 2 * (height - 1), vertical: 1, spacing };
-        self.convolve([from, SCRATCH], &x, along_x, false);
-        self.convolve([SCRATCH, to], &y, along_y, add);
+        let y = Axis { length: height, breadth, stride, period: 2 * (height - 1), vertical: true, spacing };
+        let [from, to] = layers.map(Into::into);
+        self.convolve([from, scratch(from.count)], &x, along_x, false);
+        self.convolve([scratch(from.count), to], &y, along_y, add);
     }
 
     /// A filter along one axis.
     fn convolve(
         &mut self,
-        [(from, from_layer), (to, to_layer)]: [Layer; 2],
+        [from, to]: [Layers; 2],
         &Axis { length, breadth, stride, period, vertical, spacing: [along, across] }: &Axis,
         FilterRange { bank, offset, blocks, radius }: FilterRange,
         add: bool,
     ) {
-        let [width, height] = convolve::tile(vertical == 1);
-        let tile = if vertical == 1 { [across * width, along * height] } else { [along * width, across * height] };
+        let [width, height] = convolve::tile(vertical);
+        let tile = if vertical { [across * width, along * height] } else { [along * width, across * height] };
         let constants = convolve::Constants {
             length,
             breadth,
-            stride,
-            vertical,
-            from_layer,
-            to_layer,
+            from_layer: from.first,
+            to_layer: to.first,
+            from_step: from.step,
+            to_step: to.step,
+            planes: from.count,
             offset,
             blocks,
             radius,
             add: u32::from(add),
-            period: period.max(1) as f32,
+            period: period.max(1),
             listed: 0,
         };
-        let (grid, list) = self.extent(tile, convolve::groups([length, breadth], vertical == 1));
-        let over = if vertical == 1 { Over::AlongY } else { Over::AlongX };
+        let (grid, list) = self.extent(tile, convolve::groups([length, breadth], vertical, from.count));
+        let over = if vertical { Over::AlongY } else { Over::AlongX };
         let grid = self.unsettled.map_or(grid, |level| Grid::Level { level, over });
         let constants = convolve::Constants { listed: list.unwrap_or(0), ..constants };
-        let variant = convolve::variant(add || blocks > 1, list.is_some());
+        let variant = convolve::variant(&constants, vertical, stride, list.is_some());
         let bindings = convolve::Bindings {
-            from: from.read(),
-            to: to.update(),
+            from: from.image.read(),
+            to: to.image.update(),
             filters: slot::filters(bank).read(),
             tiles: slot::TILES.read(),
         };

@@ -59,8 +59,8 @@ pub(crate) enum Action {
     Dispatch(Dispatch),
     /// Copies a buffer, or with `levels` only the state of the levels.
     Copy { from: Slot, to: Slot, levels: bool },
-    /// Sets all pixels of an image to zero.
-    Clear { image: Slot, size: [u32; 2] },
+    /// Sets all pixels of the first `layers` layers of an image to zero.
+    Clear { image: Slot, size: [u32; 2], layers: u32 },
     /// Copies the first `layers` layers of the stacks, the results, into mapped memory.
     Download { layers: u32 },
 }

@@ -86,7 +86,7 @@ impl Composer<'_> {
             clipped: self.plan.settings.clipped(format.depth),
         };
         self.over(self.plan.size, bindings, &constants, NO_VARIANT);
-        self.smooth((masks.plane(), image as u32), self.plan.size);
+        self.smooth_layers((masks.plane(), image as u32), self.plan.size);
     }
 
     /// Matches gain, offset and shading, or measures the correlation alone. Without blur stacks V is zero, and I2 is
@@ -114,9 +114,7 @@ impl Composer<'_> {
         let slopes = if has_stacks { plan.slopes() } else { Slopes::Laplacian };
         let variant = linearise::variant(slopes, has_stacks && plan.warps(level), self.masked, false);
         self.over(size, bindings, &constants, variant);
-        for layer in 0..blur_matched_pair::LAYERS {
-            self.smooth((slot::UNCERTAINTY_TERMS.plane(), layer), size);
-        }
+        self.smooth(slot::UNCERTAINTY_TERMS.plane(), blur_matched_pair::LAYERS, size);
         let bindings = exposure::Bindings { pair: slot::UNCERTAINTY_TERMS.read(), state: slot::STATE.update() };
         let constants = exposure::Constants::new(level.size, level.factor, level.centre, adopt);
         self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1, 1, 1]));
@@ -315,9 +313,7 @@ impl Composer<'_> {
     /// The linear system for the step of the unknown: V of a pair, u of a sweep.
     pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) {
         self.unsettled = self.settles.then_some(level.index);
-        for layer in 0..system::layers(variant) {
-            self.smooth((slot::NORMAL_EQUATIONS, layer), level.size);
-        }
+        self.smooth(slot::NORMAL_EQUATIONS, system::layers(variant), level.size);
         self.unsettled = None;
         let bindings = system::Bindings {
             unknown: slot::relative_blur(level.index).read(),
@@ -471,9 +467,7 @@ impl Composer<'_> {
         };
         let variant = linearise::variant(plan.slopes(), plan.warps(finest), false, false);
         self.over(size, bindings, &constants, variant);
-        for layer in 0..uncertainty_terms::LAYERS as u32 {
-            self.smooth((slot::UNCERTAINTY_TERMS.plane(), layer), size);
-        }
+        self.smooth(slot::UNCERTAINTY_TERMS.plane(), uncertainty_terms::LAYERS as u32, size);
     }
 
     /// V where it is valid, its standard deviation and the residual, into the first layers of the results.

@@ -72,17 +72,17 @@ pub(crate) struct HalfPairs {
 /// Sums the linear systems of all pairs, with one blur stack at a time. `hold`: T and c do not step.
 pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold: bool) -> Script {
     script(plan, level.index, |s| {
-        s.empty(Slot::NormalEquations, level.size);
+        s.empty(Slot::NormalEquations, level.size, half_pair::LAYERS);
         // Pixels beyond the listed tiles are read with little weight, but must be numbers, and the same each time.
-        s.empty(Slot::Stacks, plan.size);
-        s.empty(Slot::Scratch, plan.size);
+        s.empty(Slot::Stacks, plan.size, plan.layers_of(&plan.pyramid[0]));
+        s.empty(Slot::Scratch, plan.size, 1);
         let variant = half_pair::variant(plan.slopes(), hold, plan.projective());
         for HalfPairs { sharper, others, needed } in frames {
             s.want(needed.clone());
             let Some((listed, grid)) = s.list(half_pair::TILE, 0) else { continue };
             s.spline(level, (slot::ALIGNED, *sharper), (slot::STACKS.plane(), 0));
             for layer in 1..plan.layers_of(level) {
-                s.stack_layer(level, 0, layer);
+                s.stack_layer(level, 0..1, layer);
             }
             for constants in others {
                 let bindings = half_pair::Bindings {

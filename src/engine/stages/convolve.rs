@@ -2,7 +2,8 @@
 //!
 //! It computes the Gaussian pyramid (σ 1 px, stride 2; pixel i of a level is at pixel 2i of the level below), the cubic
 //! B-spline prefilter, the blur stacks and the means over a window. A variant takes filters of any length and can add
-//! to the target: a filter that is not separable is a sum of separable ones.
+//! to the target: a filter that is not separable is a sum of separable ones. Axis and stride are variants too: loads and
+//! stores whose addresses depend on push constants take a tenth longer on a software device.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::spline::{Field, fold};
@@ -16,24 +17,26 @@ push_constants! {
     length: u32,
     /// Pixels across it.
     breadth: u32,
-    /// 1, or 2 to halve.
-    stride: u32,
-    /// 0 along x, 1 along y.
-    vertical: u32,
-    /// Layer read.
+    /// First layer read.
     from_layer: u32,
-    /// Layer written.
+    /// First layer written.
     to_layer: u32,
+    /// From a layer read to the next.
+    from_step: u32,
+    /// From a layer written to the next.
+    to_step: u32,
+    /// The number of layers: workgroups along z.
+    planes: u32,
     /// First weight of the filter, in units of four weights.
     offset: u32,
     /// [`BLOCK`]s of weights of the filter, the last padded with zeros.
     blocks: u32,
     /// The filter has 2 radius + 1 weights.
     radius: u32,
-    /// 1: adds to the target; only with the variant for long filters.
+    /// 1: adds to the target; only with the variant for any filter.
     add: u32,
     /// Pixels after which the mirrored image repeats, at least 1.
-    period: f32,
+    period: u32,
     /// First entry of the list of tiles; only with the variant for lists.
     listed: u32,
 }
@@ -41,22 +44,45 @@ push_constants! {
 /// Adjacent results per invocation: each weight and each value is loaded once for all of them.
 pub const SPAN: u32 = shaders::convolve::SPAN;
 
-/// Weights per block. Filters of one block have a pipeline without a loop: all filters of a Gaussian's blur stack do.
+/// Weights per block. Filters of [`TAPS`] have a pipeline without a loop: most of a Gaussian's blur stack.
 /// Software devices load a weight with a constant index once per subgroup, and keep arrays in registers.
 pub const BLOCK: u32 = shaders::convolve::BLOCK;
+
+/// The most weights of a filter that is not of the variant for any: all such filters have an odd number.
+pub const TAPS: u32 = shaders::convolve::TAPS;
 
 /// The most weights of all filters: the 16 KiB that each device allows a uniform buffer.
 pub const WEIGHTS: usize = 4 * shaders::convolve::VECTORS as usize;
 
-/// Workgroups of a filter along x, or along y, over `length` pixels along it and `breadth` across it.
-pub(crate) fn groups([length, breadth]: [u32; 2], vertical: bool) -> [u32; 3] {
+/// Workgroups of a filter along x, or along y, over `length` pixels along it and `breadth` across it, of `planes` layers.
+pub(crate) fn groups([length, breadth]: [u32; 2], vertical: bool, planes: u32) -> [u32; 3] {
     let spans = length.div_ceil(SPAN);
-    STAGE.groups(if vertical { [breadth, spans] } else { [spans, breadth] })
+    let [x, y, _] = STAGE.groups(if vertical { [breadth, spans] } else { [spans, breadth] });
+    [x, y, planes]
 }
 
-/// The variant for filters of more than one block or that add, and for listed tiles.
-pub(crate) const fn variant(long: bool, listed: bool) -> Variant {
-    [long, false, listed, false]
+/// The variant that takes any filter on any image, adds to the target if that is asked for, and filters along y.
+const ANY: usize = 0;
+const VERTICAL: usize = 1;
+const HALVING: usize = 3;
+
+/// The variant for a filter of some blocks along an axis of an image. `listed`: for listed tiles.
+pub(crate) fn variant(c: &Constants, vertical: bool, stride: u32, listed: bool) -> Variant {
+    // One reflection suffices if the period exceeds the last value that the last span reads.
+    let reach = c.length.next_multiple_of(SPAN) + TAPS;
+    let any = c.add == 1 || 2 * c.radius + 1 > TAPS || c.period < reach;
+    let mut variant = [false, false, listed, false];
+    (variant[ANY], variant[VERTICAL], variant[HALVING]) = (any, vertical, stride == 2);
+    variant
+}
+
+/// Whether a variant filters along y.
+pub(crate) fn is_vertical(variant: Variant) -> bool {
+    variant[VERTICAL]
+}
+
+fn stride(variant: Variant) -> u32 {
+    if variant[HALVING] { 2 } else { 1 }
 }
 
 /// Width and height of a listed tile, pixels before the filter. Along y it is a workgroup's; along x a quarter as wide.
@@ -76,21 +102,25 @@ bindings! {
 
 impl Pass for Bindings {
     /// Compulsory traffic: every value read, every result written, and read first where it is added to.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
         let touched = if c.add == 1 { 2 } else { 1 };
-        4 * (pixels(c.length, c.breadth) + touched * pixels(c.length.div_ceil(c.stride), c.breadth))
+        4 * u64::from(c.planes)
+            * (pixels(c.length, c.breadth) + touched * pixels(c.length.div_ceil(stride(variant)), c.breadth))
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let first = 4 * c.offset as usize;
-        let filter = &memory.numbers(self.filters)[first..first + 2 * c.radius as usize + 1];
-        let input = memory.layer(self.from, c.from_layer as usize);
-        let mut filtered = cpu_reference_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
-        let to = memory.layer_mut(self.to, c.to_layer as usize);
-        if c.add == 1 {
-            filtered.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
+        let filter = memory.numbers(self.filters)[first..first + 2 * c.radius as usize + 1].to_vec();
+        let (stride, vertical, period) = (stride(variant) as usize, is_vertical(variant), c.period as usize);
+        for plane in 0..c.planes {
+            let input = memory.layer(self.from, (c.from_layer + plane * c.from_step) as usize);
+            let mut filtered = cpu_reference_mirrored(input, &filter, stride, vertical, period);
+            let to = memory.layer_mut(self.to, (c.to_layer + plane * c.to_step) as usize);
+            if c.add == 1 {
+                filtered.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
+            }
+            *to = filtered;
         }
-        *to = filtered;
     }
 }
 
@@ -149,14 +179,19 @@ mod tests {
     use super::*;
     use crate::engine::vulkan::Resource;
 
+    fn times(field: &Field, factor: f64) -> Field {
+        Field { data: field.data.iter().map(|value| factor * value).collect(), ..*field }
+    }
+
     fn check(input: &Field, filter: &[f64], stride: usize, vertical: bool, odd_period: bool) {
         let length = if vertical { input.height } else { input.width };
         let period = 2 * (length - 1) + usize::from(odd_period);
         let expected = cpu_reference_mirrored(input, filter, stride, vertical, period);
         let rig = Rig::new();
         let size = [expected.width as u32, expected.height as u32];
-        // From layer 1 into layer 2, to test that layers are respected.
-        let from = rig.image(&[Field::zeros(input.width, input.height), input.clone()]);
+        // From layers 1 and 3 into layers 0 and 2, to test that layers are respected.
+        let [blank, negative] = [0.0, -1.0].map(|factor| times(input, factor));
+        let from = rig.image(&[blank.clone(), input.clone(), blank, negative]);
         let to = rig.empty(size, 3);
         let weights = rig.upload(bytemuck::cast_slice(
             &std::iter::repeat_n(9.0, 8)
@@ -170,47 +205,52 @@ mod tests {
         let constants = Constants {
             length: length as u32,
             breadth: breadth as u32,
-            stride: stride as u32,
-            vertical: u32::from(vertical),
             from_layer: 1,
-            to_layer: 2,
+            to_layer: 0,
+            from_step: 2,
+            to_step: 2,
+            planes: 2,
             offset: 2,
             blocks: (filter.len() as u32).div_ceil(BLOCK),
             radius: (filter.len() / 2) as u32,
             add: 0,
-            period: period.max(1) as f32,
+            period: period.max(1) as u32,
             listed: 1,
         };
         let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
         let resources =
             [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights), Resource::Buffer(&tiles)];
-        let groups = groups([constants.length, constants.breadth], vertical);
-        let zeros = Field::zeros(expected.width, expected.height);
-        if constants.blocks == 1 {
-            rig.run_groups(&STAGE, &resources, &constants, groups);
-            rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
+        let groups = groups([constants.length, constants.breadth], vertical, 2);
+        let both = |result: &Field| [times(result, 1.0), times(result, 0.0), times(result, -1.0)];
+        let of = |constants: &Constants, listed| variant(constants, vertical, stride as u32, listed);
+        let mut any = of(&constants, false);
+        if !any[ANY] {
+            rig.run_variant(&STAGE, any, &resources, &constants, groups);
+            rig.assert_close(&to, &both(&expected), 1e-5);
         }
-        rig.run_variant(&STAGE, variant(true, false), &resources, &constants, groups);
+        any[ANY] = true;
+        rig.run_variant(&STAGE, any, &resources, &constants, groups);
         // 1e-5: up to 41 products of single precision, with weights of the prefilter that sum to 3 in absolute value.
-        rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
+        rig.assert_close(&to, &both(&expected), 1e-5);
         if stride == 2 {
             return;
         }
-        let twice = Field { data: expected.data.iter().map(|v| 2.0 * v).collect(), ..expected };
-        rig.run_variant(&STAGE, variant(true, false), &resources, &Constants { add: 1, ..constants }, groups);
-        rig.assert_close(&to, &[zeros.clone(), zeros.clone(), twice.clone()], 2e-5);
+        let twice = times(&expected, 2.0);
+        let adding = Constants { add: 1, ..constants };
+        rig.run_variant(&STAGE, of(&adding, false), &resources, &adding, groups);
+        rig.assert_close(&to, &both(&twice), 2e-5);
         // Adds once more to the tiles at the left end of the first two rows of tiles.
         let [right, below] = [tile(vertical)[0], 2 * tile(vertical)[1]].map(|side| side as usize);
         let thrice = Field::from_fn(size[0] as usize, size[1] as usize, |x, y| {
             twice.get(x, y) * if x < right && y < below { 1.5 } else { 1.0 }
         });
-        rig.run_variant(&STAGE, variant(true, true), &resources, &Constants { add: 1, ..constants }, [2, 1, 1]);
-        rig.assert_close(&to, &[zeros.clone(), zeros, thrice], 3e-5);
+        rig.run_variant(&STAGE, of(&adding, true), &resources, &adding, [2, 1, 2]);
+        rig.assert_close(&to, &both(&thrice), 3e-5);
     }
 
     #[test]
     fn matches_the_cpu_reference_on_odd_sizes_and_filters_wider_than_the_image() {
-        for (width, height) in [(37, 21), (150, 80), (64, 9), (2, 1)] {
+        for (width, height) in [(37, 21), (150, 80), (64, 9), (28, 35), (2, 1)] {
             let input = random_field(width, height, 7);
             for filter in [filter::gaussian(1.0), filter::spline_prefilter(), filter::gaussian(17.5)] {
                 for (stride, vertical) in [(1, false), (1, true), (2, false), (2, true)] {

@@ -1,4 +1,4 @@
-//! Refines a cubic B-spline on every other pixel to one on every pixel: the same function, exactly.
+//! Refines cubic B-splines on every other pixel to those on every pixel: the same functions, exactly.
 //!
 //! The two-scale relation is `β(x/2) = Σ h(k) β(x - k)`, h = (1 4 6 4 1)/8 (Unser 1999). A coefficient on a pixel of
 //! the coarse grid is (1 6 1)/8 of those around it; one between two pixels is their mean. Pixel i of the coarse grid is
@@ -15,10 +15,20 @@ push_constants! {
     width: u32,
     /// Height of the fine image, pixels.
     height: u32,
-    /// Target layer of the fine image.
+    /// Target layer of the fine image, for the first layer of the coarse one.
     layer: u32,
+    /// Layers from there to the next.
+    step: u32,
+    /// The number of layers.
+    planes: u32,
     /// First entry of the list of tiles; only with the variant for lists.
     listed: u32,
+}
+
+/// Workgroups over the pixels of a coarse image, of `planes` layers.
+pub(crate) fn groups(size: [u32; 2], planes: u32) -> [u32; 3] {
+    let [x, y, _] = STAGE.groups(size);
+    [x, y, planes]
 }
 
 /// The variant for listed tiles.
@@ -28,7 +38,7 @@ pub(crate) fn variant(listed: bool) -> Variant {
 
 bindings! {
     SUBDIVIDE:
-    /// Coefficients on every other pixel, in the first layer.
+    /// Coefficients on every other pixel, in the first layers.
     coarse: Reads<Plane>,
     /// Coefficients on every pixel.
     fine: Writes<Stacks>,
@@ -38,12 +48,15 @@ bindings! {
 impl Pass for Bindings {
     /// Compulsory traffic: a quarter of the pixels read, all written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
+        4 * u64::from(c.planes) * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let fine = cpu_reference([c.width as usize, c.height as usize], memory.layer(self.coarse, 0));
-        memory.set_layer(self.fine, c.layer as usize, fine);
+        for plane in 0..c.planes {
+            let coarse = memory.layer(self.coarse, plane as usize);
+            let fine = cpu_reference([c.width as usize, c.height as usize], coarse);
+            memory.set_layer(self.fine, (c.layer + plane * c.step) as usize, fine);
+        }
     }
 }
 
@@ -74,20 +87,22 @@ mod tests {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
             let expected = cpu_reference([width as usize, height as usize], &coarse);
             let rig = Rig::new();
-            let (from, to) = (rig.field(&coarse), rig.empty([width, height], 2));
-            let constants = Constants { width, height, layer: 1, listed: 1 };
+            let negative = |field: &Field| Field { data: field.data.iter().map(|value| -value).collect(), ..*field };
+            let (from, to) = (rig.image(&[coarse.clone(), negative(&coarse)]), rig.empty([width, height], 4));
+            let constants = Constants { width, height, layer: 1, step: 2, planes: 2, listed: 1 };
             let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 | 1 << 16]));
             let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];
             let zeros = Field::zeros(width as usize, height as usize);
             // The first tile, and the one below it to the right.
-            rig.run_variant(&STAGE, variant(true), &resources, &constants, [2, 1, 1]);
+            rig.run_variant(&STAGE, variant(true), &resources, &constants, [2, 1, 2]);
             let some = Field::from_fn(width as usize, height as usize, |x, y| {
                 if (x / 128, y / 8) == (0, 0) || (x / 128, y / 8) == (1, 1) { expected.get(x, y) } else { 0.0 }
             });
             // 1e-6: nine products of single precision.
-            rig.assert_close(&to, &[zeros.clone(), some], 1e-6);
-            rig.run(&STAGE, &resources, &constants, [width.div_ceil(2), height.div_ceil(2)]);
-            rig.assert_close(&to, &[zeros, expected], 1e-6);
+            let layers = |fine: &Field| [zeros.clone(), fine.clone(), zeros.clone(), negative(fine)];
+            rig.assert_close(&to, &layers(&some), 1e-6);
+            rig.run_groups(&STAGE, &resources, &constants, groups([width.div_ceil(2), height.div_ceil(2)], 2));
+            rig.assert_close(&to, &layers(&expected), 1e-6);
         }
     }
 
