@@ -106,9 +106,10 @@ mod tests {
     #[test]
     fn windows_add_up_by_their_place_in_the_photograph() {
         let picture = picture(0.003, 0.05, 0, 1);
-        let part = |x: usize| Field::from_fn(33, 48, |i, j| picture.get(x + i, j));
-        let mut sum = Steps::of(&part(0), [0, 0]);
-        sum.add(&Steps::of(&part(31), [31, 0]));
+        // They share a column, so that each difference is in one of them.
+        let part = |x: usize, width| Field::from_fn(width, 48, |i, j| picture.get(x + i, j));
+        let mut sum = Steps::of(&part(0, 32), [0, 0]);
+        sum.add(&Steps::of(&part(31, 33), [31, 0]));
         let whole = Steps::of(&picture, [0, 0]);
         let close = |a: f64, b: f64| (a - b).abs() < 1e-9;
         assert!((0..BLOCK).all(|n| close(sum.sums[0][n], whole.sums[0][n])), "{sum:?} {whole:?}");
