@@ -66,6 +66,9 @@ pub(super) fn uneven_settings<E>(
 const TOLERANCE: f64 = 0.35;
 /// The largest standard error of a step, in median steps, at which the estimate is adopted.
 const MAX_ERROR: f64 = 0.1;
+/// The least share of a step that the frames determine, and not the damping: a hundredth of the median information. A
+/// step beyond the scene, where nothing is near focus, would else be found as it was assumed, by all bands alike.
+const LEAST_DETERMINED: f64 = 0.9;
 /// Fewer steps do not determine which of them is the odd one.
 const MIN_STEPS: usize = 3;
 
@@ -107,26 +110,43 @@ impl Estimate {
     /// Whether a step differs from the others.
     fn is_uneven(&self) -> bool {
         let median = self.median();
-        self.errors.len() >= MIN_STEPS && self.steps().any(|step| (step / median - 1.0).abs() > TOLERANCE)
+        self.errors.len() >= MIN_STEPS && self.steps().any(|step| differs(step, median))
+    }
+
+    /// The steps but those at either end that are not certain: beyond the scene nothing comes into focus.
+    fn certain(&self) -> Option<std::ops::Range<usize>> {
+        let most = MAX_ERROR * self.median();
+        let first = self.errors.iter().position(|error| *error <= most)?;
+        let last = self.errors.iter().rposition(|error| *error <= most)?;
+        let certain = first..last + 1;
+        (certain.len() >= MIN_STEPS && self.errors[certain.clone()].iter().all(|error| *error <= most))
+            .then_some(certain)
     }
 
     /// Settings from 0 on if the estimate is certain and uneven. They are whole steps if all steps are near multiples
-    /// of the median, else in mean steps.
+    /// of the median, else in mean steps. Steps at the ends that are not certain are taken as the median.
     fn adopted(&self) -> Option<Vec<f64>> {
-        let median = self.median();
-        if !self.is_uneven() || self.errors.iter().any(|error| *error > MAX_ERROR * median) {
+        let (median, certain) = (self.median(), self.certain()?);
+        let steps = self.steps().enumerate().map(|(k, step)| if certain.contains(&k) { step } else { median });
+        let steps: Vec<f64> = steps.collect();
+        if !steps.iter().any(|step| differs(*step, median)) {
             return None;
         }
         let whole = |step: f64| (step / median).round().max(1.0);
-        let are_whole = self.steps().all(|step| (step / median - whole(step)).abs() <= TOLERANCE);
-        let mean = self.steps().sum::<f64>() / self.errors.len() as f64;
+        let are_whole = steps.iter().all(|step| (step / median - whole(*step)).abs() <= TOLERANCE);
+        let mean = steps.iter().sum::<f64>() / steps.len() as f64;
         let mut at = 0.0;
-        let sums = self.steps().map(|step| {
-            at += if are_whole { whole(step) } else { step / mean };
+        let sums = steps.iter().map(|step| {
+            at += if are_whole { whole(*step) } else { step / mean };
             at
         });
         Some([0.0].into_iter().chain(sums).collect())
     }
+}
+
+/// Whether a step counts as different from the median.
+fn differs(step: f64, median: f64) -> bool {
+    (step / median - 1.0).abs() > TOLERANCE
 }
 
 /// Moves the settings, by less than `change` if a step would change too much.
@@ -152,14 +172,29 @@ impl NormalEquations {
         Self { matrix: DMatrix::zeros(frames, frames), right: DVector::zeros(frames) }
     }
 
-    /// The change of the settings, the first held, the others damped; zero if they are not determined.
-    fn solve(mut self, damping: f64) -> DVector<f64> {
-        let frames = self.right.len();
-        (0..frames).for_each(|k| self.matrix[(k, k)] += damping);
+    /// The matrix with the first setting held.
+    fn held(mut self) -> Self {
         self.matrix.row_mut(0).fill(0.0);
         self.matrix.column_mut(0).fill(0.0);
         (self.matrix[(0, 0)], self.right[0]) = (1.0, 0.0);
-        self.matrix.cholesky().map_or_else(|| DVector::zeros(frames), |cholesky| cholesky.solve(&self.right))
+        self
+    }
+
+    /// The change of the settings, the first held, the others damped; zero if they are not determined.
+    fn solve(self, damping: f64) -> DVector<f64> {
+        let frames = self.right.len();
+        let Self { mut matrix, right } = self.held();
+        (1..frames).for_each(|k| matrix[(k, k)] += damping);
+        matrix.cholesky().map_or_else(|| DVector::zeros(frames), |cholesky| cholesky.solve(&right))
+    }
+
+    /// The share of the step from setting k to the next that would be found of an error of it.
+    fn determined(&self, k: usize, damping: f64) -> f64 {
+        let held = self.clone().held();
+        let mut error = DVector::zeros(self.right.len());
+        (error[k], error[k + 1]) = (if k == 0 { 0.0 } else { -1.0 }, 1.0);
+        let found = Self { right: &held.matrix * &error, ..held }.solve(damping);
+        found.dot(&error) / error.norm_squared()
     }
 }
 
@@ -184,13 +219,14 @@ impl Steps {
         let mut information: Vec<f64> = all.matrix.diagonal().iter().copied().collect();
         information.sort_by(f64::total_cmp);
         let damping = DAMPING * information[frames / 2] + f64::MIN_POSITIVE;
-        let change = all.solve(damping);
+        let change = all.clone().solve(damping);
         let each: Vec<DVector<f64>> = (0..bands.len()).map(|n| without(Some(n)).solve(damping)).collect();
         let count = bands.len() as f64;
         let error = |k: usize| {
             let steps: Vec<f64> = each.iter().map(|change| change[k + 1] - change[k]).collect();
             let mean = steps.iter().sum::<f64>() / count;
-            ((count - 1.0) / count * steps.iter().map(|step| (step - mean).powi(2)).sum::<f64>()).sqrt()
+            let square = (count - 1.0) / count * steps.iter().map(|step| (step - mean).powi(2)).sum::<f64>();
+            if all.determined(k, damping) < LEAST_DETERMINED { f64::INFINITY } else { square.sqrt() }
         };
         Self { errors: (0..frames - 1).map(error).collect(), change }
     }
@@ -324,6 +360,34 @@ mod tests {
         assert_eq!(found(9, &[2, 5, 6]), Some(vec![0.0, 1.0, 3.0, 4.0, 7.0, 8.0]));
     }
 
+    /// Frames that are added beyond the scene, where none of it comes into focus.
+    #[test]
+    fn steps_beyond_the_scene_are_not_certain() {
+        for (preset, seed) in [(Preset::Relief, 1), (Preset::Plane, 2), (Preset::Steps, 3)] {
+            let scene = Scene { width: 96, height: 72, noise: 0.003, seed, ..preset.scene() };
+            let sweep =
+                SweepScene { blur_rate: 1.2, span: [0.05, 0.5], ..SweepScene::new(scene, 12) }.render().unwrap();
+            let field = |n: usize| Field::from_f32(96, 72, &sweep.frames[n].intensities(Decode::None));
+            let fields: Vec<Field> = (0..12).filter(|n| *n != 3).map(field).collect();
+            let settings: Vec<f64> = (0..11).map(f64::from).collect();
+            let rate = start::rate(&fields, &settings);
+            let estimate = Estimate::new(&fields, &settings, rate, ROUNDS[1]);
+            let median = estimate.median();
+            assert!(
+                estimate.errors[9] > MAX_ERROR * median,
+                "{preset:?}: {:?} {:?}",
+                estimate.settings,
+                estimate.errors
+            );
+            assert!(
+                estimate.errors[2] < MAX_ERROR * median,
+                "{preset:?}: {:?} {:?}",
+                estimate.settings,
+                estimate.errors
+            );
+        }
+    }
+
     #[test]
     fn settings_are_even_or_whole_steps_or_as_found() {
         assert_eq!(adopted(&[0.0, 0.8, 1.8, 3.0, 4.1], 0.02), None);
@@ -331,6 +395,13 @@ mod tests {
         assert_eq!(adopted(&[0.0, 1.0, 4.1, 5.2, 6.1, 8.0], 0.02), Some(vec![0.0, 1.0, 4.0, 5.0, 6.0, 8.0]));
         let uneven = adopted(&[0.0, 0.5, 1.3, 2.5, 4.0], 0.02).unwrap();
         assert!(uneven.iter().zip([0.0, 0.5, 1.3, 2.5, 4.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{uneven:?}");
+        // Steps at the ends are left even where they are not certain; others must be.
+        let uncertain = |which: &[usize]| {
+            let errors = (0..6).map(|k| if which.contains(&k) { f64::INFINITY } else { 0.02 }).collect();
+            Estimate { settings: vec![0.0, 2.3, 3.3, 4.3, 6.3, 7.3, 7.7], errors }.adopted()
+        };
+        assert_eq!(uncertain(&[0, 5]), Some(vec![0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0]));
+        assert_eq!([&[0, 3, 4, 5][..], &[2], &[0, 1, 4, 5]].map(uncertain), [None, None, None]);
         // Too few, or not certain.
         assert_eq!((adopted(&[0.0, 1.0, 3.0], 0.02), adopted(&[0.0, 1.0, 3.0, 4.0, 5.0], 0.2)), (None, None));
     }
