@@ -34,12 +34,16 @@ float mask_at(int image, ivec2 x) {
 }
 
 const int SIDE = 24;                 // of a window, pixels
+const float COUNTED = 0.99;          // rounding of the averaged mask: 2e-5
 // The terms of S: the window's own V, t_x, t_y, offset and gain; the kernel's shape; and S itself.
 const int TERMS_OF_S = 7;
 const int SHAPE = 5, LEFT = 6;
 const int PAIRS = TERMS_OF_S * (TERMS_OF_S + 1) / 2;
 // Sums of |V|, of the pixels, of those with V ≥ 0, and of the power of I2's noise on I1's pixels.
-const int VARIANCE = PAIRS, COUNT = PAIRS + 1, FIRST = PAIRS + 2, BETWEEN = PAIRS + 3, SUMMED = PAIRS + 4;
+const int VARIANCE = PAIRS, COUNT = PAIRS + 1, FIRST = PAIRS + 2, BETWEEN = PAIRS + 3;
+// Sum of the magnitudes of the mixed differences of S, |S(x, y) - S(x + 1, y) - S(x, y + 1) + S(x + 1, y + 1)| / 2.
+const int MIXED = PAIRS + 4, SUMMED = PAIRS + 5;
+shared float residuals[SIDE * SIDE];
 shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMMED];
 
 // The departure of a disk from a Gaussian at |V|, between two nodes.
@@ -97,13 +101,17 @@ vec2 estimate(float sums[SUMMED]) {
     // A window that is not complete, or whose shape depends on the other terms.
     if (sums[COUNT] < float(SIDE * SIDE) || !(information > 1e-4 * whole[SHAPE]) || !(information > 1e-9)) return vec2(0.0);
     float left = max(m[LEFT][LEFT] - m[SHAPE][LEFT] * m[SHAPE][LEFT] / information, 0.0) / float(SIDE * SIDE - TERMS_OF_S);
-    // Noise of the sharper image is in both S and the departure. That of I2 is interpolated, and has the gain.
+    // Noise of the sharper image is in both S and the departure. That of I2 is interpolated, and has the gain. The
+    // other image's noise is not blurred in S, so that mixed differences measure it. Errors of the fit are smooth and
+    // hardly contribute.
     float pixels = float(SIDE * SIDE), v = max(sums[VARIANCE] / pixels, 0.1), q = 16.0 / 9.0;
     float first = sums[FIRST] / pixels, between = sums[BETWEEN] / pixels, square = state.registration.gain * state.registration.gain;
     float before = mix(between, 1.0, first), own = mix(square, 1.0, first), other = mix(1.0, square * between, first);
     vec3 variances = vec3(v / q, v, v * q), powers;
     for (int n = 0; n < 3; n++) powers[n] = own * blurred_power(noise, 0.5 * (v + variances[n]), before).value;
-    float shared_noise = pixels * left / (other + powers[1]) * departure(v, variances, powers);
+    // Of a normal distribution the mean magnitude is √(2/π) deviations.
+    float mixed = sums[MIXED] / float((SIDE - 1) * (SIDE - 1)), noise_power = 1.5707963 * mixed * mixed / other;
+    float shared_noise = pixels * noise_power * departure(v, variances, powers);
     // 5e-4: at least that of rounding to 256 values.
     return vec2(-(m[SHAPE][LEFT] - shared_noise) / information, information / (left + 2.5e-7));
 }
@@ -116,12 +124,14 @@ void main() {
     for (int i = 0; i < SUMMED; i++) sums[i] = 0.0;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     for (int n = int(gl_LocalInvocationIndex); n < SIDE * SIDE; n += step) {
+        residuals[n] = 0.0;
         ivec2 x = corner + ivec2(n % SIDE, n / SIDE);
         float v = imageLoad(relative_blur, ivec3(x, 0)).r;
         vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y));
-        if (!inside(x, d, size, v, scale) || counts(x, d, size) < 1.0) continue;
+        if (!inside(x, d, size, v, scale) || counts(x, d, size) < COUNTED) continue;
         float terms[TERMS_OF_S];
         terms_at(x, v, around, terms);
+        residuals[n] = terms[LEFT];
         for (int i = 0, at = 0; i < TERMS_OF_S; i++) {
             for (int j = i; j < TERMS_OF_S; j++, at++) sums[at] += terms[i] * terms[j];
         }
@@ -129,6 +139,12 @@ void main() {
         sums[COUNT] += 1.0;
         sums[FIRST] += v >= 0.0 ? 1.0 : 0.0;
         sums[BETWEEN] += interpolated_power(d);
+    }
+    barrier();
+    for (int n = int(gl_LocalInvocationIndex); n < (SIDE - 1) * (SIDE - 1); n += step) {
+        int at = n / (SIDE - 1) * SIDE + n % (SIDE - 1);
+        float mixed = residuals[at] - residuals[at + 1] - residuals[at + SIDE] + residuals[at + SIDE + 1];
+        sums[MIXED] += 0.5 * abs(mixed);
     }
     for (int i = 0; i < SUMMED; i++) {
         float sum = subgroupAdd(sums[i]);
