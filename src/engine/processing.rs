@@ -79,7 +79,7 @@ mod tests {
     use super::*;
     use crate::base::random::Random;
 
-    /// Smooth waves, noise, and a step of random height from block to block, the first of which begins at `phase`.
+    /// Smooth waves, noise, and blocks of random height. The picture begins `phase` px inside of a block.
     fn picture(noise: f64, step: f64, phase: usize, seed: u64) -> Field {
         let mut random = Random::new(seed, 1);
         let heights: Vec<f64> = (0..400).map(|_| step * random.normal()).collect();
