@@ -5,7 +5,7 @@ use crate::base::Depth;
 choices! {
     /// How stored values become intensities.
     pub enum Decode {
-        /// As the files state; without a statement sRGB for 8 bits, linear for more bits and for floats
+        /// As the files state; else linear, but 8 bits sRGB unless the program finds them linear by their noise
         #[default]
         Auto = "auto",
         /// As stored

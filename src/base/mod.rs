@@ -36,6 +36,7 @@ mod error;
 mod frame;
 pub(crate) mod kernel;
 mod lens;
+pub(crate) mod photon_transfer;
 mod pixel_format;
 pub(crate) mod random;
 mod region;

@@ -94,6 +94,42 @@ fn bmp_and_webp_pairs_are_solved_like_png() {
     }
 }
 
+/// A PGM file of 8 bits: light from 0.02 to 0.94 with a pattern, and the noise of 4000 electrons at white.
+fn noisy(mut seed: u64) -> Vec<u8> {
+    let (width, height) = (512, 256);
+    let mut uniform = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 40) as f64 / f64::from(1 << 24)
+    };
+    let sample = |n: usize| {
+        let (x, y) = ((n % width) as f64, (n / width) as f64);
+        let light = 0.05 + 0.86 * x / width as f64 + 0.03 * (x / 5.0).sin() * (y / 5.0).sin();
+        // The sum of twelve uniform values has variance 1.
+        let normal = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+        (255.0 * (light + (light / 4000.0).sqrt() * normal)).round() as u8
+    };
+    [format!("P5 {width} {height} 255\n").into_bytes(), (0..width * height).map(sample).collect()].concat()
+}
+
+#[test]
+fn linear_8_bit_photographs_are_found_by_their_noise() {
+    let desk = Desk::new();
+    let names = ["1.pgm", "2.pgm", "3.pgm"];
+    (1..).zip(names).for_each(|(seed, name)| desk.write(name, &noisy(seed)));
+    let by_noise = serde_json::json!({"decode": "none", "by": "noise"});
+    let found = desk.solve(names[0], names[1], &[]);
+    assert_eq!(found["values"], by_noise);
+    assert_eq!(found["settings"]["decode"], "none");
+    assert_eq!(desk.report_of(&["register", names[0], names[1]])["values"], by_noise);
+    assert_eq!(desk.report_of(&[&["register"][..], &names].concat())["values"], by_noise);
+    // What is stated stays.
+    let stated = desk.solve(names[0], names[1], &["--decode", "srgb"]);
+    assert_eq!(stated["values"], serde_json::json!({"decode": "srgb", "by": "stated"}));
+    let summary = desk.run(&["solve", names[0], names[1], "-o", "printed", "--no-html"]);
+    let summary = String::from_utf8_lossy(&summary.stderr).into_owned();
+    assert!(summary.contains("linear: the noise grows with brightness"), "{summary}");
+}
+
 #[test]
 fn raw_frames_are_read_in_the_stated_pixel_format() {
     let desk = Desk::new();

@@ -64,15 +64,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_output(arguments, &files)?;
     let (photographs, inputs) = photographs::open_pair(&files)?;
     let values = Values::of(settings.decode, &inputs)?;
-    settings.decode = values.decode;
     let mut engine = None;
     photographs::check_size(photographs.each_ref(), &settings, false, || run.info(&mut engine))?;
-    let [i1, i2] = Photograph::decode_pair(photographs)?;
+    let frames = Photograph::decode_pair(photographs)?;
+    let values = values.corrected(&inputs, &frames);
+    settings.decode = values.decode;
     let engine = run.engine(engine)?;
     let bar = run.bar();
     let options = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
     let registered = PairSolver::new(&engine, &settings)
-        .and_then(|mut solver| solver.register([&i1, &i2], &options))
+        .and_then(|mut solver| solver.register(frames.each_ref(), &options))
         .map_err(|e| Failure::of_solve(e, &files[0]))?;
     drop((options, bar));
     crate::cli::check_validation(&engine)?;

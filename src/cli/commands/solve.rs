@@ -104,8 +104,9 @@ impl PairJob {
         let lens = request.lens(&inputs)?;
         request.nearer(lens.as_ref())?;
         let values = Values::of(request.settings.decode, &inputs)?;
-        let settings = Settings { decode: values.decode, ..request.settings.clone() };
         let frames = Photograph::decode_pair(photographs)?;
+        let values = values.corrected(&inputs, &frames);
+        let settings = Settings { decode: values.decode, ..request.settings.clone() };
         let scope = fitting(request, Kind::Pair, &self.out, lens.is_some(), &frames)?;
         Ok(Some(Photographs { frames, inputs, scope, settings, values, lens }))
     }

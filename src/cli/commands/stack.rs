@@ -158,7 +158,7 @@ impl SweepJob {
             return Ok(None);
         }
         check_alike(&self.files.frames, &frames)?;
-        let values = Values::of(request.settings.decode, &inputs)?;
+        let values = Values::of(request.settings.decode, &inputs)?.corrected(&inputs, &frames);
         let options = self.options(Settings { decode: values.decode, ..request.settings.clone() });
         let in_mm = self.positions.millimetres().is_some();
         let part = fitting(request, Kind::Sweep, &self.out, in_mm, &frames)?;
@@ -253,7 +253,7 @@ pub(crate) fn register(
     let fits = |first: &Photograph| photographs::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
     check_alike(files, &frames)?;
-    let values = Values::of(settings.decode, &inputs)?;
+    let values = Values::of(settings.decode, &inputs)?.corrected(&inputs, &frames);
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let bar = run.bar();
     let options = SweepOptions { settings, reference, ..SweepOptions::default() };

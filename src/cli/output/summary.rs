@@ -107,8 +107,15 @@ pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -
     let why = match (by, decode) {
         (Basis::Files, _) => files,
         (Basis::Stated, _) => format!("as stated; {files}"),
+        // Noise is not measured if a file states a curve.
+        (Basis::Assumed, Decode::Srgb) if said.is_empty() => {
+            "assumed, since neither files nor noise say; --decode none if they are linear".to_string()
+        }
         (Basis::Assumed, Decode::Srgb) => {
             "assumed where files do not say; --decode none if they are linear".to_string()
+        }
+        (Basis::Noise, _) => {
+            "linear: the noise grows with brightness as light does; --decode srgb if they are not".to_string()
         }
         (Basis::Assumed, _) => "assumed linear, where files do not say; --decode srgb if they are not".to_string(),
     };

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::metadata::{Exif, LINEAR, UNREADABLE};
-use crate::base::{Decode, Depth, Error};
+use crate::base::{Decode, Depth, Error, Frame, photon_transfer};
 
 /// The file of a photograph.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -81,6 +81,8 @@ pub enum Basis {
     Files,
     /// At least one file does not state it. It is assumed from the bits of a sample.
     Assumed,
+    /// No file states it. The noise of the photographs shows it.
+    Noise,
 }
 
 impl Values {
@@ -119,7 +121,27 @@ impl Values {
             ))),
         }
     }
+
+    /// Corrects sRGB that is only assumed, by the noise of the photographs of these files.
+    ///
+    /// In linear light the variance of noise grows in proportion to brightness. If it clearly does, 8-bit files are
+    /// linear. If not, or if a file states a curve, or if the user stated the decoding, nothing changes.
+    #[must_use]
+    pub fn corrected(self, files: &[Input], frames: &[Frame]) -> Self {
+        let is_open = self.by == Basis::Assumed && self.decode == Decode::Srgb;
+        if !is_open || files.iter().any(|file| stated_decode(file).is_some()) {
+            return self;
+        }
+        let step = frames.len().div_ceil(MOST_MEASURED).max(1);
+        match photon_transfer::is_linear(frames.iter().step_by(step)) {
+            true => Self { decode: Decode::None, by: Basis::Noise },
+            false => self,
+        }
+    }
 }
+
+/// The most frames of a sweep whose noise is measured.
+const MOST_MEASURED: usize = 3;
 
 /// The decoding that a file states.
 fn stated_decode(file: &Input) -> Option<Decode> {
@@ -159,7 +181,9 @@ mod tests {
     use tiff::encoder::{TiffEncoder, colortype};
 
     use super::*;
-    use crate::base::Error;
+    use crate::base::color::stored;
+    use crate::base::random::Random;
+    use crate::base::{Channels, Error, Samples};
     use crate::files::image_io::Photograph;
 
     fn describe(path: &Path) -> Result<Input, Error> {
@@ -301,5 +325,37 @@ mod tests {
         let problem = of(&[input_of("s", 8, Some("sRGB")), input_of("l", 8, Some("linear"))]).unwrap_err();
         assert!(problem.starts_with("s says that its values are sRGB, and l that its are linear: "), "{problem}");
         assert!(problem.contains("--decode"), "{problem}");
+    }
+
+    /// A frame of 8 bits with light from 0.02 to 0.96 and the noise of 4000 electrons at white, stored by a curve.
+    fn noisy(curve: impl Fn(f64) -> f64) -> Frame {
+        let mut random = Random::new(1, 1);
+        let mut sample = |n: usize| {
+            let light = 0.02 + 0.94 * (n % 512) as f64 / 512.0;
+            (255.0 * curve(light + (light / 4000.0).sqrt() * random.normal())).round() as u8
+        };
+        let samples = (0..512 * 256).map(&mut sample).collect();
+        Frame::new(512, 256, Channels::Gray, Samples::U8(samples)).unwrap()
+    }
+
+    #[test]
+    fn noise_corrects_only_what_is_assumed() {
+        let plain = [input_of("a", 8, None), input_of("b", 8, None)];
+        let linear = [noisy(|light| light), noisy(|light| light)];
+        let corrected = |decode, files: &[Input], frames: &[Frame]| {
+            let values = Values::of(decode, files).unwrap().corrected(files, frames);
+            (values.decode, values.by)
+        };
+        assert_eq!(corrected(Decode::Auto, &plain, &linear), (Decode::None, Basis::Noise));
+        assert_eq!(corrected(Decode::Srgb, &plain, &linear), (Decode::Srgb, Basis::Stated));
+        for (first, by) in [(Some("sRGB"), Basis::Assumed), (Some(UNREADABLE), Basis::Noise)] {
+            let files = [input_of("a", 8, first), plain[1].clone()];
+            assert_eq!(corrected(Decode::Auto, &files, &linear).1, by, "{first:?}");
+        }
+        let srgb = noisy(|light| f64::from(stored(light as f32, Decode::Srgb)));
+        assert_eq!(corrected(Decode::Auto, &plain, &[srgb.clone(), srgb]), (Decode::Srgb, Basis::Assumed));
+        // Of a sweep the first, a middle and a late frame are measured.
+        let files: Vec<Input> = (0..7).map(|n| input_of(&n.to_string(), 8, None)).collect();
+        assert_eq!(corrected(Decode::Auto, &files, &vec![linear[0].clone(); 7]).1, Basis::Noise);
     }
 }

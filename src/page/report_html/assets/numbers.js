@@ -153,7 +153,7 @@ function setting(key, value, prefix = '') {
 // The decoding of stored values to intensities, and its reason.
 function valuesInWords() {
   const { decode, by } = report.values;
-  const word = { stated: 'as asked', files: 'as the files say', assumed: 'assumed, the files do not say' };
+  const word = { stated: 'as asked', files: 'as the files say', assumed: 'assumed, the files do not say', noise: 'linear by their noise' };
   return `${decode === 'srgb' ? 'sRGB curve undone' : 'as stored'}, ${word[by]}`;
 }
 
