@@ -1,12 +1,14 @@
 //! Photon transfer: whether the noise of 8-bit photographs grows with brightness as it does in linear light.
 
-use crate::base::{Frame, Samples, workers};
+use std::iter;
+
+use crate::base::{Channels, Frame, Samples, workers};
 
 /// Width and height of a block whose noise is measured, px.
 const BLOCK: usize = 8;
 /// Pixels beyond a block that the coarser difference reads.
 const BEYOND: usize = 3;
-/// The most blocks of a frame. More would cost time and change no decision.
+/// The most blocks of a frame, which limits the time.
 const MOST_BLOCKS: usize = 1 << 14;
 /// Least and greatest sample of a block that counts. Beyond them values may be clipped, which removes noise.
 const SAMPLES: std::ops::Range<i32> = 2..250;
@@ -20,8 +22,8 @@ const FEWEST_BLOCKS: usize = 100;
 /// The share of the blocks of a level that have less noise than the value taken. Texture raises the others.
 const QUANTILE: f64 = 0.1;
 
-// Bounds of a decision. Linear photographs of a camera: at least 12 levels, white 1.0 to 1.3, a share of shot noise of
-// 0.96 to 1.02, deviations up to 0.07. docs/experiments/transfer-curve.md has those of others.
+// Bounds of a decision. Pairs of a linear camera that are found have 11 levels or more, white 1.05 to 1.41, a share of
+// shot noise of 0.95 to 1.02, deviations up to 0.074. docs/experiments/transfer-curve.md has those of others.
 /// The fewest levels, and the least ratio of their greatest to their least brightness.
 const FEWEST_LEVELS: usize = 6;
 const LEAST_RANGE: f64 = 3.0;
@@ -35,7 +37,7 @@ const SHOT: std::ops::Range<f64> = 0.85..1.1;
 const MOST_DEVIATION: f64 = 0.12;
 /// The greatest ratio of the deviations from a straight line to those from a constant and a square. Noise without
 /// photons and a texture as fine as the pixels make a constant and a square, whatever the curve.
-const MOST_OF_TEXTURE: f64 = 0.6;
+const MOST_OF_TEXTURE: f64 = 0.5;
 
 /// The noise at one level of brightness.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,47 +66,73 @@ struct Noise {
     of_texture: f64,
 }
 
+/// Pixels of a frame: each `step`-th along both axes, beginning with that at `phase`.
+#[derive(Clone, Copy, Debug)]
+struct Lattice {
+    step: usize,
+    phase: [usize; 2],
+}
+
+impl Lattice {
+    const ALL: Self = Self { step: 1, phase: [0, 0] };
+    /// If colours are interpolated from a Bayer pattern, green is measured on one of these and interpolated on the other.
+    const MOSAIC: [Self; 2] = [Self { step: 2, phase: [0, 0] }, Self { step: 2, phase: [1, 0] }];
+}
+
 /// Returns whether the noise of photographs of one scene shows that their 8-bit samples are linear. `false` also if
 /// the noise shows nothing.
 ///
 /// The variance of photons is proportional to their number. In linear samples it is a straight line over brightness;
-/// the sRGB curve makes it level or falling. Texture, denoising, interpolated colours and JPEG make noise that is not
-/// white.
-pub(crate) fn is_linear<'a>(frames: impl IntoIterator<Item = &'a Frame>) -> bool {
-    let blocks: Vec<Block> = frames.into_iter().flat_map(blocks).collect();
-    let levels = levels(&blocks);
+/// the sRGB curve makes it level or falling. Texture, denoising, interpolation and JPEG make noise that is not white.
+pub(crate) fn is_linear(frames: &[&Frame]) -> bool {
+    let is_colour = frames.iter().all(|frame| frame.format().channels == Channels::Rgb);
+    let mosaics = Lattice::MOSAIC.iter().take(if is_colour { 2 } else { 0 });
+    iter::once(&Lattice::ALL).chain(mosaics).any(|&lattice| {
+        let blocks: Vec<Block> = frames.iter().flat_map(|frame| blocks(frame, lattice)).collect();
+        is_noise_linear(&levels(&blocks))
+    })
+}
+
+/// Returns whether the noise at these levels is clearly that of linear samples.
+fn is_noise_linear(levels: &[Level]) -> bool {
     let (Some(first), Some(last)) = (levels.first(), levels.last()) else { return false };
     let is_wide = levels.len() >= FEWEST_LEVELS && last.brightness >= LEAST_RANGE * first.brightness;
     if !is_wide || last.variance < LEAST_VARIANCE {
         return false;
     }
-    let noise = Noise::of(&levels);
+    let noise = Noise::of(levels);
     let is_line = noise.deviation <= MOST_DEVIATION.min(MOST_OF_TEXTURE * noise.of_texture);
     is_line && WHITE.contains(&noise.white) && SHOT.contains(&noise.shot)
 }
 
-/// Measures blocks of a frame without clipped samples: of grey, or of green. None of a frame of more than 8 bits.
-fn blocks(frame: &Frame) -> Vec<Block> {
+/// Measures blocks of a lattice without clipped samples: of grey, or of green. None of a frame of more than 8 bits.
+fn blocks(frame: &Frame, lattice: Lattice) -> Vec<Block> {
     let Samples::U8(samples) = frame.samples() else { return Vec::new() };
-    let (width, height, channels) =
-        (frame.width() as usize, frame.height() as usize, frame.format().channels.count() as usize);
-    let [across, down] = [width, height].map(|side| side.saturating_sub(BEYOND) / BLOCK);
+    let (width, channels) = (frame.width() as usize, frame.format().channels.count() as usize);
+    let sides = [width, frame.height() as usize];
+    let count = |axis: usize| {
+        let pixels = sides[axis].saturating_sub(lattice.phase[axis]).div_ceil(lattice.step);
+        pixels.saturating_sub(BEYOND) / BLOCK
+    };
+    let [across, down] = [0, 1].map(count);
     let step = (across * down).div_ceil(MOST_BLOCKS).max(1);
     let row = |n: usize| {
-        let at = |x: usize| block(samples, channels, width, [BLOCK * x, BLOCK * n * step]);
-        (0..across).filter_map(at).collect::<Vec<Block>>()
+        let first = |x: usize| [BLOCK * x, BLOCK * n * step];
+        let sample = |[x, y]: [usize; 2]| {
+            let [x, y] = [lattice.phase[0] + lattice.step * x, lattice.phase[1] + lattice.step * y];
+            i32::from(samples[(y * width + x) * channels + channels / 2])
+        };
+        (0..across).filter_map(|x| block(sample, first(x))).collect::<Vec<Block>>()
     };
     workers::map(down.div_ceil(step), row).into_iter().flatten().collect()
 }
 
-/// Measures the block whose first pixel is given. `None` if a sample may be clipped.
-fn block(samples: &[u8], channels: usize, width: usize, [left, top]: [usize; 2]) -> Option<Block> {
+/// Measures the block whose first sample is given. `None` if a sample may be clipped.
+fn block(sample: impl Fn([usize; 2]) -> i32, [left, top]: [usize; 2]) -> Option<Block> {
     const SIDE: usize = BLOCK + BEYOND;
-    let green = usize::from(channels == 3);
     let mut values = [[0; SIDE]; SIDE];
     for (y, row) in values.iter_mut().enumerate() {
-        let first = ((top + y) * width + left) * channels + green;
-        row.iter_mut().zip(samples[first..].iter().step_by(channels)).for_each(|(v, &s)| *v = i32::from(s));
+        row.iter_mut().enumerate().for_each(|(x, value)| *value = sample([left + x, top + y]));
     }
     if !values.as_flattened().iter().all(|v| SAMPLES.contains(v)) {
         return None;
@@ -191,7 +219,7 @@ fn fit(levels: &[Level], function: impl Fn(f64) -> f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::Channels;
+    use crate::base::PixelFormat;
     use crate::base::color::linear_to_srgb;
     use crate::base::random::Random;
 
@@ -220,11 +248,12 @@ mod tests {
     }
 
     fn noise(values: &[f64]) -> Noise {
-        Noise::of(&levels(&blocks(&frame(values, Channels::Gray))))
+        Noise::of(&levels(&blocks(&frame(values, Channels::Gray), Lattice::ALL)))
     }
 
     fn is_linear_pair(values: [Vec<f64>; 2]) -> bool {
-        is_linear(&values.map(|values| frame(&values, Channels::Gray)))
+        let [a, b] = values.map(|values| frame(&values, Channels::Gray));
+        is_linear(&[&a, &b])
     }
 
     #[test]
@@ -232,7 +261,7 @@ mod tests {
         // Rounding adds 1/12.
         for read in [0.0, 40.0] {
             let values = ramp(1, sensor(read));
-            let levels = levels(&blocks(&frame(&values, Channels::Gray)));
+            let levels = levels(&blocks(&frame(&values, Channels::Gray), Lattice::ALL));
             assert_eq!(levels.len(), LEVELS - 1, "the last one is clipped");
             let last = levels[LEVELS - 2].brightness / 255.0;
             let expected = last / 4000.0 / (sensor(read)(last) + 1.0 / 12.0 / 255.0 / 255.0);
@@ -245,8 +274,27 @@ mod tests {
     #[test]
     fn linear_photographs_are_found_in_grey_and_in_green() {
         let pair = [1, 2].map(|seed| ramp(seed, sensor(10.0)));
-        assert!(is_linear(&pair.clone().map(|values| frame(&values, Channels::Rgb))));
+        let [a, b] = pair.clone().map(|values| frame(&values, Channels::Rgb));
+        assert!(is_linear(&[&a, &b]));
         assert!(is_linear_pair(pair));
+    }
+
+    #[test]
+    fn linear_photographs_are_found_behind_a_bayer_pattern() {
+        for pattern in ["RG", "GR", "GB", "BG"] {
+            let format: PixelFormat = format!("Bayer{pattern}8").parse().unwrap();
+            let interpolated = |values: Vec<f64>| {
+                let Samples::U8(mosaic) = frame(&values, Channels::Gray).samples().clone() else { unreachable!() };
+                format.frame(SIZE.map(|side| side as u32), &mosaic).unwrap()
+            };
+            let of = |stored: fn(&[f64]) -> Vec<f64>| {
+                // A lattice has a quarter of the blocks.
+                let frames = [1, 2, 3, 4].map(|seed| interpolated(stored(&ramp(seed, sensor(10.0)))));
+                is_linear(&frames.each_ref())
+            };
+            assert!(of(|values| values.to_vec()), "{pattern}");
+            assert!(!of(srgb), "{pattern}");
+        }
     }
 
     #[test]
@@ -276,8 +324,8 @@ mod tests {
         assert!(!is_linear_pair(denoised));
         // One brightness, and too small a photograph.
         assert!(!is_linear_pair([1, 2].map(|_| vec![0.5; SIZE[0] * SIZE[1]])));
-        assert!(!is_linear([&Frame::new(2, 1, Channels::Gray, Samples::U8(vec![1, 2])).unwrap()]));
+        assert!(!is_linear(&[&Frame::new(2, 1, Channels::Gray, Samples::U8(vec![1, 2])).unwrap()]));
         // More than 8 bits.
-        assert!(!is_linear([&Frame::gray(16, 16, vec![0.5; 256]).unwrap()]));
+        assert!(!is_linear(&[&Frame::gray(16, 16, vec![0.5; 256]).unwrap()]));
     }
 }

@@ -133,7 +133,7 @@ impl Values {
             return self;
         }
         let step = frames.len().div_ceil(MOST_MEASURED).max(1);
-        match photon_transfer::is_linear(frames.iter().step_by(step)) {
+        match photon_transfer::is_linear(&frames.iter().step_by(step).collect::<Vec<_>>()) {
             true => Self { decode: Decode::None, by: Basis::Noise },
             false => self,
         }
