@@ -1,4 +1,4 @@
-//! Depth from defocus on the GPU.
+//! Depth from defocus, on a GPU or on the processor.
 //!
 //! Two photographs of a scene, focused at two distances, differ in blur and, because the camera moved or the lens
 //! breathed, in position, scale, angle and exposure. Parfocal recovers the relative blur at every pixel and the

@@ -137,10 +137,13 @@ impl Shading {
 
 /// Returns the terms of the polynomial at a position, the constant one first.
 pub(crate) fn terms(position: [f64; 2]) -> [f64; Shading::TERMS + 1] {
-    let [px, py] = position.map(legendre);
-    let mut terms = [0.0; Shading::TERMS + 1];
-    for (term, (i, j)) in terms.iter_mut().zip(degrees()) {
-        *term = px[i] * py[j];
+    let (px, py) = (legendre(position[0]), legendre(position[1]));
+    let (mut terms, mut n) = ([0.0; Shading::TERMS + 1], 0);
+    for sum in 0..=DEGREE {
+        for j in 0..=sum {
+            terms[n] = px[sum - j] * py[j];
+            n += 1;
+        }
     }
     terms
 }

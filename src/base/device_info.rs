@@ -1,14 +1,16 @@
-//! The description of a Vulkan device.
+//! The description of a device.
 
 use std::collections::HashSet;
 
 /// The kind of a software device.
-const CPU: &str = "CPU";
+pub(crate) const CPU: &str = "CPU";
+/// The name of the processor as a device.
+pub(crate) const CPU_DEVICE: &str = "cpu";
 
-/// A Vulkan device as listed by [`Engine::devices`](crate::Engine::devices).
+/// A device as listed by [`Engine::devices`](crate::Engine::devices).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DeviceInfo {
-    /// The index in the loader's list, as for the option `--device`.
+    /// The index in the list, as for the option `--device`. `usize::MAX` of the processor opened by its name.
     pub index: usize,
     /// The device's name.
     pub name: String,
@@ -18,7 +20,7 @@ pub struct DeviceInfo {
     pub uuid: String,
     /// "discrete GPU", "integrated GPU", "virtual GPU", "CPU" or "other".
     pub kind: &'static str,
-    /// The Vulkan version, such as "1.3.230".
+    /// The Vulkan version, such as "1.3.230"; empty for the processor.
     pub api_version: String,
     /// Invocations per subgroup.
     pub subgroup_size: u32,
@@ -33,14 +35,28 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
-    /// Returns the devices to use together: the usable ones, each once even if two drivers list it. Software devices
-    /// compete with the host for the processor, and are returned only if there are no others.
-    pub fn usable(devices: &[Self]) -> Vec<&Self> {
-        let all = || devices.iter().filter(|device| device.unusable.is_none());
+    /// Returns the devices to use together: the usable GPUs, each once even if two drivers list it. Without a GPU, the
+    /// processor alone, with which software drivers would compete; if solves must be validated, these.
+    pub fn usable(devices: &[Self], must_validate: bool) -> Vec<&Self> {
+        let can_validate = |device: &&Self| !must_validate || device.name != CPU_DEVICE;
+        let all = || devices.iter().filter(|device| device.unusable.is_none()).filter(can_validate);
         let mut uuids = HashSet::new();
         let hardware: Vec<&Self> = all().filter(|device| device.kind != CPU && uuids.insert(&device.uuid)).collect();
-        if hardware.is_empty() { all().collect() } else { hardware }
+        match all().find(|device| device.name == CPU_DEVICE) {
+            _ if !hardware.is_empty() => hardware,
+            Some(processor) => vec![processor],
+            None => all().collect(),
+        }
     }
+}
+
+/// Returns the bytes that Linux can give without swapping, within the limit of the control group.
+pub(crate) fn available_memory() -> Option<u64> {
+    let report = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = report.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let free = line.trim().strip_suffix(" kB")?.parse::<u64>().ok()? << 10;
+    let limit = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
+    Some(limit.and_then(|limit| limit.trim().parse().ok()).map_or(free, |limit: u64| free.min(limit)))
 }
 
 #[cfg(test)]
@@ -48,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hardware_devices_are_used_once_and_software_devices_only_without_them() {
+    fn gpus_are_used_once_and_the_processor_only_without_them() {
         let device = |index: usize, uuid: &str, kind, unusable: Option<&str>| DeviceInfo {
             index,
             uuid: uuid.to_string(),
@@ -57,10 +73,13 @@ mod tests {
             ..DeviceInfo::default()
         };
         let usable = |devices: &[DeviceInfo]| -> Vec<usize> {
-            DeviceInfo::usable(devices).into_iter().map(|device| device.index).collect()
+            DeviceInfo::usable(devices, false).into_iter().map(|device| device.index).collect()
         };
         let mut devices = vec![device(0, "l", CPU, None), device(1, "l", CPU, None)];
         assert_eq!(usable(&devices), [0, 1]);
+        devices[1].name = CPU_DEVICE.to_string();
+        assert_eq!(usable(&devices), [1]);
+        assert_eq!(DeviceInfo::usable(&devices, true), [&devices[0]]);
         devices.extend([
             device(2, "a", "discrete GPU", None),
             device(3, "a", "discrete GPU", None),

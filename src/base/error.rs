@@ -6,13 +6,11 @@
 pub enum Error {
     /// The Vulkan loader is not installed.
     #[error(
-        "no Vulkan loader on this machine ({0}): install one, with a driver (Debian: libvulkan1 mesa-vulkan-drivers; from a clone: tools/setup)"
+        "no Vulkan loader on this machine ({0}): install it and the GPU's driver (Debian: libvulkan1), or name no device to use the processor"
     )]
     NoLoader(String),
     /// No device meets the requirements.
-    #[error(
-        "no Vulkan device that parfocal can use{0}: install a GPU driver, or Mesa's lavapipe (Debian: mesa-vulkan-drivers)"
-    )]
+    #[error("no Vulkan device that parfocal can use{0}: install a GPU driver, or name no device to use the processor")]
     NoDevice(String),
     /// No device matches the requested name.
     #[error("no device matches '{wanted}'; there are: {available}")]
@@ -36,7 +34,7 @@ pub enum Error {
     },
     /// The device exceeded the time limit of a solve.
     #[error(
-        "{device} did not finish within {seconds} s: try a smaller image, fewer outer iterations, or a longer timeout (a library needs a new Engine first)"
+        "{device} did not finish within {seconds} s: try a smaller image, fewer outer iterations, or a longer timeout (a library needs a new Engine first, unless the device is cpu)"
     )]
     Timeout {
         /// The name of the device.

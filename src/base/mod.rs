@@ -51,6 +51,7 @@ pub use color::Decode;
 pub(crate) use control::{CancelSignal, Deadline};
 pub use control::{CancellationToken, Progress};
 pub use device_info::DeviceInfo;
+pub(crate) use device_info::{CPU, CPU_DEVICE, available_memory};
 pub use error::Error;
 pub use frame::{Channels, Depth, Format, Frame, Samples};
 pub use kernel::{Aperture, Kernel};

@@ -75,7 +75,8 @@ struct Lattice {
 
 impl Lattice {
     const ALL: Self = Self { step: 1, phase: [0, 0] };
-    /// If colours are interpolated from a Bayer pattern, green is measured on one of these and interpolated on the other.
+    /// If colours are interpolated from a Bayer pattern, green is measured on one of these and interpolated on the
+    /// other.
     const MOSAIC: [Self; 2] = [Self { step: 2, phase: [0, 0] }, Self { step: 2, phase: [1, 0] }];
 }
 

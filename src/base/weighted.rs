@@ -7,6 +7,7 @@ use std::ops::{AddAssign, Mul};
 const BLOCK: usize = 16;
 
 /// Sets `sums[i]` to `Σ weights[n] rows[n][i]`, added in the order of n. Rows may be longer than `sums`.
+#[inline(always)]
 pub(crate) fn sum<T>(sums: &mut [T], weights: &[T], rows: &[&[T]])
 where
     T: Copy + Default + AddAssign + Mul<Output = T>,
@@ -23,6 +24,7 @@ where
 }
 
 /// Returns the sums from index `i` on.
+#[inline(always)]
 fn block_sums<T, const COUNT: usize>(i: usize, weights: &[T], rows: &[&[T]]) -> [T; COUNT]
 where
     T: Copy + Default + AddAssign + Mul<Output = T>,
@@ -30,7 +32,9 @@ where
     let mut sums = [T::default(); COUNT];
     for (&weight, row) in weights.iter().zip(rows) {
         let values = &row[i..][..COUNT];
-        (0..COUNT).for_each(|k| sums[k] += weight * values[k]);
+        for k in 0..COUNT {
+            sums[k] += weight * values[k];
+        }
     }
     sums
 }

@@ -1,24 +1,20 @@
-//! A frame in flight: mapped memory and recordings of one pair, and its cancellation.
+//! A frame in flight: one pair in the memory of a device, and its cancellation.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::arguments;
+use super::cpu::pair::CpuPair;
 use super::motion::QuadraticForm;
-use super::plan::Plan;
-use super::progress::WorkCounter;
-use super::record::{Phases, Profile, Ran, Reading, SUBMIT_WAIT, Workspace, record, record_with};
-use super::script::{Dispatch, Script, compose};
+use super::pair_memory::{CancelFlag, PairMemory, Shared};
+use super::record::{Phases, Profile, Ran, SUBMIT_WAIT};
+use super::script::{Dispatch, Script};
 use super::slot::Slot;
 use super::solution::{Counts, Findings, LevelHistory, Registered, SolutionRef, Timings};
+use super::stages::linearise;
 use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
-use super::stages::{Pipelines, linearise};
-use super::vulkan::{
-    Buffer, Clock, Device, DeviceSolution, ExternalCommandBuffer, Recorder, Recording, SemaphoreWait, SolutionBuffer,
-    SourceCopy,
-};
+use super::vulkan::SemaphoreWait;
+use super::vulkan_pair::VulkanPair;
 use super::windows::{self, Gradients, Photograph};
 use crate::base::{
     CancelSignal, CancellationToken, Deadline, Error, Homography, Kernel, Mask, Photometric, Progress, Region, Shading,
@@ -33,56 +29,37 @@ pub(super) struct Start {
     pub(super) kernel_shape: f64,
 }
 
-/// What all frames in flight of a solver share. Device-only memory is shared too: pairs run one after the other.
-pub(super) struct Shared {
-    pub(super) plan: Plan,
-    pub(super) device: Arc<Device>,
-    pub(super) pipelines: Arc<Pipelines>,
-    pub(super) reading: Reading,
+/// The memory of a pair by kind of device.
+pub(super) enum Memory {
+    Vulkan(Box<VulkanPair>),
+    Cpu(Box<CpuPair>),
 }
 
-/// A script and its recording.
-struct RecordedScript {
-    script: Script,
-    recording: Recording,
-}
+impl Memory {
+    fn pair(&self) -> &dyn PairMemory {
+        match self {
+            Self::Vulkan(pair) => &**pair,
+            Self::Cpu(pair) => &**pair,
+        }
+    }
 
-impl RecordedScript {
-    fn new(shared: &Shared, workspace: &Workspace, is_masked: bool) -> Result<Self, Error> {
-        let script = compose(&shared.plan, is_masked);
-        let recording = record(&shared.device, &shared.pipelines, workspace, &script, shared.reading)?;
-        // All but the last word, which may cancel the pair meanwhile.
-        let words = &script.arguments[..script.arguments.len() - 1];
-        workspace.buffer(Slot::StartArguments).write(bytemuck::cast_slice(words))?;
-        Ok(Self { script, recording })
+    fn pair_mut(&mut self) -> &mut dyn PairMemory {
+        match self {
+            Self::Vulkan(pair) => &mut **pair,
+            Self::Cpu(pair) => &mut **pair,
+        }
     }
 }
 
-/// The memory and recordings of one pair.
+/// One pair in flight.
 pub(super) struct FrameInFlight {
     shared: Arc<Shared>,
-    workspace: Workspace,
-    /// The script of the latest pair.
-    current: RecordedScript,
-    /// Whether that is for pairs with masked or clipped pixels.
-    is_masked: bool,
-    /// The script of the other kind of pair, once recorded.
-    other: Option<RecordedScript>,
-    /// What the mask buffer holds.
+    memory: Memory,
+    /// The mask that was uploaded.
     mask: Option<Mask>,
     started: Instant,
     deadline: Deadline,
     phases: Phases,
-    /// The recording that fetches photographs of the latest pair.
-    fetching: Option<Recording>,
-    /// Whether the device fetches a photograph of the latest pair.
-    is_fetched: bool,
-    /// What was recorded for the latest pair into a command buffer of the embedding program.
-    encoded: Option<Recording>,
-    /// The completion word, by which the device signals that it has executed `encoded`.
-    completion: Arc<Buffer>,
-    /// The value that the timeline of the current recording reaches when the submitted pair is solved.
-    in_flight: Option<u64>,
     cancel: Arc<CancelFlag>,
     signal: Arc<CancelSignal>,
 }
@@ -94,31 +71,18 @@ impl Drop for FrameInFlight {
 }
 
 impl FrameInFlight {
-    /// Records the script for pairs with masked or clipped pixels, the one for pairs without, or by `None` both.
-    pub(super) fn new(shared: Arc<Shared>, workspace: Workspace, is_masked: Option<bool>) -> Result<Self, Error> {
-        workspace.buffer(Slot::Mask).write(&mask_bytes(&shared.plan, None))?;
-        let recorded = |is_masked| RecordedScript::new(&shared, &workspace, is_masked);
-        let other = if is_masked.is_none() { Some(recorded(true)?) } else { None };
-        let is_masked = is_masked.unwrap_or(false);
-        let current = recorded(is_masked)?;
-        let cancel = CancelFlag::new(workspace.buffer(Slot::StartArguments), &shared.plan);
+    /// A frame in flight with the memory of one pair.
+    pub(super) fn new(shared: Arc<Shared>, mut memory: Memory) -> Result<Self, Error> {
+        let cancel = memory.pair_mut().cancel_flag()?;
         Ok(Self {
-            current,
-            is_masked,
-            other,
             mask: None,
             started: Instant::now(),
-            deadline: Deadline::after(shared.device.timeout()),
+            deadline: Deadline::after(Duration::MAX),
             phases: Phases::default(),
-            fetching: None,
-            is_fetched: false,
-            encoded: None,
-            completion: Buffer::for_readback(&shared.device, "completion", 4)?,
-            in_flight: None,
             signal: cancel.signal(),
             cancel,
             shared,
-            workspace,
+            memory,
         })
     }
 
@@ -129,18 +93,17 @@ impl FrameInFlight {
         cancel: &CancellationToken,
         limit: Duration,
     ) -> Result<(), Error> {
-        self.shared.device.check_usable()?;
+        if let Memory::Vulkan(pair) = &mut self.memory {
+            pair.begin()?;
+        }
         (self.started, self.phases, self.deadline) = (Instant::now(), Phases::default(), Deadline::after(limit));
-        self.is_fetched = false;
         self.cancel.end();
-        let words = self.workspace.buffer(Slot::StartArguments);
-        self.cancel = CancelFlag::new(words, &self.shared.plan);
+        self.cancel = self.memory.pair_mut().cancel_flag()?;
         self.signal = self.cancel.signal();
-        self.cancel.clear(words)?;
         cancel.register(&self.signal);
         cancel.check()?;
         if self.mask.as_ref() != mask {
-            self.workspace.buffer(Slot::Mask).write(&mask_bytes(&self.shared.plan, mask))?;
+            self.memory.pair_mut().upload_mask(mask)?;
             self.mask = mask.cloned();
         }
         Ok(())
@@ -159,24 +122,38 @@ impl FrameInFlight {
 
     /// Cancels a pair in flight and waits until the device has left it, so that another pair can begin.
     pub(super) fn release(&mut self) {
-        if self.in_flight.is_some() {
-            self.cancel();
+        let Memory::Vulkan(pair) = &mut self.memory else { return };
+        if pair.is_in_flight() {
+            self.cancel.cancel();
             // A failed wait poisons the device, which the next pair reports.
             let _ = self.wait(Duration::MAX);
-        } else if !self.shared.device.is_poisoned() {
-            // A pair whose submission failed may have submitted its fetches.
-            let _ = self.wait_fetched(Duration::MAX);
+        } else {
+            pair.abandon(self.deadline);
         }
     }
 
-    /// The buffer that the device reads a photograph from.
-    fn input(&self, image: usize) -> &Arc<Buffer> {
-        self.workspace.buffer(self.shared.plan.entry(image))
+    /// The pair on a Vulkan device.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] on the CPU device, which has none of `what`.
+    pub(super) fn vulkan(&mut self, what: &str) -> Result<&mut VulkanPair, Error> {
+        match &mut self.memory {
+            Memory::Vulkan(pair) => Ok(pair),
+            Memory::Cpu(_) => Err(no(what)),
+        }
     }
 
-    /// Calls a function that writes a photograph into that buffer.
-    pub(super) fn fill(&self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
-        self.input(image).write_with(write)
+    /// As [`vulkan`](Self::vulkan), shared.
+    pub(super) fn as_vulkan(&self, what: &str) -> Result<&VulkanPair, Error> {
+        match &self.memory {
+            Memory::Vulkan(pair) => Ok(pair),
+            Memory::Cpu(_) => Err(no(what)),
+        }
+    }
+
+    /// Calls a function that writes a photograph into the memory that the passes read.
+    pub(super) fn fill(&mut self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
+        self.memory.pair_mut().fill(image, write)
     }
 
     /// Prepares the pair for submission, after its photographs were copied.
@@ -187,127 +164,54 @@ impl FrameInFlight {
         state.shading = start.shading.coefficients.map(|c| c as f32);
         state.kernel_shape = start.kernel_shape as f32;
         state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
-        self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&state))?;
-        if self.is_masked != is_masked {
-            let recorded = || RecordedScript::new(&self.shared, &self.workspace, is_masked);
-            let next = self.other.take().map_or_else(recorded, Ok)?;
-            self.other = Some(std::mem::replace(&mut self.current, next));
-            self.is_masked = is_masked;
-        }
-        self.encoded = None;
+        self.memory.pair_mut().prepare(&state, is_masked)?;
         self.phases.end("start");
         Ok(())
     }
 
-    /// Submits copies of photographs, which begin after `waits`. Called before [`submit`](Self::submit).
-    pub(super) fn fetch(&mut self, fetches: &[(usize, SourceCopy)], waits: &[SemaphoreWait]) -> Result<(), Error> {
-        let mut recorder = Recorder::new(&self.shared.device, Clock::Never)?;
-        for (image, fetch) in fetches {
-            recorder.copy_source(fetch, self.input(*image));
-        }
-        let (recording, earlier) = (recorder.finish()?, self.fetching.take());
-        // Waits of another queue for the timeline may still be pending: it lives as long as this.
-        let recording = if let Some(earlier) = earlier { recording.with_timeline_of(earlier) } else { recording };
-        self.fetching.insert(recording).submit(1, waits)?;
-        self.is_fetched = true;
-        Ok(())
-    }
-
-    /// Submits the pair and returns. On devices without conditional rendering it blocks until the solve is done.
+    /// Submits the pair and returns. On the CPU device, and on devices without conditional rendering, it blocks until
+    /// the solve is done.
     pub(super) fn submit(&mut self, waits: &[SemaphoreWait]) -> Result<(), Error> {
-        let parts = self.current.script.parts.len();
-        if self.current.recording.has_optional_parts() {
-            // The waits belong to a submission of their own.
-            if !waits.is_empty() {
-                self.fetch(&[], waits)?;
+        match &mut self.memory {
+            Memory::Vulkan(pair) => {
+                pair.submit(waits, self.deadline)?;
+                if !pair.is_in_flight() {
+                    self.phases.end(SUBMIT_WAIT);
+                }
+                Ok(())
             }
-            return self.run(|script| script.parts.len(), &|_| ());
+            Memory::Cpu(_) if !waits.is_empty() => {
+                Err(Error::Mismatch("the CPU device waits for no semaphores: use a Vulkan device".into()))
+            }
+            Memory::Cpu(_) => self.run(|script| script.parts.len(), &|_| ()),
         }
-        self.in_flight = Some(self.current.recording.submit(parts, waits)?);
-        Ok(())
-    }
-
-    /// Records the pair and its fetches into a command buffer of the embedding program.
-    pub(super) fn encode(
-        &mut self,
-        commands: ExternalCommandBuffer,
-        fetches: &[(usize, SourceCopy)],
-    ) -> Result<(), Error> {
-        self.completion.store_word(0, Recorder::PENDING)?;
-        let mut recorder = Recorder::into_external(&self.shared.device, commands, &self.completion);
-        for (image, fetch) in fetches {
-            recorder.copy_source(fetch, self.input(*image));
-        }
-        recorder.barrier();
-        self.encoded = Some(record_with(recorder, &self.shared.pipelines, &self.workspace, &self.current.script)?);
-        Ok(())
-    }
-
-    /// Returns whether the device has executed what was encoded to its end.
-    pub(super) fn is_executed(&self) -> Result<bool, Error> {
-        Ok(self.completion.load_word(0)? == Recorder::COMPLETE)
-    }
-
-    /// The results of the latest pair on the device, and the semaphores that signal when they are complete.
-    pub(super) fn on_device(&self) -> DeviceSolution {
-        let fetching = self.fetching.as_ref().filter(|_| self.is_fetched);
-        DeviceSolution::new(self.workspace.buffer(Slot::EndMaps), &self.current.recording, fetching)
-    }
-
-    /// The buffer on the device that holds the results.
-    pub(super) fn result_buffer(&self) -> SolutionBuffer {
-        SolutionBuffer::new(self.workspace.buffer(Slot::EndMaps))
     }
 
     /// Waits until the device has fetched the photographs of the latest pair, for `limit` at most. Returns whether it
     /// has.
     pub(super) fn wait_fetched(&mut self, limit: Duration) -> Result<bool, Error> {
-        let Some(fetching) = &mut self.fetching else { return Ok(true) };
-        let is_fetched = fetching.wait(fetching.completion().1, limit, self.deadline)?;
-        if is_fetched {
-            fetching.release();
+        match &mut self.memory {
+            Memory::Vulkan(pair) => pair.wait_fetched(limit, self.deadline),
+            Memory::Cpu(_) => Ok(true),
         }
-        Ok(is_fetched)
     }
 
     /// Waits until the pair is solved, for `limit` at most. Returns whether it is.
     pub(super) fn wait(&mut self, limit: Duration) -> Result<bool, Error> {
-        let Some(value) = self.in_flight else { return Ok(true) };
-        self.shared.device.check_usable()?;
-        if !self.current.recording.wait(value, limit, self.deadline)? {
-            return Ok(false);
+        let Memory::Vulkan(pair) = &mut self.memory else { return Ok(true) };
+        if !pair.is_in_flight() {
+            return Ok(true);
         }
-        self.in_flight = None;
-        self.phases.end(SUBMIT_WAIT);
-        self.wait_fetched(Duration::MAX)
+        let is_solved = pair.wait(limit, self.deadline)?;
+        if is_solved {
+            self.phases.end(SUBMIT_WAIT);
+        }
+        Ok(is_solved)
     }
 
     /// Runs the first parts of the script and waits for them.
     pub(super) fn run(&mut self, parts: fn(&Script) -> usize, progress: &dyn Fn(Progress)) -> Result<(), Error> {
-        let state_word = self.workspace.buffer(Slot::Progress).clone();
-        let RecordedScript { script, recording } = &mut self.current;
-        let parts = parts(script);
-        let level_of = |part: usize| script.parts[part].continues;
-        let is_settled = |level: Option<usize>| -> Result<bool, Error> {
-            let state = state_word.read::<State>(0, 1)?[0];
-            Ok(level.is_some_and(|level| state.levels[level].settled == 1))
-        };
-        let mut wanted = |part: usize| is_settled(level_of(part)).map(|settled| !settled);
-        let mut counter = WorkCounter::new(script, parts);
-        // Whether the level of the optional parts had settled before the latest one.
-        let mut was_settled = false;
-        recording.run_parts(parts, self.deadline, &mut wanted, &mut |over| {
-            let part = over - 1;
-            // A progress that cannot be read is shown as that of a level that goes on.
-            let next = (part..parts).find_map(level_of);
-            let settles = is_settled(next).unwrap_or(false);
-            let ran = !counter.is_optional(part) || !was_settled;
-            was_settled = settles;
-            let latest = counter.after(part, ran, !settles);
-            if latest.total > 0 && (ran || script.parts[part].level_done.is_some()) {
-                progress(latest);
-            }
-        })?;
+        self.memory.pair_mut().run(parts, self.deadline, progress)?;
         self.phases.end(SUBMIT_WAIT);
         Ok(())
     }
@@ -316,18 +220,18 @@ impl FrameInFlight {
     pub(super) fn profile(&self) -> Result<Profile, Error> {
         let [solved, registered] = [Slot::EndState, Slot::RegisteredState].map(|slot| self.state(slot));
         let done = [solved?.levels, registered?.levels];
-        let RecordedScript { script, recording } = &self.current;
+        let pair = self.memory.pair();
         let ran = |d: &Dispatch| Ran {
             pass: d.stage.shader.name,
             place: d.place,
             bytes: d.bytes,
             executed: d.place.executed(d.grid, &done),
         };
-        let (dispatches, ends_ms) = (script.dispatches().map(ran).collect(), recording.times()?.ends_ms);
+        let (dispatches, ends_ms) = (pair.script().dispatches().map(ran).collect(), pair.times()?.ends_ms);
         Ok(Profile { dispatches, ends_ms, phases: self.phases.clone() })
     }
 
-    /// The results in mapped memory. The device is done with the pair.
+    /// The results, borrowed from the pair's memory. The device is done with the pair.
     pub(super) fn solution(&mut self) -> Result<SolutionRef<'_>, Error> {
         self.cancel.check()?;
         let [width, height] = self.shared.plan.size;
@@ -359,7 +263,7 @@ impl FrameInFlight {
             noise: f64::from(state.spread).max(settings.data_eta / linearise::BROAD),
             timings: self.timings()?,
         };
-        let maps = self.workspace.buffer(Slot::EndMaps).mapped_floats()?;
+        let maps = self.memory.pair().maps()?;
         let pixels = width as usize * height as usize;
         let [v, deviation, residual] = [0, 1, 2].map(|layer| &maps[layer * pixels..(layer + 1) * pixels]);
         let counts = Counts::new([v, deviation, residual], findings.noise, settings.max_relative_blur);
@@ -383,10 +287,10 @@ impl FrameInFlight {
         }
         self.phases.end("collect");
         findings.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;
-        Ok(SolutionRef::new(findings, self.workspace.buffer(Slot::EndMaps).mapped_floats()?))
+        Ok(SolutionRef::new(findings, self.memory.pair().maps()?))
     }
 
-    /// The registration, out of mapped memory. The device is done with the pair.
+    /// The registration. The device is done with the pair.
     pub(super) fn registered(&self) -> Result<Registered, Error> {
         self.cancel.check()?;
         let (plan, state) = (&self.shared.plan, self.state(Slot::RegisteredState)?);
@@ -417,7 +321,7 @@ impl FrameInFlight {
         let (layout, finest) = (Layout::of(true), &self.shared.plan.pyramid[0]);
         let [columns, rows, _] = finest.tiles();
         let floats = (columns * rows) as usize * layout.length;
-        let partials: Vec<f32> = self.workspace.buffer(Slot::EndPartials).read(0, floats)?;
+        let partials = self.memory.pair().numbers(Slot::EndPartials, floats)?;
         let blocks = partials.chunks_exact(layout.length).map(|row| Sums::from_partials(row, layout)).collect();
         Ok(QuadraticForm::new(blocks, finest.length, finest.centre))
     }
@@ -429,7 +333,7 @@ impl FrameInFlight {
             return Ok(None);
         }
         let photographs = [0, 1].map(|image| Photograph {
-            buffer: self.input(image),
+            bytes: self.memory.pair().photograph(image),
             format: plan.formats[image],
             size: plan.size,
             decode: plan.settings.decode,
@@ -441,24 +345,24 @@ impl FrameInFlight {
 
     /// Device time by its clock; without one, from the submission to the end of the wait.
     fn timings(&self) -> Result<Timings, Error> {
-        if self.encoded.is_some() {
+        if matches!(&self.memory, Memory::Vulkan(pair) if pair.is_encoded()) {
             // The embedding program knows when it executed the pair.
             return Ok(Timings::default());
         }
-        let times = self.current.recording.times()?;
+        let times = self.memory.pair().times()?;
         let gpu_ms = if times.passes_ms.is_empty() { self.phases.waited_ms() } else { times.total_ms };
         Ok(Timings { total_ms: 0.0, gpu_ms, passes_ms: times.passes_ms })
     }
 
     fn state(&self, slot: Slot) -> Result<State, Error> {
-        Ok(self.workspace.buffer(slot).read::<State>(0, 1)?[0])
+        self.memory.pair().state(slot)
     }
 
     /// The histories of the levels, coarse to fine.
     fn levels(&self, state: &State, energies: Slot) -> Result<Vec<LevelHistory>, Error> {
         let plan = &self.shared.plan;
         let outer = plan.settings.outer_iterations as usize;
-        let energies: Vec<f32> = self.workspace.buffer(energies).read(0, plan.solved * outer)?;
+        let energies = self.memory.pair().numbers(energies, plan.solved * outer)?;
         let levels = plan.coarse_to_fine().map(|level| {
             let done = (state.levels[level.index].iterations as usize).min(outer);
             let energy = energies[level.index * outer..][..done].iter().map(|&e| e.into()).collect();
@@ -468,58 +372,6 @@ impl FrameInFlight {
     }
 }
 
-/// A byte for each pixel of I1, 0 where the mask excludes it.
-fn mask_bytes(plan: &Plan, mask: Option<&Mask>) -> Vec<u8> {
-    let mut bytes = mask.map_or_else(Vec::new, |mask| mask.bytes().to_vec());
-    bytes.resize(plan.mask_bytes() as usize, 1);
-    bytes
-}
-
-/// Cancels one pair by the last word of its [arguments], which the device reads between iterations.
-struct CancelFlag {
-    /// The arguments, until the pair has ended.
-    words: Mutex<Option<Arc<Buffer>>>,
-    /// Byte offset of the last word.
-    offset: u64,
-    is_cancelled: AtomicBool,
-}
-
-impl CancelFlag {
-    fn new(words: &Arc<Buffer>, plan: &Plan) -> Arc<Self> {
-        let offset = arguments::bytes(plan.solved) - 4;
-        Arc::new(Self { words: Mutex::new(Some(words.clone())), offset, is_cancelled: AtomicBool::new(false) })
-    }
-
-    /// Resets the word for a new pair.
-    fn clear(&self, words: &Buffer) -> Result<(), Error> {
-        words.store_word(self.offset, arguments::NOT_CANCELLED)
-    }
-
-    /// [`Error::Cancelled`] if the pair was cancelled: its results are unfinished.
-    fn check(&self) -> Result<(), Error> {
-        if self.is_cancelled.load(Ordering::SeqCst) { Err(Error::Cancelled) } else { Ok(()) }
-    }
-
-    fn words(&self) -> MutexGuard<'_, Option<Arc<Buffer>>> {
-        self.words.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn cancel(&self) {
-        if let Some(words) = &*self.words() {
-            self.is_cancelled.store(true, Ordering::SeqCst);
-            // If the word cannot be written, the device solves the pair to its end.
-            let _ = words.store_word(self.offset, arguments::CANCELLED);
-        }
-    }
-
-    /// Makes later calls of [`cancel`](Self::cancel) do nothing.
-    fn end(&self) {
-        *self.words() = None;
-    }
-
-    /// The callback for a [`CancellationToken`].
-    fn signal(self: &Arc<Self>) -> Arc<CancelSignal> {
-        let flag = self.clone();
-        Arc::new(move || flag.cancel())
-    }
+fn no(what: &str) -> Error {
+    Error::Mismatch(format!("the CPU device has no {what}: use a Vulkan device"))
 }

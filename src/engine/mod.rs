@@ -1,13 +1,16 @@
-//! The engine: two photographs or a focus sweep to blur and registration, on a Vulkan device.
+//! The engine: two photographs or a focus sweep to blur and registration, on a Vulkan device or on the processor.
 
 pub(crate) mod arguments;
 mod contrast;
+mod cpu;
+mod device;
 mod effects;
 pub(crate) mod filter;
 mod frame_in_flight;
 #[cfg(test)]
 mod gpu_model;
 mod motion;
+mod pair_memory;
 pub(crate) mod parts;
 pub(crate) mod plan;
 mod prepared_solver;
@@ -25,6 +28,7 @@ mod sweep;
 pub(crate) mod tiles;
 #[allow(unsafe_code, reason = "the only room that calls Vulkan")]
 pub(crate) mod vulkan;
+mod vulkan_pair;
 mod windows;
 
 use std::sync::Arc;
@@ -53,21 +57,23 @@ pub use source::Source;
 pub(crate) use stages::harness as testing;
 pub(crate) use sweep::{JointRegistration, JointSolution, JointSolver, MAX_RELATIVE_BLUR, SweepInput};
 
-use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
+use crate::base::{CPU, Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
+use crate::engine::device::{AnyDevice, CpuDevice};
 use crate::engine::plan::Plan;
 use crate::engine::record::Reading;
-use crate::engine::stages::Pipelines;
 use crate::engine::vulkan::{Device, ExternalDevice, HostMemory, Instance, SharedMemory};
 
 /// The options of an [`Engine`].
 #[derive(Clone, Debug)]
 pub struct EngineOptions {
-    /// Index, part of the name (case ignored), or UUID of the device; `None`: the most capable one.
+    /// Index, part of the name (case ignored), or UUID of the device. "cpu" is the processor, "vulkan" the most capable
+    /// Vulkan device. `None`: the most capable GPU, or the processor if there is none; with validation as "vulkan".
     pub device: Option<String>,
     /// Whether to turn on core and synchronization validation. Needs the Khronos validation layer.
     pub validation: bool,
-    /// The time limit of one solve. Past it the solve fails with [`Error::Timeout`] and the engine is poisoned. A focus
-    /// sweep has one limit for all of its work; a pair that is solved in parts has one for each part.
+    /// The time limit of one solve. Past it the solve fails with [`Error::Timeout`], and a Vulkan engine is poisoned.
+    /// The processor checks the limit between passes. A focus sweep has one limit for all of its work; a pair that is
+    /// solved in parts has one for each part.
     pub timeout: Duration,
     /// Bytes of the device that a pair may use; `None`: all that it has.
     /// [`PairSolver::solve`](crate::PairSolver::solve) solves larger photographs in parts.
@@ -94,25 +100,30 @@ impl Default for EngineOptions {
     }
 }
 
-/// A Vulkan device with its queue, memory, and compiled passes. Clones share them.
+/// A device with its memory and compiled passes. Clones share them.
 #[derive(Clone)]
 pub struct Engine(Arc<Inner>);
 
 struct Inner {
-    device: Arc<Device>,
-    pipelines: Arc<Pipelines>,
+    device: AnyDevice,
     memory: u64,
     key_points: Option<KeyPoints>,
     timed: bool,
 }
 
 impl Engine {
-    /// Opens a device.
+    /// Opens a device: the named one, else the most capable GPU, else the processor.
     ///
     /// # Errors
-    /// [`Error::NoLoader`], [`Error::NoDevice`], [`Error::NoSuchDevice`], [`Error::Vulkan`].
+    /// [`Error::NoLoader`] or [`Error::NoDevice`] if a Vulkan device is named or must validate;
+    /// [`Error::NoSuchDevice`], [`Error::Vulkan`].
     pub fn new(options: &EngineOptions) -> Result<Self, Error> {
-        Ok(Self::on(open(options)?, options))
+        let device = if options.device.as_deref().is_some_and(CpuDevice::has_name) {
+            AnyDevice::Cpu(Arc::new(CpuDevice::new(usize::MAX, options.timeout)))
+        } else {
+            open(options)?
+        };
+        Ok(Self::on(device, options))
     }
 
     /// Uses a device of the embedding program, which keeps and destroys it. Ignores the options `device` and
@@ -121,21 +132,26 @@ impl Engine {
     /// # Errors
     /// [`Error::NoDevice`] if the device lacks what the passes need, or its queue does not compute; [`Error::Vulkan`].
     pub fn from_vulkan(device: ExternalDevice, options: &EngineOptions) -> Result<Self, Error> {
-        Ok(Self::on(Device::external(device, options.timeout)?, options))
+        Ok(Self::on(AnyDevice::vulkan(Device::external(device, options.timeout)?), options))
     }
 
-    fn on(device: Arc<Device>, options: &EngineOptions) -> Self {
-        let pipelines = Arc::new(Pipelines::new(&device));
+    fn on(device: AnyDevice, options: &EngineOptions) -> Self {
         let memory = options.memory.unwrap_or(u64::MAX);
-        Self(Arc::new(Inner { device, pipelines, memory, key_points: options.key_points, timed: options.timed }))
+        Self(Arc::new(Inner { device, memory, key_points: options.key_points, timed: options.timed }))
     }
 
-    /// Lists all devices. [`DeviceInfo::unusable`] says why one cannot be used.
+    /// Lists all devices, the processor last. [`DeviceInfo::unusable`] says why one cannot be used.
     ///
     /// # Errors
-    /// [`Error::NoLoader`], [`Error::Vulkan`].
+    /// [`Error::Vulkan`].
     pub fn devices() -> Result<Vec<DeviceInfo>, Error> {
-        Ok(Instance::new(false)?.physical_devices()?.into_iter().map(|d| d.info).collect())
+        let mut devices: Vec<_> = match Instance::new(false).and_then(|instance| instance.physical_devices()) {
+            Ok(devices) => devices.into_iter().map(|device| device.info).collect(),
+            Err(Error::NoLoader(_) | Error::NoDevice(_)) => Vec::new(),
+            Err(other) => return Err(other),
+        };
+        devices.push(CpuDevice::describe(devices.len()));
+        Ok(devices)
     }
 
     /// Describes the device in use.
@@ -159,7 +175,7 @@ impl Engine {
     /// Shares memory of the embedding program, a camera's ring buffer for example, with the device, for
     /// [`Source::Shared`]. The device reads it by VK_EXT_external_memory_host; without that the host copies.
     pub fn share(&self, memory: HostMemory) -> Arc<SharedMemory> {
-        SharedMemory::new(&self.0.device, memory)
+        SharedMemory::new(self.0.device.as_vulkan(), memory)
     }
 
     /// Shares a dma-buf, of a capture card for example, by VK_EXT_external_memory_dma_buf; without that the host
@@ -169,12 +185,12 @@ impl Engine {
     /// [`Error::Mismatch`] if it is shorter than stated, or can be neither imported nor read.
     #[cfg(target_os = "linux")]
     pub fn share_dma_buf(&self, memory: vulkan::external_memory::dma_buf::DmaBuf) -> Result<Arc<SharedMemory>, Error> {
-        vulkan::external_memory::dma_buf::share(&self.0.device, memory)
+        vulkan::external_memory::dma_buf::share(self.0.device.as_vulkan(), memory)
     }
 
     /// The messages of the validation layer so far; empty without [`EngineOptions::validation`].
     pub fn validation_messages(&self) -> Vec<String> {
-        self.0.device.instance.messages()
+        self.0.device.as_vulkan().map_or_else(Vec::new, |device| device.instance.messages())
     }
 
     /// Checks that the device, and the memory that a pair may use, hold a plan with a number of frames in flight.
@@ -201,38 +217,60 @@ impl Engine {
         if self.0.timed { Reading::Passes } else { Reading::Never }
     }
 
-    pub(crate) fn device(&self) -> &Arc<Device> {
+    pub(crate) fn device(&self) -> &AnyDevice {
         &self.0.device
     }
 
-    pub(crate) fn pipelines(&self) -> &Arc<Pipelines> {
-        &self.0.pipelines
+    /// The Vulkan device of an engine that has one.
+    #[cfg(test)]
+    pub(crate) fn vulkan(&self) -> &Arc<Device> {
+        self.0.device.as_vulkan().expect("a Vulkan device")
     }
 }
 
 impl Drop for Inner {
     /// Saves the compiled pipelines for the next engine.
     fn drop(&mut self) {
-        if !self.device.is_poisoned() {
-            self.device.save_pipeline_cache();
+        if let Some(device) = self.device.as_vulkan().filter(|device| !device.is_poisoned()) {
+            device.save_pipeline_cache();
         }
     }
 }
 
-/// Opens the device that the options name.
-pub(crate) fn open(options: &EngineOptions) -> Result<Arc<Device>, Error> {
-    let instance = Instance::new(options.validation)?;
-    let mut devices = instance.physical_devices()?;
+/// The name of the most capable Vulkan device.
+const VULKAN: &str = "vulkan";
+
+/// Opens the device that the options name; without a name a GPU, or the processor if there is none and nothing must
+/// validate.
+pub(crate) fn open(options: &EngineOptions) -> Result<AnyDevice, Error> {
+    let cpu = |index| Ok(AnyDevice::Cpu(Arc::new(CpuDevice::new(index, options.timeout))));
+    let may_be_cpu = options.device.is_none() && !options.validation;
+    let listed = Instance::new(options.validation).and_then(|instance| {
+        let devices = instance.physical_devices()?;
+        Ok((instance, devices))
+    });
+    let (instance, mut devices) = match listed {
+        Err(_) if may_be_cpu => return cpu(0),
+        listed => listed?,
+    };
     let infos: Vec<DeviceInfo> = devices.iter().map(|d| d.info.clone()).collect();
-    let chosen = choose(&infos, options.device.as_deref())?;
-    Device::new(instance, devices.swap_remove(chosen), options.timeout)
+    let wanted = options.device.as_deref().filter(|name| !name.eq_ignore_ascii_case(VULKAN));
+    if wanted.is_some_and(|name| name == infos.len().to_string()) {
+        return cpu(infos.len());
+    }
+    let chosen = match choose(&infos, wanted) {
+        Ok(chosen) if may_be_cpu && infos[chosen].kind == CPU => return cpu(infos.len()),
+        Err(_) if may_be_cpu => return cpu(infos.len()),
+        chosen => chosen?,
+    };
+    Device::new(instance, devices.swap_remove(chosen), options.timeout).map(AnyDevice::vulkan)
 }
 
 /// The position of the named device, or of the most capable one.
 fn choose(devices: &[DeviceInfo], wanted: Option<&str>) -> Result<usize, Error> {
     let Some(wanted) = wanted else {
         let rank = |kind: &str| {
-            ["CPU", "other", "virtual GPU", "integrated GPU", "discrete GPU"].iter().position(|k| *k == kind)
+            [CPU, "other", "virtual GPU", "integrated GPU", "discrete GPU"].iter().position(|k| *k == kind)
         };
         let usable = (0..devices.len()).rev().filter(|&i| devices[i].unusable.is_none());
         return usable.max_by_key(|&i| rank(devices[i].kind)).ok_or_else(|| Error::NoDevice(reasons(devices)));
@@ -244,11 +282,7 @@ fn choose(devices: &[DeviceInfo], wanted: Option<&str>) -> Result<usize, Error> 
     };
     let position = devices.iter().position(matches).ok_or_else(|| Error::NoSuchDevice {
         wanted: wanted.into(),
-        available: if devices.is_empty() {
-            "none".into()
-        } else {
-            devices.iter().map(|d| format!("{} {}", d.index, d.name)).collect::<Vec<_>>().join(", ")
-        },
+        available: devices.iter().map(|d| format!("{} {}, ", d.index, d.name)).collect::<String>() + CpuDevice::NAME,
     })?;
     match &devices[position].unusable {
         None => Ok(position),
@@ -302,16 +336,36 @@ mod tests {
     }
 
     #[test]
+    fn the_processor_opens_by_name_uuid_and_index() {
+        let listed = Engine::devices().unwrap();
+        let cpu = listed.last().unwrap();
+        for name in ["cpu", "CPU", &cpu.uuid, &cpu.index.to_string()] {
+            let engine = Engine::new(&EngineOptions { device: Some(name.into()), ..EngineOptions::default() }).unwrap();
+            assert_eq!(engine.info().name, "cpu", "{name}");
+        }
+        let vulkan = Engine::new(&EngineOptions { device: Some("Vulkan".into()), ..EngineOptions::default() }).unwrap();
+        assert_ne!(vulkan.info().name, "cpu");
+    }
+
+    #[test]
     fn memory_of_a_timed_out_solve_is_freed() {
         let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..testing::options() }).unwrap();
-        let instance = Arc::downgrade(&engine.device().instance);
+        let instance = Arc::downgrade(&engine.vulkan().instance);
         let [i1, i2] = testing::pair([160; 2]);
         let solved = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())
             .and_then(|mut s| s.solve([&i1, &i2], &SolveOptions::default()));
         assert!(matches!(solved, Err(Error::Timeout { .. })), "{:?}", solved.map(|s| s.findings.timings));
-        assert!(engine.device().is_poisoned());
+        assert!(engine.vulkan().is_poisoned());
         drop(engine);
         assert!(instance.upgrade().is_none(), "nothing keeps the instance alive");
+    }
+
+    /// The number of pipelines compiled so far.
+    fn pipelines(engine: &Engine) -> usize {
+        match engine.device() {
+            AnyDevice::Vulkan(_, pipelines) => pipelines.count(),
+            AnyDevice::Cpu(_) => 0,
+        }
     }
 
     #[test]
@@ -326,20 +380,20 @@ mod tests {
         let counts = pairs.each_ref().map(|[i1, i2]| {
             let engine = Engine::new(&testing::options()).unwrap();
             let mut solver = PairSolver::for_frames(&engine, [i1, i2], &Settings::default()).unwrap();
-            let prepared = engine.pipelines().count();
+            let prepared = pipelines(&engine);
             solver.solve([i1, i2], &SolveOptions::default()).unwrap();
-            assert_eq!(engine.pipelines().count(), prepared, "a pair like the one prepared for");
+            assert_eq!(pipelines(&engine), prepared, "a pair like the one prepared for");
             prepared
         });
         let engine = Engine::new(&testing::options()).unwrap();
         let formats = [pairs[0][0].format(); 2];
         let mut solver = PairSolver::for_size(&engine, [64, 64], formats, 1, &Settings::default()).unwrap();
-        let prepared = engine.pipelines().count();
+        let prepared = pipelines(&engine);
         assert!(counts.iter().all(|&one| one < prepared), "{counts:?} of {prepared}");
         for [i1, i2] in &pairs {
             solver.solve([i1, i2], &SolveOptions::default()).unwrap();
         }
-        assert_eq!(engine.pipelines().count(), prepared, "prepared for any pair");
+        assert_eq!(pipelines(&engine), prepared, "prepared for any pair");
     }
 
     #[test]
@@ -353,7 +407,7 @@ mod tests {
                 .unwrap();
             assert!(engine.validation_messages().is_empty(), "{:?}", engine.validation_messages());
             let bits: Vec<u32> = solution.relative_blur.iter().map(|v| v.to_bits()).collect();
-            (engine.device().is_conditional(), bits, solution.findings.levels)
+            (engine.vulkan().is_conditional(), bits, solution.findings.levels)
         };
         let (is_conditional, bits, levels) = solve();
         assert_eq!((false, bits, levels), vulkan::no_conditional_rendering::run(solve));

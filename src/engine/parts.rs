@@ -6,7 +6,7 @@ use super::frame_in_flight::Start;
 use super::plan::{Plan, halving_filter};
 use super::prepared_solver::{PairOptions, PreparedSolver};
 use super::solution::{self, Solution};
-use super::stages::{convolve, ingest};
+use super::stages::{Field, convolve, ingest};
 use crate::base::color::{LUMINANCE, srgb_to_linear};
 use crate::base::{
     Decode, Error, Format, Frame, Homography, Method, Photometric, Progress, Region, Settings, Shading, Similarity,
@@ -169,7 +169,7 @@ pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
         let first = (2 * rows.start).saturating_sub(reach) & !1;
         let end = (2 * rows.end + reach).min(height);
         let strip = Region { x: 0, y: first, width, height: end - first };
-        let luminance = ingest::cpu_reference(&frame.cropped(strip).map_err(Error::Region)?, decode, LUMINANCE);
+        let luminance: Field = ingest::cpu_reference(&frame.cropped(strip).map_err(Error::Region)?, decode, LUMINANCE);
         let small = convolve::filtered(&luminance, [&filter; 2], 2);
         let skipped = (rows.start - first / 2) as usize * small.width;
         Ok(small.data[skipped..][..rows.len() * small.width].iter().map(|&v| v as f32).collect::<Vec<f32>>())
@@ -392,7 +392,7 @@ mod tests {
         let values = (0..width * height).map(|i| ((i * 7919) % 251) as f32 / 251.0).collect();
         let frame = Frame::gray(width, height, values).unwrap();
         let filter: Filter = halving_filter();
-        let luminance = ingest::cpu_reference(&frame, Decode::None, LUMINANCE);
+        let luminance: Field = ingest::cpu_reference(&frame, Decode::None, LUMINANCE);
         let whole = convolve::filtered(&luminance, [&filter; 2], 2);
         let found = halved(&frame, Decode::None).unwrap();
         assert_eq!([found.width(), found.height()], [19, ROWS + 36]);

@@ -4,7 +4,10 @@ use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::frame_in_flight::{FrameInFlight, Shared, Start};
+use super::cpu::pair::CpuPair;
+use super::device::AnyDevice;
+use super::frame_in_flight::{FrameInFlight, Memory, Start};
+use super::pair_memory::Shared;
 use super::plan::Plan;
 use super::record::{Profile, Reading, Workspace};
 use super::solution::{Registered, SolutionRef};
@@ -12,12 +15,14 @@ use super::source::{Source, Transfer};
 use super::vulkan::{
     Clock, DeviceSolution, DeviceSource, ExternalCommandBuffer, Recorder, SemaphoreWait, SolutionBuffer, SourceCopy,
 };
+use super::vulkan_pair::VulkanPair;
 use super::{Engine, KeyPoints};
 use crate::base::{CancellationToken, Error, Frame, Mask, Method, PixelFormat, Progress, Settings, Shading};
 
 /// Everything that is prepared before the first pair: memory, recordings and compiled passes.
 pub(crate) struct PreparedSolver {
     shared: Arc<Shared>,
+    device: AnyDevice,
     pool: Arc<Pool>,
     key_points: Option<KeyPoints>,
 }
@@ -55,18 +60,31 @@ impl PreparedSolver {
     ) -> Result<Self, Error> {
         let plan = Plan::new(width, height, formats, settings)?;
         let (device, count) = (engine.device().clone(), frames_in_flight.max(1));
-        device.check_usable()?;
+        if let AnyDevice::Vulkan(device, _) = &device {
+            device.check_usable()?;
+        }
         engine.admits(&plan, count as u64)?;
-        let first = Workspace::new(&device, &plan, &plan.pair_layout())?;
-        let mut recorder = Recorder::new(&device, Clock::Never)?;
-        recorder.initialize(&first.images());
-        recorder.finish()?.run()?;
-        let others = (1..count).map(|_| first.beside(&device, &plan)).collect::<Result<Vec<_>, Error>>()?;
-        let shared = Arc::new(Shared { plan, device, pipelines: engine.pipelines().clone(), reading });
-        let frame = |workspace| FrameInFlight::new(shared.clone(), workspace, is_masked);
-        let idle = [first].into_iter().chain(others).map(frame).collect::<Result<_, _>>()?;
+        let shared = Arc::new(Shared { plan, reading });
+        let memories = match &device {
+            AnyDevice::Vulkan(device, pipelines) => {
+                let plan = &shared.plan;
+                let first = Workspace::new(device, plan, &plan.pair_layout())?;
+                let mut recorder = Recorder::new(device, Clock::Never)?;
+                recorder.initialize(&first.images());
+                recorder.finish()?.run()?;
+                let others = (1..count).map(|_| first.beside(device, plan)).collect::<Result<Vec<_>, Error>>()?;
+                let pair = |workspace| VulkanPair::new(&shared, (device, pipelines), workspace, is_masked);
+                let pairs = [first].into_iter().chain(others).map(pair);
+                pairs.map(|pair| pair.map(|pair| Memory::Vulkan(Box::new(pair)))).collect::<Result<Vec<_>, _>>()?
+            }
+            AnyDevice::Cpu(device) => {
+                (0..count).map(|_| Memory::Cpu(Box::new(CpuPair::new(device, &shared)))).collect()
+            }
+        };
+        let frame = |memory| FrameInFlight::new(shared.clone(), memory);
+        let idle = memories.into_iter().map(frame).collect::<Result<_, _>>()?;
         let pool = Arc::new(Pool { idle: Mutex::new(idle), count });
-        Ok(Self { shared, pool, key_points: engine.key_points() })
+        Ok(Self { shared, device, pool, key_points: engine.key_points() })
     }
 
     /// Prepares for pairs like this one: with clipped pixels if it has some. The first pair of the other kind compiles
@@ -106,7 +124,7 @@ impl PreparedSolver {
         if fetches.is_empty() {
             frame.submit(waits)?;
         } else {
-            frame.fetch(&fetches, waits)?;
+            frame.vulkan("queue to wait on")?.fetch(&fetches, waits)?;
             frame.submit(&[])?;
         }
         let is_fetched = [0, 1].map(|image| fetches.iter().any(|(of, _)| *of == image));
@@ -121,7 +139,7 @@ impl PreparedSolver {
         options: PairOptions<'_>,
     ) -> Result<Encoded, Error> {
         let (mut frame, fetches) = self.upload(sources.map(Source::OnDevice), options)?;
-        frame.encode(commands, &fetches)?;
+        frame.vulkan("command buffers")?.encode(commands, &fetches)?;
         Ok(Encoded(frame))
     }
 
@@ -137,9 +155,9 @@ impl PreparedSolver {
         sources: [Source<'_>; 2],
         options: PairOptions<'_>,
     ) -> Result<(Lease, Vec<(usize, SourceCopy)>), Error> {
-        let Shared { plan, device, .. } = &*self.shared;
+        let (plan, device) = (&self.shared.plan, &self.device);
         let mut frame = self.pool.take()?;
-        let [first, second] = [0, 1].map(|image| sources[image].transfer(plan, image, device));
+        let [first, second] = [0, 1].map(|image| sources[image].transfer(plan, image, device.as_vulkan()));
         let transfers = [first?, second?];
         // The device solves pairs in order, so the limit includes the time of all pairs in flight.
         let limit = device.timeout().saturating_mul(self.pool.in_use());
@@ -304,8 +322,11 @@ impl Pending {
 
     /// The buffer on the device that receives the results, and the semaphores that say when. For programs that use the
     /// results on the same device ([`Engine::from_vulkan`](crate::Engine::from_vulkan)) without a wait of the host.
-    pub fn on_device(&self) -> DeviceSolution {
-        self.frame.on_device()
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] on the CPU device.
+    pub fn on_device(&self) -> Result<DeviceSolution, Error> {
+        Ok(self.frame.as_vulkan("buffer of results")?.on_device())
     }
 
     /// Returns the dispatches of the solve and their times.
@@ -327,7 +348,7 @@ impl Encoded {
     /// # Errors
     /// [`Error::Cancelled`], [`Error::Vulkan`].
     pub fn results(&mut self) -> Result<Option<SolutionRef<'_>>, Error> {
-        if !self.0.is_executed()? {
+        if !self.0.vulkan("command buffers")?.is_executed()? {
             return Ok(None);
         }
         self.0.solution().map(Some)
@@ -340,7 +361,7 @@ impl Encoded {
 
     /// The buffer on the device that receives the results.
     pub fn on_device(&self) -> SolutionBuffer {
-        self.0.result_buffer()
+        self.0.as_vulkan("command buffers").expect("only Vulkan devices encode").result_buffer()
     }
 }
 
@@ -392,7 +413,7 @@ mod tests {
         drop(solver);
         drop(pending);
         println!("dropped after {:.2} s", started.elapsed().as_secs_f64());
-        assert!(!engine.device().is_poisoned());
+        assert!(!engine.vulkan().is_poisoned());
         let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &Settings::default()).unwrap();
         let pending = submit(&mut solver, &frames);
         let cancel = CancellationToken::default();

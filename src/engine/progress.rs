@@ -3,7 +3,7 @@
 //! Work is the compulsory traffic of the dispatches, which time follows. How many iterations a level will need is not
 //! known before: a few more than its first part has, then as many as the level before.
 
-use super::script::{Action, Script};
+use super::script::{self, Action, Script};
 use crate::base::Progress;
 
 /// Parts of two iterations each that a level is expected to have beyond its first part, until a level is done.
@@ -31,6 +31,8 @@ pub(crate) struct WorkCounter {
     ran: usize,
     expected: usize,
     share: f64,
+    /// Whether the level of the optional parts had settled before the latest one.
+    was_settled: bool,
 }
 
 impl WorkCounter {
@@ -51,16 +53,19 @@ impl WorkCounter {
             }
             levels_done.push(done);
         }
-        Self { parts: list, levels_done, done: 0.0, ran: 0, expected: EXPECTED, share: 0.0 }
+        Self { parts: list, levels_done, done: 0.0, ran: 0, expected: EXPECTED, share: 0.0, was_settled: false }
     }
 
-    /// Whether a part is skipped once its level has settled.
-    pub(crate) fn is_optional(&self, n: usize) -> bool {
-        self.parts[n].is_optional
+    /// The progress to print once part n is over. `settles`: the level that goes on with it or behind it has settled.
+    pub(crate) fn part_done(&mut self, part: &script::Part, n: usize, settles: bool) -> Option<Progress> {
+        let ran = !self.parts[n].is_optional || !self.was_settled;
+        self.was_settled = settles;
+        let latest = self.after(n, ran, !settles);
+        (latest.total > 0 && (ran || part.level_done.is_some())).then_some(latest)
     }
 
     /// The progress once part n is over. `ran`: it was not skipped; `goes_on`: its level has not settled.
-    pub(crate) fn after(&mut self, n: usize, ran: bool, goes_on: bool) -> Progress {
+    fn after(&mut self, n: usize, ran: bool, goes_on: bool) -> Progress {
         let part = &self.parts[n];
         if ran {
             self.done += part.work;

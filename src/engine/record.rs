@@ -295,7 +295,7 @@ mod tests {
         if !testing::options().validation {
             return;
         }
-        let device = open(&testing::options()).unwrap();
+        let device = open(&testing::options()).unwrap().as_vulkan().unwrap().clone();
         let pipelines = Pipelines::new(&device);
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let mut unreported = BTreeMap::<String, usize>::new();

@@ -1,11 +1,11 @@
 //! The CPU reference of the solver, in double precision.
 //!
-//! It runs a script by the CPU references of its [`stages`](super::stages). It is slow, and meant for tests and for
-//! learning.
+//! It runs a script as the CPU device does, for tests and for learning.
 
+use super::cpu;
 use super::plan::{MAP_LAYERS, Plan};
 use super::same_size;
-use super::script::{Action, Script, compose};
+use super::script::compose;
 use super::slot::Slot;
 use super::stages::Field;
 use super::stages::pass::Memory;
@@ -51,38 +51,21 @@ pub fn solve_masked(i1: &Frame, i2: &Frame, settings: &Settings, mask: Option<&M
     let start = Registration::new(settings.start, &settings.start_photometric);
     let mut state = DoubleState::new(start);
     state.alpha = settings.regularization.unwrap_or(state.alpha);
-    let mut memory = Memory::new([i1, i2], mask, state);
+    let mut memory = Memory::with_filters(&plan.weights.banks);
+    [i1, i2].into_iter().enumerate().for_each(|(image, frame)| memory.upload_photograph(image, frame.clone()));
+    memory.upload_mask(mask.cloned());
+    memory.upload_state(state);
     // With masks, which also leave out clipped pixels.
     let script = compose(&plan, true);
-    run(&script, &plan, &mut memory);
+    memory.upload_arguments(&script.arguments);
+    cpu::run(script.entries(), &mut memory, &mut |_| Ok(()))?;
     Ok(results(&plan, memory))
 }
 
-/// Runs a script by the CPU references of its stages.
-fn run(script: &Script, plan: &Plan, memory: &mut Memory) {
-    memory.upload_arguments(&script.arguments);
-    for (bank, weights) in plan.weights.banks.iter().enumerate() {
-        memory.upload_filters(bank, weights);
-    }
-    for entry in script.entries() {
-        match &entry.action {
-            Action::Dispatch(dispatch) => {
-                if dispatch.grid.word().is_none_or(|word| memory.runs(word)) {
-                    (dispatch.cpu_reference)(dispatch, memory);
-                }
-            }
-            Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
-            Action::Clear { image, size, .. } => memory.clear(*image, *size),
-            // The results are read from the stacks.
-            Action::Download { .. } => {}
-        }
-    }
-}
-
 /// The results from their slots.
-fn results(plan: &Plan, mut memory: Memory) -> Reference {
+fn results(plan: &Plan, mut memory: Memory<f64>) -> Reference {
     let state = memory.state_in(Slot::EndState).clone();
-    let (energies, outer) = (memory.energies_in(Slot::EndEnergies), plan.settings.outer_iterations as usize);
+    let (energies, outer) = (memory.numbers_in(Slot::EndEnergies), plan.settings.outer_iterations as usize);
     let energies = plan.coarse_to_fine().map(|level| {
         let done = state.levels[level.index].iterations as usize;
         energies[level.index * outer..][..done].to_vec()

@@ -59,11 +59,19 @@ pub(super) enum Transfer<'a> {
 
 impl<'a> Source<'a> {
     /// Checks the source against a solver's plan.
-    pub(super) fn transfer(self, plan: &Plan, image: usize, device: &Arc<Device>) -> Result<Transfer<'a>, Error> {
+    pub(super) fn transfer(
+        self,
+        plan: &Plan,
+        image: usize,
+        device: Option<&Arc<Device>>,
+    ) -> Result<Transfer<'a>, Error> {
         match self {
             Self::Frame(frame) => check_frame(plan, image, frame).map(|()| Transfer::Frame(frame)),
             Self::Write(write) => Ok(Transfer::Write(write)),
             Self::Rows { bytes, pitch } => Rows::new(plan, image, Bytes::Slice(bytes), pitch).map(Transfer::Rows),
+            Self::OnDevice(_) if device.is_none() => {
+                Err(Error::Mismatch("the CPU device reads no photographs of a Vulkan device: pass their rows".into()))
+            }
             Self::OnDevice(source) => fetch(plan, image, source.location(), None).map(Transfer::Fetch),
             Self::Shared { memory, offset, pitch } => {
                 memory.check(device)?;

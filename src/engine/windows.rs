@@ -34,9 +34,16 @@ const STEP: f64 = 0.7;
 /// σ below which an image counts as not blurred, px.
 const SHARP: f64 = 0.05;
 
-/// A photograph in mapped memory.
+/// The bytes of a photograph.
+#[derive(Clone, Copy)]
+pub(super) enum Bytes<'a> {
+    Mapped(&'a Buffer),
+    Slice(&'a [u8]),
+}
+
+/// A photograph in mapped memory or in memory of the host.
 pub(super) struct Photograph<'a> {
-    pub(super) buffer: &'a Buffer,
+    pub(super) bytes: Bytes<'a>,
     pub(super) format: Format,
     pub(super) size: [u32; 2],
     pub(super) decode: Decode,
@@ -64,7 +71,11 @@ impl Photograph<'_> {
     }
 
     fn rows<T: bytemuck::Pod>(&self, rows: impl Iterator<Item = usize>, count: usize) -> Result<Vec<T>, Error> {
-        let rows: Result<Vec<Vec<T>>, Error> = rows.map(|first| self.buffer.read(first, count)).collect();
+        let row = |first: usize| match self.bytes {
+            Bytes::Mapped(buffer) => buffer.read(first, count),
+            Bytes::Slice(bytes) => Ok(bytemuck::pod_collect_to_vec(&bytes[first..][..count * size_of::<T>()])),
+        };
+        let rows: Result<Vec<Vec<T>>, Error> = rows.map(row).collect();
         Ok(rows?.concat())
     }
 }
@@ -239,7 +250,7 @@ impl Pair<'_> {
             let place = [(f64::from(x) - whole[0]) / self.length, (f64::from(y) - whole[1]) / self.length];
             let (x, y) = ((x - part.x) as usize, (y - part.y) as usize);
             let sharp = splines.each_ref().map(|spline| {
-                let jet = near(spline, x, y, [0.0; 2]);
+                let jet = near(spline, x, y);
                 [jet.dx, jet.dy]
             });
             sums.sharp.add_pixel(sharp, place, false);

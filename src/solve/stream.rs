@@ -8,7 +8,7 @@ use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
 use super::queue::{Job, Queue};
-use crate::base::{CancellationToken, Error, Format, Frame, Settings};
+use crate::base::{CPU_DEVICE, CancellationToken, Error, Format, Frame, Settings};
 use crate::engine::{Engine, PairOptions, Pending, PreparedSolver, Solution, Source};
 use crate::solve::SolveOptions;
 use crate::solve::sweep::{Sweep, SweepOptions, SweepSolver};
@@ -411,5 +411,7 @@ impl<P, R, F> Drop for FunctionWorker<P, R, F> {
 
 /// Returns whether the next pair would fail as well.
 fn is_device_fault(error: &Error) -> bool {
-    matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. })
+    // The processor is usable after a pair that took too long.
+    matches!(error, Error::Timeout { device, .. } if device != CPU_DEVICE)
+        || matches!(error, Error::Poisoned | Error::Vulkan { .. })
 }

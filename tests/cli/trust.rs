@@ -215,7 +215,7 @@ fn a_driver_that_cannot_be_loaded_is_the_reported_error() {
     let desk = Desk::new();
     for text in ["no manifest", r#"{"file_format_version": "1.0.0", "ICD": {"library_path": "/nowhere.so"}}"#, "{}"] {
         fs::write(desk.path("driver.json"), text).unwrap();
-        let mut command = desk.command(&["register", "i1.png", "i2.png"]);
+        let mut command = desk.command(&["register", "i1.png", "i2.png", "--device", "vulkan"]);
         command.env("VK_DRIVER_FILES", desk.path("driver.json")).env("VK_ICD_FILENAMES", desk.path("driver.json"));
         let output = command.output().unwrap();
         let stderr = stderr(&output);

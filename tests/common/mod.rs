@@ -54,7 +54,7 @@ pub fn progress_log() -> (SolveOptions, Arc<Mutex<Vec<Progress>>>) {
 /// Returns the engine options of all tests.
 pub fn options() -> EngineOptions {
     EngineOptions {
-        device: std::env::var("PARFOCAL_DEVICE").ok(),
+        device: std::env::var("PARFOCAL_DEVICE").ok().or(Some("vulkan".into())),
         validation: std::env::var("PARFOCAL_VALIDATE").as_deref() != Ok("0"),
         key_points: Some(baseline::key_points),
         timed: true,

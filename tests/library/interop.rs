@@ -340,7 +340,7 @@ fn buffers_and_images_are_read_after_their_semaphores_are_signalled() {
         };
         let mut pending = solver.submit(sources, &waits, &SolveOptions::default()).unwrap();
         assert_eq!(pending.is_fetched(), [true; 2]);
-        taken = pending.on_device().inputs_read;
+        taken = pending.on_device().unwrap().inputs_read;
         assert!(!pending.wait_fetched(Duration::from_millis(30)).unwrap() && !pending.poll().unwrap());
         // The host writes I1 only now.
         program.fill(near, &rows(&pair[0]));
@@ -428,7 +428,7 @@ fn results_in_device_memory_are_those_that_the_host_reads() {
     let engine = program.engine();
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
     let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default()).unwrap();
-    let results = pending.on_device();
+    let results = pending.on_device().unwrap();
     let copy = program.buffer(&vec![0; results.bytes as usize]);
     let commands = program.commands();
     let to_host = [vk::MemoryBarrier2::default()

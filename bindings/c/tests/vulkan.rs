@@ -69,7 +69,13 @@ fn an_engine_on_a_shared_device_has_equal_results_and_reports_missing_fields() {
     // SAFETY: the structs that are pointed to outlive the calls. The device outlives the engine.
     unsafe {
         let mut own = null_mut();
-        assert_eq!(parfocal_engine_new(null(), &raw mut own), PARFOCAL_OK);
+        let options = parfocal_engine_options {
+            size: size_of::<parfocal_engine_options>(),
+            device: c"vulkan".as_ptr(),
+            timeout_s: 0.0,
+            validation: 0,
+        };
+        assert_eq!(parfocal_engine_new(&raw const options, &raw mut own), PARFOCAL_OK);
         let expected = solved(own);
         let entry = ash::Entry::load().unwrap();
         let application = vk::ApplicationInfo::default().api_version(vk::API_VERSION_1_3);

@@ -68,7 +68,8 @@ impl Stream {
         }
         let open =
             |device| parfocal::Engine::new(&EngineOptions { device, validation, timeout, ..EngineOptions::default() });
-        let engines = py.detach(|| device_names(devices)?.into_iter().map(open).collect::<Result<Vec<_>, _>>());
+        let engines =
+            py.detach(|| device_names(devices, validation)?.into_iter().map(open).collect::<Result<Vec<_>, _>>());
         let inner = Some(Inner { engines: engines.map_err(exception)?, state: Mutex::default() });
         Ok(Self { inner, slots, process: process::id() })
     }
@@ -210,12 +211,12 @@ impl Inner {
 }
 
 /// Returns the devices to open.
-fn device_names(devices: Option<Vec<String>>) -> Result<Vec<Option<String>>, Error> {
+fn device_names(devices: Option<Vec<String>>, validation: bool) -> Result<Vec<Option<String>>, Error> {
     match devices {
         None => Ok(vec![None]),
         Some(devices) if devices == ["all"] => {
             let all = parfocal::Engine::devices()?;
-            let usable = DeviceInfo::usable(&all).into_iter().map(|device| Some(device.index.to_string()));
+            let usable = DeviceInfo::usable(&all, validation).into_iter().map(|device| Some(device.index.to_string()));
             let usable: Vec<_> = usable.collect();
             // Without a usable device, opening the default one gives the reason.
             Ok(if usable.is_empty() { vec![None] } else { usable })

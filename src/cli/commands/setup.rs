@@ -8,7 +8,7 @@ use clap::builder::PossibleValue;
 use clap_complete::Shell;
 use clap_mangen::Man;
 use parfocal::export::{FileKind, write_named};
-use parfocal::{Engine, Error, settings::DeviceInfo};
+use parfocal::{Engine, settings::DeviceInfo};
 use serde_json::json;
 
 use crate::cli::help::{is_bool, is_number, takes_config, wrapped};
@@ -16,7 +16,7 @@ use crate::cli::options::config_file::is_key;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::{Failure, nearest, print, print_bytes};
 
-/// List the Vulkan devices and the reasons why some cannot be used
+/// List the devices and the reasons why some cannot be used
 #[derive(clap::Args, Debug)]
 pub(crate) struct Devices {
     /// Print the list as JSON
@@ -42,17 +42,9 @@ fn entry(info: &DeviceInfo) -> serde_json::Value {
     })
 }
 
-/// Prints the devices. Without a device, prints an empty JSON list and fails.
+/// Prints the devices.
 pub(crate) fn devices(arguments: &Devices) -> Result<(), Failure> {
-    let devices = match Engine::devices() {
-        Ok(devices) if !devices.is_empty() => devices,
-        none => {
-            if arguments.json {
-                print("[]")?;
-            }
-            return Err(none.err().unwrap_or_else(|| Error::NoDevice(String::new())).into());
-        }
-    };
+    let devices = Engine::devices()?;
     if arguments.json {
         let entries: Vec<_> = devices.iter().map(entry).collect();
         let text = serde_json::to_string_pretty(&entries).map_err(|e| Failure::Failed(e.to_string()))?;
@@ -69,7 +61,11 @@ fn describe(info: &DeviceInfo) -> String {
     let gibibytes = info.memory_bytes as f64 / f64::from(1 << 30);
     [
         format!("{}  {} ({})", info.index, info.name, info.kind),
-        format!("driver {}, Vulkan {}, UUID {}", info.driver, info.api_version, info.uuid),
+        if info.api_version.is_empty() {
+            info.driver.clone()
+        } else {
+            format!("driver {}, Vulkan {}, UUID {}", info.driver, info.api_version, info.uuid)
+        },
         format!(
             "{gibibytes:.1} GiB, subgroups of {}, images up to {} px a side",
             info.subgroup_size, info.max_image_size

@@ -158,10 +158,10 @@ const ALL: &str = "all";
 /// The device and its limits.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct EngineArguments {
-    /// Index, part of the name, or UUID [default: PARFOCAL_DEVICE, else the most capable]
+    /// Index, part of the name, UUID, cpu or vulkan [default: PARFOCAL_DEVICE, else a GPU, else cpu]
     ///
-    /// batch and watch also take all: each pair goes to the next free device. The processor is used only if there is no
-    /// other device.
+    /// cpu is the processor, vulkan the most capable Vulkan device, software drivers included. batch and watch also
+    /// take all: each pair goes to the next free GPU.
     #[arg(long, value_name = "D", help_heading = DEVICE)]
     device: Option<String>,
     /// Longest time of one solve on the device, s
@@ -195,7 +195,7 @@ impl EngineArguments {
             return Ok(vec![self.clone()]);
         }
         let devices = Engine::devices()?;
-        let found = DeviceInfo::usable(&devices);
+        let found = DeviceInfo::usable(&devices, crate::cli::is_validation_requested());
         // If there is no device, opening it returns the reason.
         let named = |index: usize| Self { device: Some(index.to_string()), ..self.clone() };
         Ok(if found.is_empty() { vec![named(0)] } else { found.iter().map(|device| named(device.index)).collect() })

@@ -3,12 +3,13 @@
 use super::{Plan, SCRATCH_LAYERS};
 use crate::base::{DeviceInfo, Error};
 use crate::engine::arguments;
+use crate::engine::device::AnyDevice;
 use crate::engine::slot::Slot;
 use crate::engine::stages::state::State;
 use crate::engine::stages::sums::Layout;
 use crate::engine::stages::{convolve, grid, half_pair, linearise, pixels, shape_windows, system, uncertainty_terms};
 use crate::engine::tiles;
-use crate::engine::vulkan::{Device, MIB, Texel, image_limits};
+use crate::engine::vulkan::{MIB, Texel, image_limits};
 
 /// An image or a buffer to be allocated.
 #[derive(Clone, Copy, Debug)]
@@ -218,7 +219,7 @@ impl Plan {
     }
 
     /// Checks that a device can solve sweeps of `frames` frames.
-    pub(crate) fn check_sweep(&self, device: &Device, frames: u32) -> Result<(), Error> {
+    pub(crate) fn check_sweep(&self, device: &AnyDevice, frames: u32) -> Result<(), Error> {
         self.check_photographs(device.info())?;
         let names = ["the frames of a sweep", "a sweep", "a sweep"];
         self.check_limits(device, &self.sweep_layout(frames), names, &format!("{frames} frames"))?;
@@ -231,7 +232,7 @@ impl Plan {
 
     /// Checks a solver of pairs with `slots` slots against a device's limits and against `memory` bytes, so that
     /// nothing fails half-way.
-    pub(crate) fn check(&self, device: &Device, memory: u64, slots: u64) -> Result<(), Error> {
+    pub(crate) fn check(&self, device: &AnyDevice, memory: u64, slots: u64) -> Result<(), Error> {
         self.check_photographs(device.info())?;
         let names = ["the stacks of blurred images", "the stacks of blurred images", "the result"];
         let layers = format!("{} layers", self.stack_layers());
@@ -243,7 +244,7 @@ impl Plan {
     /// image, of the image with the most layers and of the largest buffer.
     fn check_limits(
         &self,
-        device: &Device,
+        device: &AnyDevice,
         list: &[Allocation],
         [image, layered, buffer]: [&'static str; 3],
         layers_in_words: &str,
@@ -259,6 +260,7 @@ impl Plan {
                 AllocationKind::Buffer { bytes, .. } => buffer_bytes = bytes.max(buffer_bytes),
             }
         }
+        let Some(device) = device.as_vulkan() else { return Ok(()) };
         let (largest, layers) = image_limits(device)?;
         let (allocation, largest_buffer) = device.allocation_limits();
         if most_layers > layers {

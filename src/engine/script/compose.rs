@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Action, Dispatch, Entry, Hazards, Part, Script};
+use super::{Action, CpuReference, Dispatch, Entry, Hazards, Part, Script};
 use crate::base::color::LUMINANCE;
 use crate::engine::arguments::{self, Grid, Over, Place};
 use crate::engine::plan::{Level, Plan};
@@ -179,10 +179,7 @@ impl<'a> Composer<'a> {
             grid,
             place: self.place,
             bytes: P::bytes(constants, variant),
-            cpu_reference: |dispatch, memory| {
-                let constants = bytemuck::pod_read_unaligned(&dispatch.constants);
-                P::of(&dispatch.slots).run(&constants, dispatch.variant, memory);
-            },
+            cpu_reference: CpuReference::of::<P>(),
         }));
     }
 

@@ -12,7 +12,8 @@ use std::collections::HashMap;
 
 use super::arguments::{Grid, Place};
 use super::slot::Slot;
-use super::stages::pass::Memory;
+use super::stages::Number;
+use super::stages::pass::{Memory, Pass};
 use super::vulkan::{Access, Stage, Variant};
 
 pub(crate) use compose::compose;
@@ -77,8 +78,45 @@ pub(crate) struct Dispatch {
     pub(crate) place: Place,
     /// Compulsory traffic: each input element read once, each output element written once.
     pub(crate) bytes: u64,
-    /// Runs the stage's CPU reference on the same slots.
-    pub(crate) cpu_reference: fn(&Dispatch, &mut Memory),
+    /// The stage's CPU reference, which runs on the same slots.
+    pub(crate) cpu_reference: CpuReference,
+}
+
+/// A stage's CPU reference, for numbers of both types.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CpuReference {
+    double: fn(&Dispatch, &mut Memory<f64>),
+    single: fn(&Dispatch, &mut Memory<f32>),
+}
+
+impl CpuReference {
+    /// The CPU reference of a pass.
+    fn of<P: Pass>() -> Self {
+        Self { double: run::<P, f64>, single: run::<P, f32> }
+    }
+}
+
+fn run<P: Pass, N: Number>(dispatch: &Dispatch, memory: &mut Memory<N>) {
+    let constants = bytemuck::pod_read_unaligned(&dispatch.constants);
+    P::of(&dispatch.slots).run(&constants, dispatch.variant, memory);
+}
+
+/// A type of numbers that scripts run with on the processor.
+pub(crate) trait Executable: Number {
+    /// Runs the CPU reference of a dispatch.
+    fn run(dispatch: &Dispatch, memory: &mut Memory<Self>);
+}
+
+impl Executable for f64 {
+    fn run(dispatch: &Dispatch, memory: &mut Memory<Self>) {
+        (dispatch.cpu_reference.double)(dispatch, memory);
+    }
+}
+
+impl Executable for f32 {
+    fn run(dispatch: &Dispatch, memory: &mut Memory<Self>) {
+        (dispatch.cpu_reference.single)(dispatch, memory);
+    }
 }
 
 impl Script {
@@ -213,7 +251,7 @@ mod tests {
                 grid,
                 place: Place::default(),
                 bytes: 0,
-                cpu_reference: |_, _| (),
+                cpu_reference: CpuReference::of::<update::Bindings>(),
             })
         };
         let arguments = Action::Copy { from: Slot::StartArguments, to: Slot::Arguments, levels: false };

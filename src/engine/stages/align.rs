@@ -2,7 +2,7 @@
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, Single, from_centre};
-use super::{Field, pixels, spline};
+use super::{Number, Raster, pixels, spline};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
@@ -37,17 +37,17 @@ impl Pass for Bindings {
         8 * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let aligned = cpu_reference(c, memory.layer(self.spline, 0));
         memory.set_layer(self.aligned, c.layer as usize, aligned);
     }
 }
 
 /// The frame on the reference's pixels. Beyond its border it repeats the border.
-pub fn cpu_reference(c: &Constants, spline: &Field) -> Field {
+pub fn cpu_reference<N: Number>(c: &Constants, spline: &Raster<N>) -> Raster<N> {
     let (r, centre) = (Registration::from(c.registration), c.centre.map(f64::from));
     let shading = Shading { coefficients: c.shading.map(f64::from) };
-    Field::from_fn(c.width as usize, c.height as usize, |x, y| {
+    Raster::from_fn(c.width as usize, c.height as usize, |x, y| {
         let [dx, dy] = r.displacement(x, y, c.factor.into(), centre);
         let at = |x: usize, d: f64, size: u32| (x as f64 + d).clamp(-1.0, f64::from(size));
         let place = [at(x, dx, c.width), at(y, dy, c.height)];

@@ -11,8 +11,9 @@
 use super::mask::{self, Masks};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
-use super::sums::{Layout, Sums};
-use super::{Field, linearise, pixels, spline};
+use super::sums::{Layout, Line};
+use super::{Number, Raster, linearise, pixels, spline};
+use crate::base::workers;
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -48,20 +49,29 @@ impl Pass for Bindings {
         8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height], Layout::of_variant(variant))
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let r = memory.state(self.state).registration;
         let masks = mask::of(memory, self.masks, variant);
-        let sums = cpu_reference(c, &r, memory.layer(self.i1, 0), memory.layer(self.spline2, 0), masks);
-        memory.set_sums(self.partials, sums);
+        let layout = Layout::of_variant(variant);
+        let sums = cpu_reference(c, layout, &r, memory.layer(self.i1, 0), memory.layer(self.spline2, 0), masks);
+        memory.set_numbers(self.partials, &sums);
     }
 }
 
 /// One pass over a level. `spline2` holds the spline coefficients of I2.
-pub fn cpu_reference(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {
-    let mut sums = Sums::default();
-    for y in 0..i1.height {
+pub fn cpu_reference<N: Number>(
+    c: &Constants,
+    layout: Layout,
+    r: &Registration,
+    i1: &Raster<N>,
+    spline2: &Raster<N>,
+    masks: Option<&Masks<N>>,
+) -> Vec<f64> {
+    let centre = c.centre.map(f64::from);
+    let lines = workers::map(i1.height, |y| {
+        let mut line = Line::default();
         for x in 0..i1.width {
-            let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+            let d = r.displacement(x, y, c.factor.into(), centre);
             if !inside([x, y], d, [i1.width, i1.height], 0.0, 1.0) {
                 continue;
             }
@@ -70,26 +80,28 @@ pub fn cpu_reference(c: &Constants, r: &Registration, i1: &Field, spline2: &Fiel
             let psi = s.hypot(c.eta.into());
             let share = mask::counts(masks, [x, y], d);
             let [gx, gy] = r.in_first([i2.dx, i2.dy]).map(|d| r.gain * d);
-            let place = [x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1])];
             let w = share / psi;
-            sums.add(
-                [w * gx * gx, w * gx * gy, w * gy * gy],
-                [-w * gx * s, -w * gy * s],
-                place.map(|p| p / f64::from(c.length)),
-            );
-            sums.energy += share * psi;
-            sums.valid += share;
+            let place = (x as f64 - centre[0]) / f64::from(c.length);
+            line.add([w * gx * gx, w * gx * gy, w * gy * gy], [-w * gx * s, -w * gy * s], place);
+            line.energy += share * psi;
+            line.valid += share;
         }
+        line
+    });
+    let mut partials = vec![0.0; layout.length];
+    for (y, line) in lines.iter().enumerate() {
+        line.add_to(&mut partials, (y as f64 - centre[1]) / f64::from(c.length), layout);
     }
-    sums
+    partials
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
     use super::super::linearise::{rows, tiles};
     use super::super::state::State;
-    use super::super::sums::UNKNOWNS;
+    use super::super::sums::{Sums, UNKNOWNS};
     use super::super::update_transform;
     use super::*;
     use crate::base::{Homography, Kernel, Photometric, Similarity};
@@ -161,13 +173,15 @@ mod tests {
             Homography::from_matrix([[0.9, -0.03, 0.4], [0.03, 0.9, -0.3], [0.0, 0.0, 1.0]]).unwrap(),
             &Photometric { gain: 1.1, offset: -0.05 },
         );
-        let gradient = cpu_reference(&c, &start, &i1, &spline[0], None).gradient;
+        let layout = Layout::of(true);
+        let sums = |r: &Registration| Sums::from_partials(&cpu_reference(&c, layout, r, &i1, &spline[0], None), layout);
+        let gradient = sums(&start).gradient;
         let step = 1e-5;
         let moved = |i: usize, by: f64| {
             let mut x = [0.0; UNKNOWNS];
             x[i] = by;
             let r = start.after(&update_transform::displacing(f64::from(c.length), 1.0, x));
-            cpu_reference(&c, &r, &i1, &spline[0], None).energy
+            sums(&r).energy
         };
         for (i, actual) in gradient.iter().enumerate() {
             let expected = (moved(i, step) - moved(i, -step)) / (2.0 * step);

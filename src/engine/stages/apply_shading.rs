@@ -4,7 +4,7 @@
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::from_centre;
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
@@ -35,7 +35,7 @@ impl Pass for Bindings {
         8 * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let shading = memory.state(self.state).shading;
         let applied_shading = cpu_reference(c, &shading, memory.layer(self.from, 0));
         memory.set_layer(self.to, c.layer as usize, applied_shading);
@@ -44,10 +44,10 @@ impl Pass for Bindings {
 }
 
 /// I2 times the shading.
-pub fn cpu_reference(c: &Constants, shading: &Shading, i2: &Field) -> Field {
+pub fn cpu_reference<N: Number>(c: &Constants, shading: &Shading, i2: &Raster<N>) -> Raster<N> {
     let centre = c.centre.map(f64::from);
     let factor = |x: usize, y: usize| shading.at(from_centre([x as f64, y as f64], centre));
-    Field::from_fn(i2.width, i2.height, |x, y| factor(x, y) * i2.get(x, y))
+    Raster::from_fn(i2.width, i2.height, |x, y| factor(x, y) * i2.get(x, y))
 }
 
 #[cfg(test)]

@@ -2,10 +2,10 @@
 //!
 //! The CPU reference of `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
 
-use super::Field;
 use super::spline::{self, Jet};
 use super::stack::{self, Blurred, Slopes};
 use super::state::Registration;
+use super::{Number, Raster, Real};
 use crate::engine::shaders;
 
 /// Beyond V = 0 a blurred image is extrapolated linearly for this many px².
@@ -14,18 +14,18 @@ pub const NEAR: f64 = shaders::blur::NEAR;
 const LEAST_ROOT: f64 = shaders::blur::LEAST_ROOT;
 
 /// The blur stacks of I1 and I2.
-pub struct Stacks<'a> {
+pub struct Stacks<'a, N = f64> {
     /// The stack of I1.
-    pub first: &'a [Field],
+    pub first: &'a [Raster<N>],
     /// The stack of I2.
-    pub second: &'a [Field],
+    pub second: &'a [Raster<N>],
     /// How their slopes are computed.
     pub slopes: Slopes,
 }
 
-impl<'a> Stacks<'a> {
+impl<'a, N: Number> Stacks<'a, N> {
     /// Stacks of `nodes` nodes each in the layers of one image. That of I2 begins at layer `second`.
-    pub(super) fn of(layers: &'a [Field], second: u32, nodes: u32, any_kernel: bool) -> Self {
+    pub(super) fn of(layers: &'a [Raster<N>], second: u32, nodes: u32, any_kernel: bool) -> Self {
         let slopes = if any_kernel { Slopes::Layers } else { Slopes::Laplacian };
         let (second, count) = (second as usize, nodes as usize * slopes.layers());
         Self { first: &layers[..count], second: &layers[second..second + count], slopes }
@@ -35,8 +35,8 @@ impl<'a> Stacks<'a> {
 /// Î1 and Î2 at pixel (x, y), which T maps to (x, y) + d, before gain and offset, with their derivatives by V. `mean`
 /// is that of the kernel at V = 1: the stacks hold centred kernels, and are read where the mean moves the pixel to.
 /// Gradients are per pixel of I1.
-pub fn read(
-    &Stacks { first, second, slopes }: &Stacks,
+pub fn read<N: Number>(
+    &Stacks { first, second, slopes }: &Stacks<N>,
     r: &Registration,
     mean: [f64; 2],
     [x, y]: [f64; 2],
@@ -49,7 +49,7 @@ pub fn read(
     let ahead = [xx * mean[0] + xy * mean[1], yx * mean[0] + yy * mean[1]];
     let (p, q) = ([x - mean[0], y - mean[1]], [x + d[0] + ahead[0], y + d[1] + ahead[1]]);
     // The image that is not blurred is extrapolated linearly through V = 0.
-    let beyond = |stack: &[Field], [x, y]: [f64; 2], factor: f64| {
+    let beyond = |stack: &[Raster<N>], [x, y]: [f64; 2], factor: f64| {
         let (jet, slope) = stack::node(stack, slopes, 0, x, y);
         let slope = factor * slope;
         let still = if v.abs() < NEAR { slope } else { 0.0 };
@@ -72,19 +72,49 @@ pub fn read(
 
 /// J before gain and offset, and Î1 and Î2 as in [`read`], at a pixel that T has moved by `shift` since I2 was warped
 /// onto I1's pixels. For a Gaussian.
-pub fn read_near(stacks: &Stacks, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -> (Jet, [Blurred; 2]) {
-    let Stacks { first, second, .. } = stacks;
-    let j = spline::near(&second[0], x, y, shift);
-    let beyond = |jet: &Jet, factor: f64| {
-        let slope = factor * jet.laplacian / 2.0;
-        let still = if v.abs() < NEAR { slope } else { 0.0 };
-        Blurred { value: jet.value + slope * v.clamp(-NEAR, NEAR), slope: still, dx: jet.dx, dy: jet.dy }
+pub fn read_near<N: Number>(stacks: &Stacks<N>, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -> (Jet, [Blurred; 2]) {
+    let counts = [stacks.first.len(), stacks.second.len()];
+    let [first, second] = [stacks.first, stacks.second].map(|stack| move |k: usize| spline::near(&stack[k], x, y));
+    let PairSample { i2, blurred, .. } = sample_jets(v, shift, counts, first, second);
+    (i2, blurred)
+}
+
+/// Both images by the jets of the nodes of their stacks at a pixel, which T has moved by `shift` since I2 was warped.
+#[inline(always)]
+pub(super) fn sample_jets<R: Number>(
+    v: R,
+    shift: [R; 2],
+    counts: [usize; 2],
+    first: impl Fn(usize) -> Jet<R>,
+    second: impl Fn(usize) -> Jet<R>,
+) -> PairSample<R> {
+    let second = |k| second(k).moved(shift);
+    let (i1, i2, near) = (first(0), second(0), R::of(NEAR));
+    let beyond = |jet: &Jet<R>, factor: R| {
+        let slope = factor * jet.laplacian;
+        let still = if v.abs() < near { slope } else { R::default() };
+        Blurred { value: jet.value + slope * v.max(-near).min(near), slope: still, dx: jet.dx, dy: jet.dy }
     };
-    if v >= 0.0 {
-        return (j, [stack::read_near(first, v, [x, y], [0.0; 2]), beyond(&j, -1.0)]);
-    }
-    let b2 = stack::read_near(second, -v, [x, y], shift);
-    (j, [beyond(&spline::near(&first[0], x, y, [0.0; 2]), 1.0), Blurred { slope: -b2.slope, ..b2 }])
+    let blurred = if v >= R::default() {
+        [
+            stack::between(
+                v,
+                counts[0],
+                #[inline(always)]
+                |k| first(k).node(),
+            ),
+            beyond(&i2, R::of(-0.5)),
+        ]
+    } else {
+        let b2 = stack::between(
+            -v,
+            counts[1],
+            #[inline(always)]
+            |k| second(k).node(),
+        );
+        [beyond(&i1, R::of(0.5)), Blurred { slope: -b2.slope, ..b2 }]
+    };
+    PairSample { i1: i1.value, i2, blurred }
 }
 
 /// The mean of the kernel at V, and its derivative by V, in I1's pixels. The kernel rotates with the sensor of the
@@ -100,33 +130,47 @@ fn mean_at(mut mean: [f64; 2], r: &Registration, v: f64) -> ([f64; 2], [f64; 2])
 }
 
 /// Smooth Heaviside, equation 35.
-pub fn heaviside(v: f64, epsilon: f64) -> f64 {
-    0.5 + (v / epsilon).atan() / std::f64::consts::PI
+#[inline(always)]
+pub fn heaviside<R: Real>(v: R, epsilon: f64) -> R {
+    R::of(0.5) + (v / R::of(epsilon)).atan() * R::of(std::f64::consts::FRAC_1_PI)
 }
 
 /// Both images at a pixel: I1, J before gain and offset, Î1 and Î2. Gradients are per pixel of I1.
-pub(super) struct PairSample {
-    pub(super) i1: f64,
-    pub(super) i2: Jet,
-    pub(super) blurred: [Blurred; 2],
+pub(super) struct PairSample<R = f64> {
+    pub(super) i1: R,
+    pub(super) i2: Jet<R>,
+    pub(super) blurred: [Blurred<R>; 2],
 }
 
-/// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1.
-pub(super) fn sample_pair(
+impl PairSample {
+    /// The sample in numbers of another type.
+    pub(super) fn rounded<R: Real>(self) -> PairSample<R> {
+        let Jet { value, dx, dy, laplacian } = self.i2;
+        let [value, dx, dy, laplacian] = [value, dx, dy, laplacian].map(R::of);
+        let blurred = self.blurred.map(|Blurred { value, slope, dx, dy }| {
+            let [value, slope, dx, dy] = [value, slope, dx, dy].map(R::of);
+            Blurred { value, slope, dx, dy }
+        });
+        PairSample { i1: R::of(self.i1), i2: Jet { value, dx, dy, laplacian }, blurred }
+    }
+}
+
+/// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1,
+/// `moved` how T has moved since I2 was warped onto I1's pixels, if it was.
+pub(super) fn sample_pair<N: Number>(
     (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
     r: &Registration,
-    warped: Option<&Registration>,
+    moved: Option<&Registration>,
     [x, y]: [usize; 2],
-    i1: &Field,
+    i1: &Raster<N>,
     v: f64,
-    stacks: &Stacks,
+    stacks: &Stacks<N>,
 ) -> PairSample {
     let (factor, centre) = (factor.into(), centre.map(f64::from));
-    if let Some(before) = warped {
-        let shift = r.moved_since(before).displacement(x, y, factor, centre);
-        let i1 = spline::near(&stacks.first[0], x, y, [0.0; 2]).value;
-        let (i2, blurred) = read_near(stacks, [x, y], shift, v);
-        return PairSample { i1, i2, blurred };
+    if let Some(moved) = moved {
+        let shift = moved.displacement(x, y, factor, centre);
+        let [first, second] = [stacks.first, stacks.second].map(|stack| move |k: usize| spline::near(&stack[k], x, y));
+        return sample_jets(v, shift, [stacks.first.len(), stacks.second.len()], first, second);
     }
     let (p, d) = ([x as f64, y as f64], r.displacement(x, y, factor, centre));
     let mut i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
@@ -138,6 +182,7 @@ pub(super) fn sample_pair(
 mod tests {
     use std::f64::consts::PI;
 
+    use super::super::Field;
     use super::super::stack::node_count;
     use super::*;
     use crate::base::{Kernel, Photometric, Similarity};

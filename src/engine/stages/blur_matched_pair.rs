@@ -9,7 +9,7 @@ use super::mask::{self, Masks};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
 use super::uncertainty_terms;
-use super::{Field, pixels, spline};
+use super::{Number, Raster, pixels, spline};
 use crate::engine::vulkan::Variant;
 
 /// Layers: I1 and I2, each times the share, and the share.
@@ -52,7 +52,7 @@ impl Pass for Bindings {
         32 * pixels(width, height)
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
         let masks = mask::of(memory, self.masks, variant);
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
@@ -69,46 +69,52 @@ impl Pass for Bindings {
 }
 
 /// The source of I2.
-pub enum Images<'a> {
+pub enum Images<'a, N = f64> {
     /// Its spline coefficients; V is zero.
-    Spline(&'a Field),
+    Spline(&'a Raster<N>),
     /// The stacks, and T when I2 was warped onto I1's pixels, if it was.
-    Stacks(Stacks<'a>, Option<&'a Registration>),
+    Stacks(Stacks<'a, N>, Option<&'a Registration>),
 }
 
 /// I1 and I2, each times the share, and the share, on every other pixel.
-pub fn cpu_reference(
+pub fn cpu_reference<N: Number>(
     c: &Constants,
     r: &Registration,
-    i1: &Field,
-    v: &Field,
-    images: &Images,
-    masks: Option<&Masks>,
-) -> [Field; LAYERS as usize] {
+    i1: &Raster<N>,
+    v: &Raster<N>,
+    images: &Images<N>,
+    masks: Option<&Masks<N>>,
+) -> [Raster<N>; LAYERS as usize] {
     let [width, height] = uncertainty_terms::size([c.width, c.height]).map(|side| side as usize);
+    let scale = r.scale();
+    let moved = match images {
+        Images::Stacks(_, Some(warped)) => Some(r.moved_since(warped)),
+        _ => None,
+    };
     let at = |x: usize, y: usize| {
         let (x, v) = ([2 * x, 2 * y], v.get(2 * x, 2 * y));
         let d = r.displacement(x[0], x[1], c.factor.into(), c.centre.map(f64::from));
-        if !inside(x, d, [c.width as usize, c.height as usize], v, r.scale()) {
+        if !inside(x, d, [c.width as usize, c.height as usize], v, scale) {
             return [0.0; 3];
         }
         let share = mask::counts(masks, x, d);
         let i1_here = i1.get(x[0], x[1]);
         let [first, second] = match images {
             Images::Spline(spline2) => [i1_here, spline::read(spline2, x[0] as f64 + d[0], x[1] as f64 + d[1]).value],
-            Images::Stacks(stacks, warped) => {
-                let sample = sample_pair((c.mean, c.factor, c.centre), r, *warped, x, i1, v, stacks);
+            Images::Stacks(stacks, _) => {
+                let sample = sample_pair((c.mean, c.factor, c.centre), r, moved.as_ref(), x, i1, v, stacks);
                 let [b1, b2] = sample.blurred;
                 if v >= 0.0 { [b1.value, sample.i2.value] } else { [i1_here, b2.value] }
             }
         };
         [share * first, share * second, share]
     };
-    std::array::from_fn(|layer| Field::from_fn(width, height, |x, y| at(x, y)[layer]))
+    Raster::several([width, height], at)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
     use super::super::linearise;
     use super::super::stack::{self, Slopes};

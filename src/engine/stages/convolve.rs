@@ -5,8 +5,9 @@
 //! to the target: a filter that is not separable is a sum of separable ones. Axis and stride are variants too: loads and
 //! stores whose addresses depend on push constants take a tenth longer on a software device.
 
+use super::lanes::vectorised;
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::spline::{Field, fold};
+use super::spline::{Number, Raster, fold};
 use super::{WORKGROUP, pixels};
 use crate::base::weighted;
 use crate::engine::vulkan::Variant;
@@ -108,7 +109,7 @@ impl Pass for Bindings {
             * (pixels(c.length, c.breadth) + touched * pixels(c.length.div_ceil(stride(variant)), c.breadth))
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let first = 4 * c.offset as usize;
         let filter = memory.numbers(self.filters)[first..first + 2 * c.radius as usize + 1].to_vec();
         let (stride, vertical, period) = (stride(variant) as usize, is_vertical(variant), c.period as usize);
@@ -117,7 +118,7 @@ impl Pass for Bindings {
             let mut filtered = cpu_reference_mirrored(input, &filter, stride, vertical, period);
             let to = memory.layer_mut(self.to, (c.to_layer + plane * c.to_step) as usize);
             if c.add == 1 {
-                filtered.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
+                filtered.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += *before);
             }
             *to = filtered;
         }
@@ -125,56 +126,75 @@ impl Pass for Bindings {
 }
 
 /// `out(i) = Σ_n filter(n) input(stride i + n)` along x or y, mirrored about the border pixels.
-pub fn cpu_reference(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Field {
+pub fn cpu_reference<N: Number>(input: &Raster<N>, filter: &[N], stride: usize, vertical: bool) -> Raster<N> {
     let period = 2 * (if vertical { input.height } else { input.width } - 1);
     cpu_reference_mirrored(input, filter, stride, vertical, period)
 }
 
 /// As [`cpu_reference`], mirrored about the first pixel and half a period from it.
-pub fn cpu_reference_mirrored(input: &Field, filter: &[f64], stride: usize, vertical: bool, period: usize) -> Field {
+pub fn cpu_reference_mirrored<N: Number>(
+    input: &Raster<N>,
+    filter: &[N],
+    stride: usize,
+    vertical: bool,
+    period: usize,
+) -> Raster<N> {
     if vertical { along_y(input, filter, stride, period) } else { along_x(input, filter, stride, period) }
 }
 
 /// The filters along x and along y, one after the other. With stride 2 they halve the image.
-pub(crate) fn filtered(image: &Field, [along_x, along_y]: [&[f64]; 2], stride: usize) -> Field {
+pub(crate) fn filtered<N: Number>(image: &Raster<N>, [along_x, along_y]: [&[N]; 2], stride: usize) -> Raster<N> {
     cpu_reference(&cpu_reference(image, along_x, stride, false), along_y, stride, true)
 }
 
 /// The image under a Gaussian of `sigma` px.
-pub(crate) fn smoothed(image: &Field, sigma: f64) -> Field {
-    let filter = filter::gaussian(sigma * sigma);
+pub(crate) fn smoothed<N: Number>(image: &Raster<N>, sigma: f64) -> Raster<N> {
+    let filter: Vec<N> = filter::gaussian(sigma * sigma).into_iter().map(N::of).collect();
     filtered(image, [&filter; 2], 1)
 }
 
-fn along_y(input: &Field, filter: &[f64], stride: usize, period: usize) -> Field {
+fn along_y<N: Number>(input: &Raster<N>, filter: &[N], stride: usize, period: usize) -> Raster<N> {
     let radius = (filter.len() / 2) as isize;
-    let mut result = Field::zeros(input.width, input.height.div_ceil(stride));
-    for (y, sums) in result.data.chunks_exact_mut(input.width).enumerate() {
-        let row = |n: usize| &input.data[fold((y * stride + n) as isize - radius, period) * input.width..];
-        weighted::sum(sums, filter, &(0..filter.len()).map(row).collect::<Vec<_>>());
-    }
+    let mut result = Raster::zeros(input.width, input.height.div_ceil(stride));
+    result.fill_rows(|y, sums| {
+        let row = |n: usize| input.row(fold((y * stride + n) as isize - radius, period));
+        let rows: Vec<&[N]> = (0..filter.len()).map(row).collect();
+        vectorised(
+            #[inline(always)]
+            || weighted::sum(sums, filter, &rows),
+        );
+    });
     result
 }
 
-fn along_x(input: &Field, filter: &[f64], stride: usize, period: usize) -> Field {
+fn along_x<N: Number>(input: &Raster<N>, filter: &[N], stride: usize, period: usize) -> Raster<N> {
     let radius = (filter.len() / 2) as isize;
-    let mut result = Field::zeros(input.width.div_ceil(stride), input.height);
-    let width = result.width;
-    for (row, sums) in input.data.chunks_exact(input.width).zip(result.data.chunks_exact_mut(width)) {
-        let mirrored: Vec<f64> = (-radius..input.width as isize + radius).map(|x| row[fold(x, period)]).collect();
+    let mut result = Raster::zeros(input.width.div_ceil(stride), input.height);
+    result.fill_rows(|y, sums| {
+        let row = input.row(y);
+        let outside = |x: isize| row[fold(x, period)];
+        let mut mirrored = Vec::with_capacity(row.len() + filter.len());
+        mirrored.extend((-radius..0).map(outside));
+        mirrored.extend_from_slice(row);
+        mirrored.extend((row.len() as isize..).map(outside).take(radius as usize));
         if stride == 1 {
-            weighted::sum(sums, filter, &(0..filter.len()).map(|n| &mirrored[n..]).collect::<Vec<_>>());
-            continue;
+            let rows: Vec<&[N]> = (0..filter.len()).map(|n| &mirrored[n..]).collect();
+            vectorised(
+                #[inline(always)]
+                || weighted::sum(sums, filter, &rows),
+            );
+            return;
         }
-        for (n, weight) in filter.iter().enumerate() {
+        for (n, &weight) in filter.iter().enumerate() {
             sums.iter_mut().enumerate().for_each(|(x, sum)| *sum += weight * mirrored[x * stride + n]);
         }
-    }
+    });
     result
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Rig, random_field};
     use super::*;
     use crate::engine::vulkan::Resource;

@@ -3,7 +3,7 @@
 //! It is no part of the method: [`bench`](crate::internals::bench) measures the memory bandwidth with it.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -27,14 +27,14 @@ impl Pass for Bindings {
         8 * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let copied = cpu_reference(memory.layer(self.from, 0));
         memory.set_layer(self.to, c.layer as usize, copied);
     }
 }
 
 /// The same field.
-pub fn cpu_reference(from: &Field) -> Field {
+pub fn cpu_reference<N: Number>(from: &Raster<N>) -> Raster<N> {
     from.clone()
 }
 

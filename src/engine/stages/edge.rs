@@ -3,7 +3,7 @@
 //! The numbers of a cell are in layers of the results that the fused image overwrites later. Each cell has 16 numbers in
 //! a layer, at its own pixels. The CPU reference of `glsl/include/edge.glsl`.
 
-use super::Field;
+use super::{Number, Raster};
 use crate::engine::shaders::edge;
 
 /// Side of a cell, pixels.
@@ -56,19 +56,19 @@ pub(super) fn cells_around(
 }
 
 /// The n-th number of a cell in a layer.
-pub(super) fn number(layer: &Field, [x, y]: [usize; 2], n: usize) -> f64 {
+pub(super) fn number<N: Number>(layer: &Raster<N>, [x, y]: [usize; 2], n: usize) -> f64 {
     layer.get(SIDE * x + n % SIDE, SIDE * y + n / SIDE)
 }
 
 /// Sets the numbers of a cell in a layer, from the `first` on.
-pub(super) fn set(layer: &mut Field, [x, y]: [usize; 2], first: usize, numbers: &[f64]) {
+pub(super) fn set<N: Number>(layer: &mut Raster<N>, [x, y]: [usize; 2], first: usize, numbers: &[f64]) {
     for (n, number) in (first..).zip(numbers) {
-        layer.data[(SIDE * y + n / SIDE) * layer.width + SIDE * x + n % SIDE] = *number;
+        layer.data[(SIDE * y + n / SIDE) * layer.width + SIDE * x + n % SIDE] = N::of(*number);
     }
 }
 
 /// The value between pixels, of the nearest place inside.
-pub(super) fn between(field: &Field, [x, y]: [f64; 2]) -> f64 {
+pub(super) fn between<N: Number>(field: &Raster<N>, [x, y]: [f64; 2]) -> f64 {
     let (low, f) = ([x.floor(), y.floor()], [x - x.floor(), y - y.floor()]);
     let at = |i: isize, j: isize| field.clamped(low[0] as isize + i, low[1] as isize + j);
     let row = |j: isize| at(0, j) * (1.0 - f[0]) + at(1, j) * f[0];
@@ -90,7 +90,7 @@ pub(super) struct Edge {
 
 impl Edge {
     /// The edge of a cell in the layer of edges.
-    pub(super) fn of(edges: &Field, cell: [usize; 2]) -> Option<Self> {
+    pub(super) fn of<N: Number>(edges: &Raster<N>, cell: [usize; 2]) -> Option<Self> {
         let at = |n: usize| number(edges, cell, n);
         (at(0) != 0.0).then(|| Self {
             place: [at(1), at(2)],
@@ -121,6 +121,7 @@ impl Edge {
 /// Fields for the tests of the passes over edges.
 #[cfg(test)]
 pub(super) mod testing {
+    use super::super::Field;
     use super::super::harness::smooth_field;
     use super::super::{edge_cells, edge_costs, edge_decide};
     use super::*;

@@ -3,7 +3,7 @@
 
 use super::edge::{self, DECISIONS, EDGES, Edge};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::engine::shaders::edge_agree as shader;
 use crate::engine::vulkan::Variant;
 
@@ -40,14 +40,14 @@ impl Pass for Bindings {
         4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let decisions = cpu_reference(c, memory.layer(self.results, EDGES), memory.layer(self.results, DECISIONS));
         memory.set_layer(self.results, DECISIONS, decisions);
     }
 }
 
 /// The layer of the decisions after a pass.
-pub(crate) fn cpu_reference(c: &Constants, edges: &Field, decisions: &Field) -> Field {
+pub(crate) fn cpu_reference<N: Number>(c: &Constants, edges: &Raster<N>, decisions: &Raster<N>) -> Raster<N> {
     let (mut averaged, size) = (decisions.clone(), [c.width, c.height]);
     for cell in edge::all_cells(size) {
         let Some(edge) = Edge::of(edges, cell) else { continue };

@@ -7,7 +7,8 @@
 
 use super::edge::{self, BACKWARD, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels};
+use super::rows::{self, Rows};
+use super::{Number, Raster, pixels};
 use crate::engine::shaders::edge_apply as shader;
 use crate::engine::vulkan::Variant;
 
@@ -33,13 +34,17 @@ impl Pass for Bindings {
         4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let layer = |n| memory.layer(self.results, n);
         let outlines = OUTLINES.map(layer);
         let (v, deviation) = (memory.layer(self.v, 0), layer(1));
         let [v, deviation, sides] = cpu_reference(c, v, deviation, layer(EDGES), outlines, layer(DECISIONS));
         let masked =
-            Field::from_fn(v.width, v.height, |x, y| if deviation.get(x, y).is_nan() { f64::NAN } else { v.get(x, y) });
+            Raster::from_fn(
+                v.width,
+                v.height,
+                |x, y| if deviation.get(x, y).is_nan() { f64::NAN } else { v.get(x, y) },
+            );
         memory.set_layer(self.v, 0, v);
         memory.set_layer(self.results, 0, masked);
         memory.set_layer(self.results, 1, deviation);
@@ -48,20 +53,20 @@ impl Pass for Bindings {
 }
 
 /// V, its standard deviation, and the sides.
-pub(crate) fn cpu_reference(
+pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
-    v: &Field,
-    deviation: &Field,
-    edges: &Field,
-    outlines: [&Field; 2],
-    decisions: &Field,
-) -> [Field; 3] {
+    v: &Raster<N>,
+    deviation: &Raster<N>,
+    edges: &Raster<N>,
+    outlines: [&Raster<N>; 2],
+    decisions: &Raster<N>,
+) -> [Raster<N>; 3] {
     let size = [c.width, c.height];
-    let mut results = [v.clone(), deviation.clone(), Field::zeros(v.width, v.height)];
+    let mut results = [v.clone(), deviation.clone(), Raster::zeros(v.width, v.height)];
     let accepted: Vec<Option<(Edge, usize)>> =
         edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
     let [columns, rows] = edge::cells(size).map(|side| side as usize);
-    for (y, x) in (0..v.height).flat_map(|y| (0..v.width).map(move |x| (y, x))) {
+    let mixed = |x: usize, y: usize, results: [&mut N; 3]| {
         let own = [(x / edge::SIDE).min(columns - 1), (y / edge::SIDE).min(rows - 1)];
         let (mut sum, mut near, mut levels, mut deviations) = (0.0, 0.0, [0.0; 2], [0.0; 2]);
         let (mut nearest, mut near_in_front) = (f64::MAX, 0.0);
@@ -90,7 +95,7 @@ pub(crate) fn cpu_reference(
             }
         }
         if sum < 1e-3 {
-            continue;
+            return;
         }
         let p = near / sum;
         let [near, far] = levels.map(|level| level / sum);
@@ -99,20 +104,24 @@ pub(crate) fn cpu_reference(
         let share = fading.clamp(0.0, 1.0) * (sum / 0.3).min(1.0);
         let mixed =
             (p * (1.0 - p)).max(0.0).sqrt() * (near - far).abs() + p * near_deviation + (1.0 - p) * far_deviation;
-        let n = y * v.width + x;
-        results[0].data[n] += share * (p * near + (1.0 - p) * far - v.data[n]);
-        results[1].data[n] += share * (mixed - deviation.data[n]);
-        if near * far < 0.0 && !deviation.data[n].is_nan() {
+        let (before, deviation) = (v.get(x, y), deviation.get(x, y));
+        let now = before + share * (p * near + (1.0 - p) * far - before);
+        *results[0] = N::of(now);
+        *results[1] = N::of(deviation + share * (mixed - deviation));
+        if near * far < 0.0 && !deviation.is_nan() {
             // By the sign of V, as the fused image takes the photographs.
             let front = if near_in_front > 0.5 * sum { near } else { far };
-            results[2].data[n] = front.abs().copysign(results[0].data[n] * front);
+            *results[2] = N::of(front.abs().copysign(now * front));
         }
-    }
+    };
+    rows::map(results.each_mut().map(Rows::from), |y, [v, deviation, sides]| {
+        (0..v.len()).for_each(|x| mixed(x, y, [&mut v[x], &mut deviation[x], &mut sides[x]]));
+    });
     results
 }
 
 /// The order in which an outline is accepted: 0 with the near side in front, 1 with the far side.
-fn order(c: &Constants, decisions: &Field, cell: [usize; 2]) -> Option<usize> {
+fn order<N: Number>(c: &Constants, decisions: &Raster<N>, cell: [usize; 2]) -> Option<usize> {
     let at = |n: usize| edge::number(decisions, cell, c.decided as usize + n);
     let order = usize::from(at(4) < 0.0);
     (at(4).abs() > shader::ORDER
@@ -123,7 +132,7 @@ fn order(c: &Constants, decisions: &Field, cell: [usize; 2]) -> Option<usize> {
 }
 
 /// The probability that a place is in front that is `inside` px inside of where V is halfway.
-fn in_front(outlines: &Field, cell: [usize; 2], inside: f64) -> f64 {
+fn in_front<N: Number>(outlines: &Raster<N>, cell: [usize; 2], inside: f64) -> f64 {
     let place = (inside + BACKWARD as f64 + 1.0).clamp(0.0, DISPLACEMENTS as f64);
     let n = place as usize;
     let below = if n == 0 { 0.0 } else { edge::number(outlines, cell, n - 1) };
@@ -132,6 +141,7 @@ fn in_front(outlines: &Field, cell: [usize; 2], inside: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::edge::testing::{layers, solved};
     use super::super::harness::{Input, Trial};
     use super::*;

@@ -6,7 +6,7 @@
 
 use super::edge::{self, EDGES, Edge, SIDE, all_cells, between};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::engine::shaders::edge_cells as shader;
 use crate::engine::vulkan::Variant;
 
@@ -35,7 +35,7 @@ impl Pass for Bindings {
         8 * pixels(c.width, c.height) + 4 * pixels(c.width, c.height) / (SIDE * SIDE) as u64
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let edges = cpu_reference([c.width, c.height], memory.layer(self.v, 0), memory.layer(self.results, 1));
         if all_cells([c.width, c.height]).any(|cell| Edge::of(&edges, cell).is_some()) {
             let words = &mut memory.words_mut(self.arguments)[c.argument_place as usize..];
@@ -49,8 +49,8 @@ impl Pass for Bindings {
 }
 
 /// The edges of all cells.
-pub(crate) fn cpu_reference(size: [u32; 2], v: &Field, deviation: &Field) -> Field {
-    let mut edges = Field::zeros(v.width, v.height);
+pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], v: &Raster<N>, deviation: &Raster<N>) -> Raster<N> {
+    let mut edges = Raster::zeros(v.width, v.height);
     for cell in all_cells(size) {
         if let Some(edge) = edge_of(v, deviation, cell) {
             edge::set(&mut edges, cell, 0, &edge.numbers());
@@ -59,7 +59,7 @@ pub(crate) fn cpu_reference(size: [u32; 2], v: &Field, deviation: &Field) -> Fie
     edges
 }
 
-fn edge_of(v: &Field, deviation: &Field, cell: [usize; 2]) -> Option<Edge> {
+fn edge_of<N: Number>(v: &Raster<N>, deviation: &Raster<N>, cell: [usize; 2]) -> Option<Edge> {
     let corner = cell.map(|c| (SIDE * c) as isize);
     // Ranges of V, of every other pixel.
     let (mut outer, mut inner, mut least) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN], f64::MAX);
@@ -113,7 +113,14 @@ fn edge_of(v: &Field, deviation: &Field, cell: [usize; 2]) -> Option<Edge> {
 }
 
 /// The means of V and of its deviation on the near (1) or far (-1) side, along the normal until V is halfway.
-fn level(v: &Field, deviation: &Field, place: [f64; 2], normal: [f64; 2], halfway: f64, side: f64) -> Option<[f64; 2]> {
+fn level<N: Number>(
+    v: &Raster<N>,
+    deviation: &Raster<N>,
+    place: [f64; 2],
+    normal: [f64; 2],
+    halfway: f64,
+    side: f64,
+) -> Option<[f64; 2]> {
     let first = if side > 0.0 { 4 } else { 5 };
     let (mut sums, mut sum, mut count) = ([0.0; 2], 0.0, 0);
     for k in (first..=shader::FARTHEST).map(f64::from) {
@@ -131,6 +138,7 @@ fn level(v: &Field, deviation: &Field, place: [f64; 2], normal: [f64; 2], halfwa
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::edge::testing::{count, solved};
     use super::super::harness::{Input, Trial, random_field};
     use super::*;

@@ -14,7 +14,8 @@
 use super::edge::{self, BACKWARD, BEFORE, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_COSTS, between};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
+use crate::base::workers;
 use crate::engine::shaders::edge_costs as shader;
 use crate::engine::vulkan::Variant;
 
@@ -48,7 +49,7 @@ impl Pass for Bindings {
         4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let photographs = [memory.layer(self.i1, 0), memory.layer(self.i2, 0)];
         let (v, edges) = (memory.layer(self.v, 0), memory.layer(self.results, EDGES));
         let [costs, reversed] = cpu_reference(c, memory.state(self.state), photographs, v, edges);
@@ -70,17 +71,19 @@ type Profile = [[f64; ALONG]; ROWS];
 type Lines = [[f64; ALONG]; LINES];
 
 /// The layers of the costs in both orders.
-pub(crate) fn cpu_reference(
+pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
     state: &DoubleState,
-    [i1, i2]: [&Field; 2],
-    v: &Field,
-    edges: &Field,
-) -> [Field; 2] {
-    let mut layers = [Field::zeros(v.width, v.height), Field::zeros(v.width, v.height)];
-    for cell in edge::all_cells([c.width, c.height]) {
-        let Some(edge) = Edge::of(edges, cell) else { continue };
-        let profiles = profiles(c, state, [i1, i2], &edge);
+    [i1, i2]: [&Raster<N>; 2],
+    v: &Raster<N>,
+    edges: &Raster<N>,
+) -> [Raster<N>; 2] {
+    let found: Vec<_> = edge::all_cells([c.width, c.height])
+        .filter_map(|cell| Edge::of(edges, cell).map(|edge| (cell, edge)))
+        .collect();
+    let costs = |n: usize| {
+        let (_, edge) = &found[n];
+        let profiles = profiles(c, state, [i1, i2], edge);
         let near_in = &profiles[usize::from(edge.levels[0] <= 0.0)];
         let samples = || near_in[REACH..REACH + LINES].iter().flatten();
         let average = samples().sum::<f64>() / (LINES * ALONG) as f64;
@@ -89,9 +92,13 @@ pub(crate) fn cpu_reference(
         let terms = Terms { average, least };
         let [near, far] = edge.levels;
         let seen_from_behind = profiles.map(|profile| reversed(&profile));
-        edge::set(&mut layers[0], cell, 0, &terms.costs(&profiles, [near, far]));
-        edge::set(&mut layers[1], cell, 0, &terms.costs(&seen_from_behind, [far, near]));
-        edge::set(&mut layers[0], cell, BEFORE, &[terms.cost_before(&profiles, &edge, v)]);
+        let both = [terms.costs(&profiles, [near, far]), terms.costs(&seen_from_behind, [far, near])];
+        (both, terms.cost_before(&profiles, edge, v))
+    };
+    let mut layers = [Raster::zeros(v.width, v.height), Raster::zeros(v.width, v.height)];
+    for ((both, before), (cell, _)) in workers::map(found.len(), costs).into_iter().zip(&found) {
+        both.iter().zip(&mut layers).for_each(|(costs, layer)| edge::set(layer, *cell, 0, costs));
+        edge::set(&mut layers[0], *cell, BEFORE, &[before]);
     }
     layers
 }
@@ -104,7 +111,7 @@ fn place_on(edge: &Edge, line: f64, k: usize) -> [f64; 2] {
 }
 
 /// Samples of I1, and of I2 on I1's pixels with I1's brightness.
-fn profiles(c: &Constants, state: &DoubleState, [i1, i2]: [&Field; 2], edge: &Edge) -> [Profile; 2] {
+fn profiles<N: Number>(c: &Constants, state: &DoubleState, [i1, i2]: [&Raster<N>; 2], edge: &Edge) -> [Profile; 2] {
     let (r, centre) = (&state.registration, c.centre.map(f64::from));
     let last = [i1.width as f64 - 1.0, i1.height as f64 - 1.0];
     let inside = |x: [f64; 2]| [0, 1].map(|i| x[i].clamp(0.0, last[i]));
@@ -275,7 +282,7 @@ impl Terms {
     ///
     /// S is that of a Gaussian, as in the costs of outlines: that of the solve is less, since it knows the kernel better.
     /// Across the normal the blur is that of the side's V.
-    fn cost_before(&self, profiles: &[Profile; 2], edge: &Edge, v: &Field) -> f64 {
+    fn cost_before<N: Number>(&self, profiles: &[Profile; 2], edge: &Edge, v: &Raster<N>) -> f64 {
         let images = edge.levels.map(|level| usize::from(level <= 0.0));
         let opposite = images[0] != images[1];
         let sides = [0, 1].map(|side| {
@@ -312,6 +319,7 @@ pub(super) fn constants([width, height]: [u32; 2]) -> Constants {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::edge::testing::{count, layers};
     use super::super::harness::{Input, Trial, random_field, smooth_field};
     use super::super::state::{Registration, State};

@@ -9,7 +9,7 @@
 
 use super::edge::{self, BEFORE, COSTS, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, REVERSED_COSTS};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::engine::shaders::edge_decide as shader;
 use crate::engine::vulkan::Variant;
 
@@ -32,7 +32,7 @@ impl Pass for Bindings {
         4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let layer = |n| memory.layer(self.results, n);
         let [near, far, decisions] =
             cpu_reference([c.width, c.height], [layer(COSTS), layer(REVERSED_COSTS)], layer(EDGES));
@@ -43,8 +43,8 @@ impl Pass for Bindings {
 }
 
 /// The layers of the distributions, by order, and of the decisions.
-pub(crate) fn cpu_reference(size: [u32; 2], costs: [&Field; 2], edges: &Field) -> [Field; 3] {
-    let mut layers = [(); 3].map(|()| Field::zeros(edges.width, edges.height));
+pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], costs: [&Raster<N>; 2], edges: &Raster<N>) -> [Raster<N>; 3] {
+    let mut layers = [(); 3].map(|()| Raster::zeros(edges.width, edges.height));
     for cell in edge::all_cells(size) {
         let Some(edge) = Edge::of(edges, cell) else { continue };
         let (mut mean, mut before, mut sum, mut length) = ([[0.0; DISPLACEMENTS]; 2], 0.0, 0.0, 0.0);

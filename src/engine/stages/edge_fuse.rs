@@ -9,7 +9,7 @@
 use super::edge::SIDES;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::Registration;
-use super::{Field, fuse, pixels};
+use super::{Number, Raster, fuse, pixels};
 use crate::base::Shading;
 use crate::engine::shaders::edge_fuse as shader;
 use crate::engine::vulkan::Variant;
@@ -43,7 +43,7 @@ impl Pass for Bindings {
         4 * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let (state, layer) = (memory.state(self.state), c.layer as usize);
         let fused = cpu_reference(
             c,
@@ -57,14 +57,14 @@ impl Pass for Bindings {
 }
 
 /// The channel of the fused image.
-pub(crate) fn cpu_reference(
+pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
     state: (&Registration, &Shading),
-    photographs: [&Field; 2],
-    v: &Field,
-    [sides, fused]: [&Field; 2],
-) -> Field {
-    Field::from_fn(fused.width, fused.height, |x, y| {
+    photographs: [&Raster<N>; 2],
+    v: &Raster<N>,
+    [sides, fused]: [&Raster<N>; 2],
+) -> Raster<N> {
+    Raster::from_fn(fused.width, fused.height, |x, y| {
         let variance = -sides.get(x, y);
         if variance <= 0.0 {
             return fused.get(x, y);
@@ -95,6 +95,7 @@ pub(crate) fn cpu_reference(
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, random_field};
     use super::super::state::State;
     use super::*;

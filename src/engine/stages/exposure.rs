@@ -19,7 +19,7 @@ use nalgebra::{DMatrix, DVector};
 use super::blur_matched_pair::LAYERS;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::base::{Shading, brightness};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -98,7 +98,7 @@ impl Pass for Bindings {
         4 * u64::from(LAYERS) * pixels(c.width, c.height) / (4 * u64::from(c.every).pow(2))
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let mut state = memory.state(self.state).clone();
         cpu_reference(c, &mut state, std::array::from_fn(|n| memory.layer(self.pair, n)));
         *memory.state_mut(self.state) = state;
@@ -115,7 +115,7 @@ struct Sample {
 }
 
 /// Matches gain, offset and shading in place, and measures the correlation.
-pub fn cpu_reference(c: &Constants, state: &mut DoubleState, sides: [&Field; LAYERS as usize]) {
+pub fn cpu_reference<N: Number>(c: &Constants, state: &mut DoubleState, sides: [&Raster<N>; LAYERS as usize]) {
     let samples = samples(c, state, sides);
     match_moments(c, state, &samples);
     if c.adopt == Adopt::Shading as u32 && state.correlation > 0.5 {
@@ -123,7 +123,7 @@ pub fn cpu_reference(c: &Constants, state: &mut DoubleState, sides: [&Field; LAY
     }
 }
 
-fn samples(c: &Constants, state: &DoubleState, sides: [&Field; LAYERS as usize]) -> Vec<Sample> {
+fn samples<N: Number>(c: &Constants, state: &DoubleState, sides: [&Raster<N>; LAYERS as usize]) -> Vec<Sample> {
     let centre = c.centre.map(f64::from);
     let (every, size) = (c.every as usize, [c.width, c.height].map(|side| side as usize));
     let along = |side: usize| (0..side.div_ceil(2 * every)).map(move |n| n * every);
@@ -215,6 +215,7 @@ fn least_squares(samples: &[Sample], known: &[[f64; 2]], weights: &[f64]) -> DVe
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, smooth_field};
     use super::super::state::{Registration, State};
     use super::*;

@@ -6,7 +6,7 @@
 use super::blur::heaviside;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, from_centre, inside};
-use super::{Field, pixels, spline};
+use super::{Number, Raster, pixels, spline};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
@@ -40,7 +40,7 @@ impl Pass for Bindings {
         16 * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
         let channel1 = memory.layer(self.channel1, 0);
         let fused = cpu_reference(
@@ -55,14 +55,14 @@ impl Pass for Bindings {
 }
 
 /// The fused channel.
-pub fn cpu_reference(
+pub fn cpu_reference<N: Number>(
     c: &Constants,
     state: (&Registration, &Shading),
-    channel1: &Field,
-    coefficients2: &Field,
-    v: &Field,
-) -> Field {
-    Field::from_fn(v.width, v.height, |x, y| {
+    channel1: &Raster<N>,
+    coefficients2: &Raster<N>,
+    v: &Raster<N>,
+) -> Raster<N> {
+    Raster::from_fn(v.width, v.height, |x, y| {
         let [i1, j] = photographs(state, c.centre, [channel1, coefficients2], [x, y]);
         let h = heaviside(v.get(x, y), c.epsilon.into());
         h * i1 + (1.0 - h) * j
@@ -71,10 +71,10 @@ pub fn cpu_reference(
 
 /// A channel of I1 and J at a pixel, from that of I1 and the spline coefficients of I2. Where I2 does not reach, both are I1.
 /// The CPU reference of `glsl/include/fuse.glsl`.
-pub(super) fn photographs(
+pub(super) fn photographs<N: Number>(
     (r, shading): (&Registration, &Shading),
     centre: [f32; 2],
-    [channel1, coefficients2]: [&Field; 2],
+    [channel1, coefficients2]: [&Raster<N>; 2],
     [x, y]: [usize; 2],
 ) -> [f64; 2] {
     let (size, centre) = ([channel1.width, channel1.height], centre.map(f64::from));

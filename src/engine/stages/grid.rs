@@ -5,7 +5,9 @@
 //! is 0, so that r itself is the residual. Then dV is relaxed on the coarsest grid, and a few times on each finer one,
 //! starting from the coarser one's. Section 4 of `docs/method.md`; `glsl/include/grid.glsl`.
 
-use super::Field;
+use std::borrow::Cow;
+
+use super::Number;
 
 /// A grid has at least this many cells along its short side, unless its level has fewer pixels than twice as many.
 const LEAST_SIDE: u32 = 8;
@@ -42,91 +44,89 @@ pub(crate) fn cells(level: [u32; 2]) -> u64 {
     grids(level).iter().map(|grid| super::pixels(grid.size[0], grid.size[1])).sum()
 }
 
-/// The system of a grid.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Grid {
-    /// D.
-    pub d: Field,
-    /// r.
-    pub r: Field,
-    /// Weights of the right neighbours, 0 in the last column.
-    pub right: Field,
-    /// Weights of the lower neighbours, 0 in the last row.
-    pub below: Field,
+/// The numbers of a cell: D, r, and the weights of the right and of the lower neighbour, 0 across the border.
+pub type Cell<N> = [N; FLOATS];
+
+/// The system of a grid, as it is stored.
+#[derive(Clone, Debug)]
+pub struct Grid<'a, N: Number = f64> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row by row.
+    pub cells: Cow<'a, [Cell<N>]>,
 }
 
-impl Grid {
-    /// From floats as they are stored.
-    pub(crate) fn of(numbers: &[f64], [width, height]: [u32; 2]) -> Self {
+impl<'a, N: Number> Grid<'a, N> {
+    /// The grid whose numbers begin at cell `first`.
+    pub(crate) fn of(numbers: &'a [N], first: usize, [width, height]: [u32; 2]) -> Self {
         let (width, height) = (width as usize, height as usize);
-        let field = |n: usize| Field::from_fn(width, height, |x, y| numbers[FLOATS * (y * width + x) + n]);
-        Self { d: field(0), r: field(1), right: field(2), below: field(3) }
-    }
-
-    /// The floats that are stored.
-    pub(crate) fn numbers(&self) -> Vec<f64> {
-        let fields = [&self.d, &self.r, &self.right, &self.below];
-        (0..self.d.data.len()).flat_map(|i| fields.map(|field| field.data[i])).collect()
+        Self { width, height, cells: numbers.as_chunks().0[first..][..width * height].into() }
     }
 
     /// Two by two cells make one. D and r add up. A link across the border is as wide as two, and twice as long.
-    pub fn halved(&self) -> Self {
-        let (width, height) = (self.d.width.div_ceil(2), self.d.height.div_ceil(2));
-        let mut coarse = [(); FLOATS].map(|()| Field::zeros(width, height));
-        for y in 0..self.d.height {
-            for x in 0..self.d.width {
-                let (i, k) = (y * self.d.width + x, y / 2 * width + x / 2);
-                coarse[0].data[k] += self.d.data[i];
-                coarse[1].data[k] += self.r.data[i];
-                coarse[2].data[k] += if x % 2 == 1 { 0.5 * self.right.data[i] } else { 0.0 };
-                coarse[3].data[k] += if y % 2 == 1 { 0.5 * self.below.data[i] } else { 0.0 };
+    pub fn halved(&self) -> Grid<'static, N> {
+        let (width, height, half) = (self.width.div_ceil(2), self.height.div_ceil(2), N::of(0.5));
+        let mut coarse = vec![[N::default(); FLOATS]; width * height];
+        for (y, row) in self.cells.chunks_exact(self.width).enumerate() {
+            let coarse = &mut coarse[y / 2 * width..][..width];
+            for (x, [d, r, right, below]) in row.iter().enumerate() {
+                let cell = &mut coarse[x / 2];
+                cell[0] += *d;
+                cell[1] += *r;
+                cell[2] += if x % 2 == 1 { half * *right } else { N::default() };
+                cell[3] += if y % 2 == 1 { half * *below } else { N::default() };
             }
         }
-        let [d, r, right, below] = coarse;
-        Self { d, r, right, below }
+        Grid { width, height, cells: coarse.into() }
     }
 
-    /// Relaxes the cells of one color: 0 red, x + y even; 1 black.
-    pub fn relax(&self, dv: &mut Field, color: usize, over_relaxation: f64) {
-        let (width, height) = (dv.width, dv.height);
+    /// Relaxes the cells of one color of dV: 0 red, x + y even; 1 black.
+    pub fn relax(&self, dv: &mut [N], color: usize, over_relaxation: f64) {
+        let [over_relaxation, least] = [over_relaxation, 1e-12].map(N::of);
+        let (width, height) = (self.width, self.height);
         for y in 0..height {
             for x in ((y + color) & 1..width).step_by(2) {
                 let i = y * width + x;
-                let (mut sum, mut diagonal) = (self.r.data[i], self.d.data[i]);
-                let mut link = |weight: f64, n: usize| {
-                    sum += weight * dv.data[n];
+                let [d, r, right, below] = self.cells[i];
+                let (mut sum, mut diagonal) = (r, d);
+                let mut link = |weight: N, n: usize| {
+                    sum += weight * dv[n];
                     diagonal += weight;
                 };
                 if x + 1 < width {
-                    link(self.right.data[i], i + 1);
+                    link(right, i + 1);
                 }
                 if x > 0 {
-                    link(self.right.data[i - 1], i - 1);
+                    link(self.cells[i - 1][2], i - 1);
                 }
                 if y + 1 < height {
-                    link(self.below.data[i], i + width);
+                    link(below, i + width);
                 }
                 if y > 0 {
-                    link(self.below.data[i - width], i - width);
+                    link(self.cells[i - width][3], i - width);
                 }
-                dv.data[i] += over_relaxation * (sum / diagonal.max(1e-12) - dv.data[i]);
+                dv[i] = dv[i] + over_relaxation * (sum / diagonal.max(least) - dv[i]);
             }
         }
     }
 }
 
-/// dV of a grid or level before its first relaxation sweep: that of the next coarser grid.
-pub fn prolonged(coarse: &Field, width: usize, height: usize) -> Field {
-    Field::from_fn(width, height, |x, y| coarse.get(x / 2, y / 2))
+/// dV of a grid before its first relaxation sweep: that of the next coarser grid.
+pub fn prolonged<N: Number>(coarse: &[N], [width, height]: [usize; 2]) -> Vec<N> {
+    let columns = width.div_ceil(2);
+    (0..height).flat_map(|y| (0..width).map(move |x| coarse[y / 2 * columns + x / 2])).collect()
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use super::super::Field;
     use super::super::harness::random_field;
     use super::*;
 
     /// A grid with random D, r and weights, and flat regions: half of the cells have no D.
-    pub(crate) fn random_grid([width, height]: [u32; 2], seed: u64) -> Grid {
+    pub(crate) fn random_grid([width, height]: [u32; 2], seed: u64) -> Grid<'static> {
         let (width, height) = (width as usize, height as usize);
         let [mut d, mut r, right, below] = [1, 2, 3, 4].map(|n| random_field(width, height, 10 * seed + n));
         d.data.iter_mut().for_each(|d| *d = if *d < 0.5 { 0.0 } else { *d });
@@ -137,7 +137,13 @@ pub(crate) mod tests {
                     if x + dx < width && y + dy < height { 0.1 + field.get(x, y) } else { 0.0 }
                 })
             };
-        Grid { d, r, right: inside(right, 1, 0), below: inside(below, 0, 1) }
+        of_parts([&d, &r, &inside(right, 1, 0), &inside(below, 0, 1)])
+    }
+
+    /// A grid by D, r, and the weights of the right and of the lower neighbours.
+    pub(crate) fn of_parts(parts: [&Field; FLOATS]) -> Grid<'static> {
+        let cells = (0..parts[0].data.len()).map(|i| parts.map(|part| part.data[i])).collect::<Vec<_>>();
+        Grid { width: parts[0].width, height: parts[0].height, cells: cells.into() }
     }
 
     #[test]
@@ -155,10 +161,10 @@ pub(crate) mod tests {
     fn a_halved_grid_keeps_sums_and_even_links() {
         let grid = random_grid([38, 21], 3);
         let coarse = grid.halved();
-        let sum = |field: &Field| field.data.iter().sum::<f64>();
-        assert!((sum(&grid.d) - sum(&coarse.d)).abs() < 1e-9 && (sum(&grid.r) - sum(&coarse.r)).abs() < 1e-9);
-        let ones = Field::from_fn(32, 32, |x, _| if x < 31 { 1.0 } else { 0.0 });
-        let even = Grid { right: ones, ..random_grid([32, 32], 1) };
-        assert_eq!(even.halved().right.get(3, 3), 1.0);
+        let sum = |grid: &Grid, n: usize| grid.cells.iter().map(|cell| cell[n]).sum::<f64>();
+        assert!((0..2).all(|n| (sum(&grid, n) - sum(&coarse, n)).abs() < 1e-9));
+        let mut even = random_grid([32, 32], 1);
+        even.cells.to_mut().iter_mut().enumerate().for_each(|(i, cell)| cell[2] = if i % 32 < 31 { 1.0 } else { 0.0 });
+        assert_eq!(even.halved().cells[3 * 16 + 3][2], 1.0);
     }
 }

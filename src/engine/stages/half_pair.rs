@@ -21,9 +21,10 @@
 //! f, px², is the correlation of noise that pixel and low pass leave. Section 11 of `docs/method.md`.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::rows::{self, Rows};
 use super::stack::{self, Slopes};
-use super::sums::Sums;
-use super::{Field, WORKGROUP, pixels};
+use super::sums::{Layout, Line};
+use super::{Number, Raster, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -109,48 +110,38 @@ impl Pass for Bindings {
         40 * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let size = [c.width as usize, c.height as usize];
+        let mut system = [0, 1, 2, 3].map(|layer| memory.take_layer(self.equations, layer));
+        system
+            .iter_mut()
+            .filter(|layer| layer.data.is_empty())
+            .for_each(|layer| *layer = Raster::zeros(size[0], size[1]));
         let nodes = &memory.layers(self.stacks)[..c.nodes as usize * slopes(variant).layers()];
-        let other = memory.layer(self.aligned, c.other as usize);
-        let hidden = memory.words(self.hidden);
-        let Contribution { system, sums } =
-            cpu_reference(c, variant, memory.layer(self.focus, 0), nodes, other, hidden);
-        for (layer, contribution) in system.into_iter().enumerate() {
-            let sum = memory.layer_mut(self.equations, layer);
-            if sum.data.is_empty() {
-                *sum = contribution;
-            } else {
-                sum.data.iter_mut().zip(contribution.data).for_each(|(sum, contribution)| *sum += contribution);
-            }
-        }
-        memory.set_sums(self.partials, sums);
+        let (focus, other) = (memory.layer(self.focus, 0), memory.layer(self.aligned, c.other as usize));
+        let sums = cpu_reference(c, variant, focus, nodes, other, memory.words(self.hidden), &mut system);
+        system.into_iter().enumerate().for_each(|(layer, field)| memory.set_layer(self.equations, layer, field));
+        let first = sums.len() * c.row as usize;
+        let rows = &mut memory.numbers_mut(self.partials, first + sums.len())[first..];
+        rows.iter_mut().zip(sums).for_each(|(number, sum)| *number = N::of(sum));
     }
-}
-
-/// The contribution of a pair.
-pub struct Contribution {
-    /// D, b, q; or D, b and two of noise.
-    pub system: [Field; LAYERS as usize],
-    /// The sums of its registration.
-    pub sums: Sums,
 }
 
 fn slopes(variant: Variant) -> Slopes {
     if variant[0] { Slopes::Layers } else { Slopes::Laplacian }
 }
 
-/// The contribution of each pixel.
-pub fn cpu_reference(
+/// Adds the contribution of each pixel to the system: D, b, q; or D, b and two of noise. Returns a row of partial sums
+/// of the registration.
+pub fn cpu_reference<N: Number>(
     c: &Constants,
     variant: Variant,
-    focus: &Field,
-    stack: &[Field],
-    other: &Field,
+    focus: &Raster<N>,
+    stack: &[Raster<N>],
+    other: &Raster<N>,
     hidden: &[u32],
-) -> Contribution {
-    let (width, height) = (c.width as usize, c.height as usize);
-    let mut contribution =
-        Contribution { system: std::array::from_fn(|_| Field::zeros(width, height)), sums: Sums::default() };
+    system: &mut [Raster<N>; LAYERS as usize],
+) -> Vec<f64> {
     let [left, top, right, bottom] = c.shown.map(f64::from);
     let shows = |[x, y]: [usize; 2], reach: f64| {
         let (x, y) = (x as f64, y as f64);
@@ -161,47 +152,59 @@ pub fn cpu_reference(
     };
     let [rate, grain, eta, limit, far] = [c.rate, c.grain, c.eta, c.limit, c.far].map(f64::from);
     let settings = [c.own_setting, c.other_setting].map(f64::from);
-    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
-        let away = settings.map(|p| p - focus.get(x, y));
-        let (v, before) = (rate * (away[1].powi(2) - away[0].powi(2)), rate * away[0].powi(2));
-        if !(v > 0.0 && v < limit && before <= far && shows([x, y], 3.0 * v.sqrt() + FILTERED)) {
-            continue;
+    let lines = rows::map(system.each_mut().map(Rows::from), |y, mut system| {
+        let mut line = Line::default();
+        for x in 0..focus.width {
+            let away = settings.map(|p| p - focus.get(x, y));
+            let (v, before) = (rate * (away[1].powi(2) - away[0].powi(2)), rate * away[0].powi(2));
+            if !(v > 0.0 && v < limit && before <= far && shows([x, y], 3.0 * v.sqrt() + FILTERED)) {
+                continue;
+            }
+            if [c.own, c.other].iter().any(|&frame| hides(y * focus.width + x, frame)) {
+                continue;
+            }
+            let blurred = match slopes(variant) {
+                Slopes::Laplacian => stack::read_near(stack, v, [x, y], [0.0; 2]),
+                Slopes::Layers => stack::read(stack, Slopes::Layers, v, x as f64, y as f64),
+            };
+            let (n, slope) = (1.0 + grain / (grain + v), -grain / (grain + v).powi(2));
+            let root = 1.0 / n.sqrt();
+            let left = blurred.value - other.get(x, y);
+            let (s, by_v) = (root * left, root * (blurred.slope - 0.5 * left * slope / n));
+            let v_by_u = -2.0 * rate * (settings[1] - settings[0]);
+            let (by_u, by_rate) = (v_by_u * by_v, by_v * v);
+            // A frame that is far out of focus has little texture left: mostly noise.
+            let share = 1.0 / (1.0 + 4.0 * (before - limit).max(0.0) / limit);
+            let w = share / (s * s + eta * eta).sqrt();
+            let [jx, jy] = [blurred.dx, blurred.dy].map(|d| -root * d);
+            line.valid += share;
+            let rest = if variant[1] {
+                let of_noise = 0.5 * grain / (n * (grain + v).powi(3)) * v_by_u.powi(2);
+                [of_noise, of_noise * s * s * (1.0 + 0.5 * (s / eta).powi(2).ln_1p())]
+            } else {
+                let place = (x as f64 - f64::from(c.centre[0])) / f64::from(c.length);
+                line.add([w * jx * jx, w * jx * jy, w * jy * jy], [w * s * jx, w * s * jy], place);
+                line.energy += w * s * s;
+                line.roughness[0] += w * by_rate * by_rate;
+                line.roughness[1] += w * by_rate * s;
+                [by_u * by_rate, 0.0]
+            };
+            let terms = [by_u * by_u, -by_u * s, rest[0], rest[1]];
+            system.iter_mut().zip(terms).for_each(|(row, term)| row[x] += N::of(w * term));
         }
-        if [c.own, c.other].iter().any(|&frame| hides(y * width + x, frame)) {
-            continue;
-        }
-        let blurred = stack::read(stack, slopes(variant), v, x as f64, y as f64);
-        let (n, slope) = (1.0 + grain / (grain + v), -grain / (grain + v).powi(2));
-        let root = 1.0 / n.sqrt();
-        let left = blurred.value - other.get(x, y);
-        let (s, by_v) = (root * left, root * (blurred.slope - 0.5 * left * slope / n));
-        let v_by_u = -2.0 * rate * (settings[1] - settings[0]);
-        let (by_u, by_rate) = (v_by_u * by_v, by_v * v);
-        // A frame that is far out of focus has little texture left: mostly noise.
-        let share = 1.0 / (1.0 + 4.0 * (before - limit).max(0.0) / limit);
-        let w = share / (s * s + eta * eta).sqrt();
-        let [jx, jy] = [blurred.dx, blurred.dy].map(|d| -root * d);
-        let place = [0, 1].map(|i| ([x, y][i] as f64 - f64::from(c.centre[i])) / f64::from(c.length));
-        contribution.sums.valid += share;
-        let rest = if variant[1] {
-            let of_noise = 0.5 * grain / (n * (grain + v).powi(3)) * v_by_u.powi(2);
-            [of_noise, of_noise * s * s * (1.0 + 0.5 * (s / eta).powi(2).ln_1p())]
-        } else {
-            contribution.sums.add([w * jx * jx, w * jx * jy, w * jy * jy], [w * s * jx, w * s * jy], place);
-            contribution.sums.energy += w * s * s;
-            contribution.sums.roughness[0] += w * by_rate * by_rate;
-            contribution.sums.roughness[1] += w * by_rate * s;
-            [by_u * by_rate, 0.0]
-        };
-        for (layer, value) in [by_u * by_u, -by_u * s, rest[0], rest[1]].into_iter().enumerate() {
-            contribution.system[layer].data[y * width + x] = w * value;
-        }
+        line
+    });
+    let layout = Layout::of_variant(variant);
+    let mut sums = vec![0.0; layout.length];
+    for (y, line) in lines.iter().enumerate() {
+        line.add_to(&mut sums, (y as f64 - f64::from(c.centre[1])) / f64::from(c.length), layout);
     }
-    contribution
+    sums
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
     use super::super::sums::{Layout, assert_close};
     use super::*;

@@ -2,7 +2,7 @@
 
 use super::grid::{FLOATS, Grid, halved};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::pixels;
+use super::{Number, pixels};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -29,16 +29,15 @@ impl Pass for Bindings {
         4 * FLOATS as u64 * (pixels(c.width, c.height) + pixels(width, height))
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let [first, next] = [c.first, c.next].map(|cell| FLOATS * cell as usize);
-        let fine = Grid::of(&memory.numbers(self.equations)[first..], [c.width, c.height]);
-        let coarse = cpu_reference(&fine).numbers();
-        memory.numbers_mut(self.equations, next + coarse.len())[next..][..coarse.len()].copy_from_slice(&coarse);
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+        let coarse = cpu_reference(&Grid::of(memory.numbers(self.equations), c.first as usize, [c.width, c.height]));
+        let (numbers, next) = (coarse.cells.as_flattened(), FLOATS * c.next as usize);
+        memory.numbers_mut(self.equations, next + numbers.len())[next..][..numbers.len()].copy_from_slice(numbers);
     }
 }
 
 /// The system of the next coarser grid.
-pub fn cpu_reference(fine: &Grid) -> Grid {
+pub fn cpu_reference<N: Number>(fine: &Grid<N>) -> Grid<'static, N> {
     fine.halved()
 }
 
@@ -56,12 +55,12 @@ mod tests {
             let [columns, rows] = halved([width, height]);
             let c = Constants { width, height, first: 0, next: width * height };
             let rig = Rig::new();
-            let mut numbers: Vec<f32> = grid.numbers().iter().map(|&v| v as f32).collect();
+            let mut numbers: Vec<f32> = grid.cells.iter().flatten().map(|&v| v as f32).collect();
             numbers.resize(numbers.len() + FLOATS * (columns * rows) as usize, f32::NAN);
             let buffer = rig.upload(bytemuck::cast_slice(&numbers));
             rig.run(&STAGE, &[Resource::Buffer(&buffer)], &c, [columns, rows]);
-            let (actual, expected) = (rig.floats(&buffer), cpu_reference(&grid).numbers());
-            for (f, e) in actual[FLOATS * c.next as usize..].iter().zip(&expected) {
+            let (actual, expected) = (rig.floats(&buffer), cpu_reference(&grid));
+            for (f, e) in actual[FLOATS * c.next as usize..].iter().zip(expected.cells.iter().flatten()) {
                 assert!((f64::from(*f) - e).abs() < 1e-5, "{f}, not {e}");
             }
         }

@@ -20,7 +20,7 @@ use crate::engine::{EngineOptions, filter};
 /// The device that PARFOCAL_DEVICE names, or the default one, with validation unless PARFOCAL_VALIDATE is 0.
 pub(crate) fn options() -> EngineOptions {
     EngineOptions {
-        device: std::env::var("PARFOCAL_DEVICE").ok(),
+        device: std::env::var("PARFOCAL_DEVICE").ok().or(Some("vulkan".into())),
         validation: std::env::var("PARFOCAL_VALIDATE").as_deref() != Ok("0"),
         ..EngineOptions::default()
     }
@@ -59,7 +59,7 @@ pub(crate) struct Rig {
 static SHARED: LazyLock<Arc<Device>> = LazyLock::new(open);
 
 fn open() -> Arc<Device> {
-    crate::engine::open(&options()).unwrap()
+    crate::engine::open(&options()).unwrap().as_vulkan().expect("a Vulkan device").clone()
 }
 
 impl Rig {
@@ -242,10 +242,10 @@ pub(crate) enum Input<'a> {
 }
 
 /// The slots after a pass, by its CPU reference and on a device, numbered as the shader binds them.
-pub(crate) struct Trial<'a> {
+pub(crate) struct Trial {
     rig: Rig,
     stage: &'static Stage,
-    expected: Memory<'a>,
+    expected: Memory<f64>,
     images: BTreeMap<usize, Arc<Image>>,
     buffers: BTreeMap<usize, Arc<Buffer>>,
 }
@@ -254,16 +254,15 @@ fn slot(n: usize) -> Slot {
     Slot::Frames { level: n }
 }
 
-impl<'a> Trial<'a> {
+impl Trial {
     /// Runs a pass on slots with these contents, in the shader's order: `groups` workgroups on the device.
     pub(crate) fn run<P: Pass>(
-        inputs: &[Input<'a>],
+        inputs: &[Input<'_>],
         constants: &P::Constants,
         variant: Variant,
         groups: [u32; 3],
     ) -> Self {
-        static NONE: LazyLock<Frame> = LazyLock::new(|| Frame::gray(1, 1, vec![0.0]).unwrap());
-        let mut memory = Memory::new([&NONE; 2], None, DoubleState::default());
+        let mut memory = Memory::new();
         for (n, input) in inputs.iter().enumerate() {
             match input {
                 Input::Unread => {}
@@ -271,8 +270,10 @@ impl<'a> Trial<'a> {
                 Input::Numbers(numbers) => drop(memory.numbers.insert(slot(n), numbers.to_vec())),
                 Input::Words(words) => drop(memory.words.insert(slot(n), words.to_vec())),
                 Input::State(state) => drop(memory.states.insert(slot(n), (*state).into())),
-                Input::Photograph(frame) => memory.photographs = [frame; 2],
-                Input::Mask(mask) => memory.mask = Some(mask),
+                Input::Photograph(frame) => {
+                    [0, 1].iter().for_each(|&image| memory.upload_photograph(image, (*frame).clone()))
+                }
+                Input::Mask(mask) => memory.upload_mask(Some((*mask).clone())),
             }
         }
         let slots: Vec<Slot> = (0..inputs.len()).map(slot).collect();
@@ -344,7 +345,8 @@ impl<'a> Trial<'a> {
 
     /// The sums of the registration on the device, and by the CPU reference.
     pub(crate) fn sums(&self, n: usize, layout: Layout) -> [Sums; 2] {
-        [Sums::from_partials(&self.numbers(n).0, layout), self.expected.sums.clone()]
+        let (actual, expected) = self.numbers(n);
+        [Sums::from_partials(&actual, layout), Sums::from_partials(expected, layout)]
     }
 
     /// Layers of an image by the CPU reference.

@@ -1,7 +1,7 @@
 //! Converts samples of a photograph to one channel in [0, 1]: Rec. 601 luminance or one of the colors.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::base::color::srgb_to_linear;
 use crate::base::{Decode, Frame, Samples};
 use crate::engine::vulkan::Variant;
@@ -35,7 +35,7 @@ impl Pass for Bindings {
         u64::from(c.channels * c.bytes + 4) * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let decode = if variant == SRGB { Decode::Srgb } else { Decode::None };
         let image = cpu_reference(memory.photograph(self.samples), decode, c.weights);
         memory.set_layer(self.image, 0, image);
@@ -52,14 +52,17 @@ pub fn stored(frame: &Frame, i: usize) -> f64 {
 }
 
 /// The weighted sum of a frame's channels.
-pub fn cpu_reference(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Field {
-    let value = |i: usize| {
-        let stored = stored(frame, i);
-        if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }
+pub fn cpu_reference<N: Number>(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Raster<N> {
+    let decoded = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored };
+    // A table saves the power of the curve.
+    let table: Vec<f64> = (0..=u8::MAX).map(|v| decoded(f64::from(v) / 255.0)).collect();
+    let value = |i: usize| match frame.samples() {
+        Samples::U8(samples) => table[usize::from(samples[i])],
+        _ => decoded(stored(frame, i)),
     };
     let channels = frame.format().channels.count() as usize;
     let width = frame.width() as usize;
-    Field::from_fn(width, frame.height() as usize, |x, y| {
+    Raster::from_fn(width, frame.height() as usize, |x, y| {
         let first = (y * width + x) * channels;
         if channels == 1 { value(first) } else { (0..3).map(|c| f64::from(weights[c]) * value(first + c)).sum() }
     })

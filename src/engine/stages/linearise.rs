@@ -16,13 +16,17 @@
 //! with λ = 1 and 0.007 with 0.1; but with 0.1, black and white dots under a half-Gaussian do not settle.
 
 use super::blur::{NEAR, PairSample, Stacks, heaviside, sample_pair};
+use super::lanes::{LANES, Lanes, vectorised};
+use super::links::{self, LinkRow, Links};
 use super::mask::{self, Masks};
-use super::noise::{self, Noise};
+use super::near_line::NearLine;
+use super::noise::{self, Noise, Power};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::rows::{self, Rows};
 use super::stack::Slopes;
 use super::state::{Registration, inside};
-use super::sums::{Layout, Sums};
-use super::{Field, WORKGROUP, pixels};
+use super::sums::{Layout, Line};
+use super::{Number, Raster, Real, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -119,16 +123,17 @@ impl Pass for Bindings {
         (8 + 4 * layers + 8) * pixels(c.width, c.height) + row_bytes([c.width, c.height], Layout::of_variant(variant))
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
         let warped = variant[1].then_some(&state.warped);
         let masks = mask::of(memory, self.masks, variant);
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
-        let Linearised { equations, sums } =
-            cpu_reference(c, (&state.registration, state.alpha, state.spread), warped, i1, v, &stacks, masks);
+        let layout = Layout::of_variant(variant);
+        let Linearised { equations, partials } =
+            cpu_reference(c, layout, (&state.registration, state.alpha, state.spread), warped, [i1, v], &stacks, masks);
         equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.equations, n, field));
-        memory.set_sums(self.partials, sums);
+        memory.set_numbers(self.partials, &partials);
     }
 }
 
@@ -139,138 +144,234 @@ pub(crate) fn row_bytes(size: [u32; 2], layout: Layout) -> u64 {
 }
 
 /// The results of the pass.
-pub struct Linearised {
+pub struct Linearised<N> {
     /// D, b.
-    pub equations: [Field; LAYERS as usize],
-    /// N, g, energy, valid pixels.
-    pub sums: Sums,
+    pub equations: [Raster<N>; LAYERS as usize],
+    /// A row of partial sums for each tile.
+    pub partials: Vec<f64>,
 }
 
 /// A residual: S, its derivative by V, its weight, and its derivatives by T's displacement in I1's pixels.
-struct Residual {
-    s: f64,
-    by_v: f64,
-    weight: f64,
-    by_place: [f64; 2],
+#[derive(Clone, Copy)]
+struct Residual<R> {
+    s: R,
+    by_v: R,
+    weight: R,
+    by_place: [R; 2],
 }
 
 /// One pass over a level, with T, α and the spread of the previous iteration. `warped` is T when I2 was warped onto
 /// I1's pixels, if it was.
-pub fn cpu_reference(
+pub fn cpu_reference<N: Number>(
     c: &Constants,
+    layout: Layout,
     (r, alpha, spread): (&Registration, f64, f64),
     warped: Option<&Registration>,
-    i1: &Field,
-    v: &Field,
-    stacks: &Stacks,
-    masks: Option<&Masks>,
-) -> Linearised {
-    let (width, height) = (v.width, v.height);
-    let mut equations: [Field; LAYERS as usize] = std::array::from_fn(|_| Field::zeros(width, height));
-    let mut sums = Sums::default();
-    for y in 0..height {
-        let mut before = (0.0, 0.0_f64);
-        for x in 0..width {
-            let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
-            if !inside([x, y], d, [width, height], v.get(x, y), r.scale()) {
-                before = (0.0, 0.0);
-                continue;
+    [i1, v]: [&Raster<N>; 2],
+    stacks: &Stacks<N>,
+    masks: Option<&Masks<N>>,
+) -> Linearised<N> {
+    let size @ [width, height] = [v.width, v.height];
+    let moved = warped.map(|before| r.moved_since(before));
+    let [eta, continuation] = [c.smoothness_eta, c.continuation].map(f64::from);
+    let links = Links::new(v, [continuation * alpha, 1.0, eta], false);
+    let (scale, centre, spread) = (r.scale(), c.centre.map(f64::from), least_spread(c, spread));
+    let [columns, ..] = tiles([c.width, c.height]);
+    let [block, lines] = [2 * WORKGROUP[0], WORKGROUP[1] * c.rows].map(|side| side as usize);
+    let mut equations = [(); LAYERS as usize].map(|()| Raster::zeros(width, height));
+    let rasters = equations.each_mut().map(|raster| Rows::from(raster).joined(lines));
+    let partials = rows::map(rasters, |row, [diagonals, sides]| {
+        let mut partials = vec![0.0; columns as usize * layout.length];
+        // Finite from the start: places without a pixel have no weight.
+        let (mut near, mut pixels) = (NearLine::default(), [(); PARTS].map(|()| vec![N::of(1.0); block]));
+        let [mut across, mut down, mut above] = [(); 3].map(|()| LinkRow::default());
+        links.downwards((row * lines) as isize - 1, &mut above);
+        for y in row * lines..height.min((row + 1) * lines) {
+            links.across(y, &mut across);
+            links.downwards(y as isize, &mut down);
+            for (tile, partials) in partials.chunks_exact_mut(layout.length).enumerate() {
+                let xs = tile * block..width.min((tile + 1) * block);
+                if moved.is_some() {
+                    near.load(stacks, v, y, xs.clone());
+                }
+                let (values, phi) = (v.row(y), links.phi().row(y));
+                let count = xs.len();
+                let [.., smoothness, pulls, phis, places] = &mut pixels;
+                links::sums([&across, &down, &above], xs.start, [&mut smoothness[..count], &mut pulls[..count]]);
+                phis[..count].copy_from_slice(&phi[xs.clone()]);
+                for (place, x) in places.iter_mut().zip(xs.clone()) {
+                    *place = N::of((x as f64 - centre[0]) / f64::from(c.length));
+                }
+                for (n, x) in xs.clone().enumerate() {
+                    let (d, own) = (r.displacement(x, y, c.factor.into(), centre), values[x]);
+                    if !inside([x, y], d, size, own.into(), scale) {
+                        pixels[SHARE][n] = N::default();
+                        continue;
+                    }
+                    pixels[SHARE][n] = N::of(mask::counts(masks, [x, y], d));
+                    let PairSample { i1, i2, blurred: [b1, b2] } = match &moved {
+                        Some(moved) => near.sample(x, own, moved.displacement(x, y, c.factor.into(), centre)),
+                        None => {
+                            sample_pair((c.mean, c.factor, c.centre), r, None, [x, y], i1, own.into(), stacks).rounded()
+                        }
+                    };
+                    let numbers = [i1, i2.value, i2.dx, i2.dy, b1.value, b1.slope, b2.value, b2.slope, b2.dx, b2.dy];
+                    (pixels[V][n], pixels[BETWEEN][n]) = (own, N::of(noise::interpolated(d)));
+                    pixels[FIRST..].iter_mut().zip(numbers).for_each(|(part, number)| part[n] = number);
+                }
+                // Lanes beyond the last pixel have no weight.
+                pixels[SHARE][count..].fill(N::default());
+                let level = Level { c, gain: r.gain, offset: r.offset, alpha, spread };
+                let line = vectorised(
+                    #[inline(always)]
+                    || level.line(&mut pixels, count),
+                );
+                line.add_to(partials, (y as f64 - centre[1]) / f64::from(c.length), layout);
+                let first = (y - row * lines) * width + xs.start;
+                diagonals[first..first + count].copy_from_slice(&pixels[DIAGONAL][..count]);
+                sides[first..first + count].copy_from_slice(&pixels[SIDE][..count]);
             }
-            let (smoothness, pull) = smoothness_term(c, alpha, v, [x, y]);
-            let sample = sample_pair((c.mean, c.factor, c.centre), r, warped, [x, y], i1, v.get(x, y), stacks);
-            let share = mask::counts(masks, [x, y], d);
-            let (mut residuals, psi, signed) = data_term(c, r, v.get(x, y), sample, d);
-            residuals.iter_mut().for_each(|t| t.weight *= share);
-            let diagonal: f64 = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
-            let b = -residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
-            let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);
-            let place = [x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1])];
-            accumulate(
-                &residuals,
-                (b + pull, over),
-                broadened(c, spread, psi),
-                place.map(|p| p / f64::from(c.length)),
-                &mut sums,
-            );
-            let gradient = 1.0 / inverse_gradient(c, v, x as isize, y as isize);
-            sums.energy += share * (psi + alpha * gradient);
-            sums.valid += share;
-            let steep = (gradient.powi(2) - f64::from(c.smoothness_eta).powi(2)).max(0.0).sqrt();
-            sums.variance[0] += b * b;
-            sums.variance[1] += diagonal;
-            sums.roughness[0] += share * b.abs().sqrt();
-            sums.roughness[1] += share * steep;
-            if x % 2 == 1 {
-                sums.spread += before.1.min(share) * spreads(c, spread, signed - before.0);
+            std::mem::swap(&mut above, &mut down);
+        }
+        partials
+    });
+    Linearised { equations, partials: partials.concat() }
+}
+
+/// The numbers of each pixel of a line, in the order in which they are gathered: V, share, noise of I2 between pixels,
+/// I1, I2 and its gradient, Î1 and its slope, Î2, its slope and its gradient, Σa, Σ a (V_n - V), φ, X.
+const PARTS: usize = 17;
+const V: usize = 0;
+const SHARE: usize = 1;
+const BETWEEN: usize = 2;
+/// I1, the first of the samples.
+const FIRST: usize = 3;
+/// Σa, the first of the parts that do not depend on the photographs.
+const LINKS: usize = 13;
+/// The places of D, b and the signed residual, which overwrite V, the noise and I1.
+const DIAGONAL: usize = V;
+const SIDE: usize = BETWEEN;
+const SIGNED: usize = FIRST;
+
+/// What all pixels of a level share.
+struct Level<'a> {
+    c: &'a Constants,
+    gain: f64,
+    offset: f64,
+    alpha: f64,
+    spread: f64,
+}
+
+impl Level<'_> {
+    /// The sums of `count` pixels of a line. Writes D, b and the signed residual.
+    #[inline(always)]
+    fn line<N: Number>(&self, pixels: &mut [Vec<N>; PARTS], count: usize) -> Line {
+        let (c, of) = (self.c, |value: f64| Lanes::<N>::of(value));
+        let [elimination, eta2] = [c.elimination.into(), f64::from(c.smoothness_eta).powi(2)].map(of);
+        let alpha = of(self.alpha);
+        let (mut normal, mut gradient) = ([[Lanes::default(); 5]; 3], [[Lanes::default(); 3]; 2]);
+        let (mut energy, mut valid, mut roughness, mut variance) = (of(0.0), of(0.0), [of(0.0); 2], [of(0.0); 2]);
+        for place in (0..count).step_by(LANES) {
+            let at = |part: usize| Lanes::load(&pixels[part], place);
+            let share = at(SHARE);
+            let [smoothness, pull, phi, x] = [0, 1, 2, 3].map(|n| at(LINKS + n));
+            let (mut residuals, psi, signed) = self.data_term(std::array::from_fn(at));
+            residuals.iter_mut().for_each(|t| t.weight = t.weight * share);
+            let [one, two] = residuals;
+            let diagonal = one.weight * one.by_v * one.by_v + two.weight * two.by_v * two.by_v;
+            let b = -(one.weight * one.s * one.by_v + two.weight * two.s * two.by_v);
+            let over = of(1.0) / (diagonal + elimination * smoothness).max(of(1e-12));
+            let (n, g) = self.registration(&residuals, (b + pull) * over, over, self.broadened(psi));
+            let x2 = x * x;
+            let powers = [of(1.0), x, x2, x2 * x, x2 * x2];
+            for (k, power) in powers.into_iter().enumerate() {
+                (0..3).for_each(|i| normal[i][k] += n[i] * power);
+                if k < 3 {
+                    (0..2).for_each(|i| gradient[i][k] += g[i] * power);
+                }
             }
-            before = (signed, share);
-            equations.iter_mut().zip([diagonal, b]).for_each(|(field, value)| field.data[y * width + x] = value);
+            let steepness = of(1.0) / phi;
+            energy += share * (psi + alpha * steepness);
+            valid += share;
+            variance[0] += b * b;
+            variance[1] += diagonal;
+            roughness[0] += share * b.abs().sqrt();
+            roughness[1] += share * (steepness * steepness - eta2).max(of(0.0)).sqrt();
+            for (part, lanes) in [(DIAGONAL, diagonal), (SIDE, b), (SIGNED, signed)] {
+                lanes.store(&mut pixels[part], place);
+            }
+        }
+        // The first of two adjacent pixels is in an even column: tiles are even.
+        let (signed, shares) = (pixels[SIGNED][..count].as_chunks::<2>().0, pixels[SHARE][..count].as_chunks::<2>().0);
+        let pair = |(s, share): (&[N; 2], &[N; 2])| -> f64 {
+            let least: f64 = share[0].min(share[1]).into();
+            if least > 0.0 { least * spreads(self.spread, (s[1] - s[0]).into()) } else { 0.0 }
+        };
+        Line {
+            normal: normal.map(|sums| sums.map(Lanes::sum)),
+            gradient: gradient.map(|sums| sums.map(Lanes::sum)),
+            energy: energy.sum(),
+            valid: valid.sum(),
+            roughness: roughness.map(Lanes::sum),
+            spread: signed.iter().zip(shares).map(pair).sum(),
+            variance: variance.map(Lanes::sum),
         }
     }
-    Linearised { equations, sums }
-}
 
-/// φ = 1/sqrt(|∇V|² + η²) of the previous iteration.
-fn inverse_gradient(c: &Constants, v: &Field, x: isize, y: isize) -> f64 {
-    let dx = (v.clamped(x + 1, y) - v.clamped(x - 1, y)) / 2.0;
-    let dy = (v.clamped(x, y + 1) - v.clamped(x, y - 1)) / 2.0;
-    1.0 / (dx * dx + dy * dy + f64::from(c.smoothness_eta).powi(2)).sqrt()
-}
+    /// S1 and S2 at a pixel, the energy of the data term, and the signed residual H S1 - (1 - H) S2.
+    #[inline(always)]
+    fn data_term<R: Real>(&self, pixel: [R; LINKS]) -> ([Residual<R>; 2], R, R) {
+        let [v, _, between, i1, i2, dx, dy, b1, slope1, b2, slope2, dx2, dy2] = pixel;
+        let [gain, offset, eta, one] = [self.gain, self.offset, self.c.eta.into(), 1.0].map(R::of);
+        let (s1, s2) = (b1 - (gain * i2 + offset), gain * b2 + offset - i1);
+        let (psi1, psi2) = ((s1 * s1 + eta * eta).sqrt(), (s2 * s2 + eta * eta).sqrt());
+        let h = heaviside(v, self.c.epsilon.into());
+        let [along1, along2] = self.noise_slopes(v, between);
+        let residuals = [
+            Residual { s: s1, by_v: slope1 - along1 * s1, weight: h / psi1, by_place: [-gain * dx, -gain * dy] },
+            Residual {
+                s: s2,
+                by_v: gain * slope2 - along2 * s2,
+                weight: (one - h) / psi2,
+                by_place: [gain * dx2, gain * dy2],
+            },
+        ];
+        (residuals, h * psi1 + (one - h) * psi2, h * s1 - (one - h) * s2)
+    }
 
-/// Σ a_n over the four neighbours, zero across the border, and Σ a_n (V_n - V).
-fn smoothness_term(c: &Constants, alpha: f64, v: &Field, [x, y]: [usize; 2]) -> (f64, f64) {
-    let (x, y) = (x as isize, y as isize);
-    let phi = inverse_gradient(c, v, x, y);
-    let neighbours = [(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)];
-    let weights = neighbours.map(|(nx, ny)| {
-        let exists = nx >= 0 && ny >= 0 && nx < v.width as isize && ny < v.height as isize;
-        if exists { 0.5 * f64::from(c.continuation) * alpha * (phi + inverse_gradient(c, v, nx, ny)) } else { 0.0 }
-    });
-    let pull = weights.iter().zip(neighbours).map(|(a, (nx, ny))| a * (v.clamped(nx, ny) - v.clamped(x, y))).sum();
-    (weights.iter().sum(), pull)
-}
+    /// Half the derivative by V of the logarithm of the noise of both images in S1² and S2². `between` is the noise of
+    /// I2 between pixels.
+    #[inline(always)]
+    fn noise_slopes<R: Real>(&self, v: R, between: R) -> [R; 2] {
+        let (one, square, noise) = (R::of(1.0), R::of(self.gain * self.gain), &self.c.noise);
+        let blurred = noise.blurred(v.abs(), v.choose(one, between));
+        let beyond = noise.beyond(v.abs(), v.choose(between, one), R::of(NEAR));
+        let pick = |of: fn(Power<R>) -> R| {
+            let [blurred, beyond] = [blurred, beyond].map(of);
+            [v.choose(blurred, beyond), v.choose(beyond, blurred)]
+        };
+        let ([n1, n2], [by1, by2]) = (pick(|power| power.value), pick(|power| power.slope));
+        let sign = v.choose(R::of(0.5), R::of(-0.5));
+        [sign * by1 / (n1 + square * between), sign * square * by2 / (square * n2 + one)]
+    }
 
-/// S1 and S2 at a pixel, the energy of the data term, and the signed residual H S1 - (1 - H) S2.
-fn data_term(
-    c: &Constants,
-    r: &Registration,
-    v: f64,
-    PairSample { i1, i2, blurred: [b1, b2] }: PairSample,
-    d: [f64; 2],
-) -> ([Residual; 2], f64, f64) {
-    let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
-    let eta2 = f64::from(c.eta).powi(2);
-    let (psi1, psi2) = ((s1 * s1 + eta2).sqrt(), (s2 * s2 + eta2).sqrt());
-    let h = heaviside(v, c.epsilon.into());
-    let [along1, along2] = noise_slopes(c, r, v, d);
-    let jacobian = |sign: f64, dx: f64, dy: f64| [sign * r.gain * dx, sign * r.gain * dy];
-    let residuals = [
-        Residual { s: s1, by_v: b1.slope - along1 * s1, weight: h / psi1, by_place: jacobian(-1.0, i2.dx, i2.dy) },
-        Residual {
-            s: s2,
-            by_v: r.gain * b2.slope - along2 * s2,
-            weight: (1.0 - h) / psi2,
-            by_place: jacobian(1.0, b2.dx, b2.dy),
-        },
-    ];
-    (residuals, h * psi1 + (1.0 - h) * psi2, h * s1 - (1.0 - h) * s2)
-}
+    /// The factor on a pixel's weight in T's step that broadens η to [`BROAD`] spreads.
+    #[inline(always)]
+    fn broadened<R: Real>(&self, psi: R) -> R {
+        psi / (psi * psi + R::of((BROAD * self.spread).powi(2) - f64::from(self.c.eta).powi(2))).sqrt()
+    }
 
-/// Half the derivative by V of the logarithm of the noise of both images in S1² and S2².
-fn noise_slopes(c: &Constants, r: &Registration, v: f64, d: [f64; 2]) -> [f64; 2] {
-    let (between, square) = (noise::interpolated(d), r.gain * r.gain);
-    let (n1, n2) = if v >= 0.0 {
-        (c.noise.blurred(v, 1.0), c.noise.beyond(v, between, NEAR))
-    } else {
-        (c.noise.beyond(-v, 1.0, NEAR), c.noise.blurred(-v, between))
-    };
-    let sign = if v >= 0.0 { 0.5 } else { -0.5 };
-    [n1.slope / (n1.value + square * between), square * n2.slope / (square * n2.value + 1.0)].map(|n| sign * n)
-}
-
-/// The factor on a pixel's weight in T's step that broadens η to [`BROAD`] spreads.
-fn broadened(c: &Constants, spread: f64, psi: f64) -> f64 {
-    psi / (psi * psi - f64::from(c.eta).powi(2) + (BROAD * least_spread(c, spread)).powi(2)).sqrt()
+    /// A pixel's part of N (xx, xy, yy) and g, with its dV eliminated, times `ratio`.
+    #[inline(always)]
+    fn registration<R: Real>(&self, residuals: &[Residual<R>; 2], side: R, over: R, ratio: R) -> ([R; 3], [R; 2]) {
+        let [one, two] = residuals;
+        let sum = |of: &dyn Fn(&Residual<R>) -> R| one.weight * of(one) + two.weight * of(two);
+        let q = [0, 1].map(|i| sum(&|t| t.by_v * t.by_place[i]));
+        let g = [0, 1].map(|i| ratio * (sum(&|t| t.s * t.by_place[i]) + q[i] * side));
+        let n = [[0, 0], [0, 1], [1, 1]]
+            .map(|[i, j]| ratio * (sum(&|t| t.by_place[i] * t.by_place[j]) - q[i] * q[j] * over));
+        (n, g)
+    }
 }
 
 /// The spread of the previous iteration, at least that of η.
@@ -280,26 +381,19 @@ fn least_spread(c: &Constants, spread: f64) -> f64 {
 
 /// The contribution of two adjacent pixels to the spread: a bounded square, whose mean is a half where the spread is
 /// right.
-fn spreads(c: &Constants, spread: f64, difference: f64) -> f64 {
+#[inline(always)]
+fn spreads(spread: f64, difference: f64) -> f64 {
     let square = 0.5 * difference * difference;
-    2.0 * square / (square + (BOUND * least_spread(c, spread)).powi(2))
-}
-
-/// Adds a pixel to N and g, with its dV eliminated. `place` is from the centre, divided by L.
-fn accumulate(residuals: &[Residual; 2], (right_side, over): (f64, f64), ratio: f64, place: [f64; 2], sums: &mut Sums) {
-    let sum = |term: &dyn Fn(&Residual) -> f64| residuals.iter().map(|t| t.weight * term(t)).sum::<f64>();
-    let q = [0, 1].map(|i| sum(&|t| t.by_v * t.by_place[i]));
-    let g = [0, 1].map(|i| sum(&|t| t.s * t.by_place[i]) + q[i] * right_side * over);
-    let n = [[0, 0], [0, 1], [1, 1]].map(|[i, j]| sum(&|t| t.by_place[i] * t.by_place[j]) - q[i] * q[j] * over);
-    sums.add(n.map(|n| ratio * n), g.map(|g| ratio * g), place);
+    2.0 * square / (square + (BOUND * spread).powi(2))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Rig, random_field};
     use super::super::stack::{self, Slopes};
     use super::super::state::State;
-    use super::super::sums::assert_close;
+    use super::super::sums::{Sums, assert_close};
     use super::*;
     use crate::base::{Aperture, Homography, Kernel, Photometric, Similarity};
     use crate::engine::stages::harness::build_stack;
@@ -358,10 +452,10 @@ mod tests {
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
         let expected = cpu_reference(
             &c,
+            layout,
             (&state.registration(), state.alpha.into(), state.spread.into()),
             moved.map(|_| &warped),
-            i1,
-            v,
+            [i1, v],
             &read,
             masks,
         );
@@ -382,7 +476,7 @@ mod tests {
         let most = expected.equations.iter().flat_map(|f| &f.data).fold(1.0, |most: f64, v| most.max(v.abs()));
         rig.assert_close(&equations, &expected.equations, 1e-4 * most);
         let actual = Sums::from_partials(&rig.floats(&partials), layout);
-        assert_close(&actual, &expected.sums, layout, 1e-4);
+        assert_close(&actual, &Sums::from_partials(&expected.partials, layout), layout, 1e-4);
     }
 
     #[test]

@@ -13,13 +13,13 @@
 //! known yet, and a mask is large beside the displacement.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, ingest, pixels};
+use super::{Number, Raster, ingest, pixels};
 use crate::base::Frame;
 use crate::engine::slot::{self, Reads};
 use crate::engine::vulkan::Variant;
 
 /// The averaged masks of I1 and I2 on a level.
-pub type Masks = [Field; 2];
+pub type Masks<N = f64> = [Raster<N>; 2];
 
 push_constants! {
     /// Width, pixels.
@@ -52,11 +52,11 @@ impl Pass for Bindings {
         u64::from(c.channels * c.bytes + 5) * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let (frame, second) = (memory.photograph(self.samples), c.second as usize);
         let mask = memory.mask_bytes();
         let counts = cpu_reference(frame, c.clipped, mask.filter(|_| second == 0));
-        let clipped = count_clipped(&cpu_reference(frame, c.clipped, None), mask);
+        let clipped = count_clipped(&cpu_reference::<N>(frame, c.clipped, None), mask);
         memory.set_layer(self.masks, second, counts);
         memory.state_mut(self.state).clipped[second] += clipped;
     }
@@ -64,10 +64,10 @@ impl Pass for Bindings {
 
 /// The mask of a frame on the finest level: 1 where a pixel counts. `mask` has a byte per pixel, 0 where it is left
 /// out.
-pub fn cpu_reference(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Field {
+pub fn cpu_reference<N: Number>(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Raster<N> {
     let channels = frame.format().channels.count() as usize;
     let width = frame.width() as usize;
-    Field::from_fn(width, frame.height() as usize, |x, y| {
+    Raster::from_fn(width, frame.height() as usize, |x, y| {
         let pixel = y * width + x;
         let samples = || (0..channels).map(|c| ingest::stored(frame, pixel * channels + c));
         let clipped = samples().any(|s| s >= f64::from(white)) || samples().all(|s| s <= f64::from(black));
@@ -76,26 +76,29 @@ pub fn cpu_reference(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]
 }
 
 /// The number of clipped pixels, 0 in `counts`, that `mask` does not exclude.
-pub fn count_clipped(counts: &Field, mask: Option<&[u8]>) -> u32 {
+pub fn count_clipped<N: Number>(counts: &Raster<N>, mask: Option<&[u8]>) -> u32 {
     let is_open = |n: usize| mask.is_none_or(|mask| mask[n] != 0);
-    counts.data.iter().enumerate().filter(|(n, counts)| **counts == 0.0 && is_open(*n)).count() as u32
+    counts.data.iter().enumerate().filter(|(n, counts)| **counts == N::default() && is_open(*n)).count() as u32
 }
 
 /// The masks of a variant with masked pixels; `None` for other variants.
-pub(super) fn of<'a>(memory: &'a Memory, masks: Reads<slot::Masks>, variant: Variant) -> Option<&'a Masks> {
+pub(super) fn of<N: Number>(memory: &Memory<N>, masks: Reads<slot::Masks>, variant: Variant) -> Option<&Masks<N>> {
     variant[2].then(|| memory.layers(masks).first_chunk()).flatten()
 }
 
 /// The share by which pixel (x, y), which T displaces by d, counts; 1 without masks. The CPU reference of
 /// `glsl/include/mask.glsl`.
-pub fn counts(masks: Option<&Masks>, [x, y]: [usize; 2], d: [f64; 2]) -> f64 {
+#[inline]
+pub fn counts<N: Number>(masks: Option<&Masks<N>>, [x, y]: [usize; 2], d: [f64; 2]) -> f64 {
     let Some([first, second]) = masks else { return 1.0 };
     let place = |x: usize, d: f64, size: usize| (x as f64 + d).clamp(0.0, size as f64 - 1.0);
     let (px, py) = (place(x, d[0], second.width), place(y, d[1], second.height));
-    let (fx, fy) = (px.fract(), py.fract());
-    let at = |dx: isize, dy: isize| second.clamped(px as isize + dx, py as isize + dy);
-    let [above, below] = [0, 1].map(|dy| (1.0 - fx) * at(0, dy) + fx * at(1, dy));
-    from_share(first.get(x, y)) * from_share((1.0 - fy) * above + fy * below)
+    let (column, row) = (px as usize, py as usize);
+    let (fx, fy) = (px - column as f64, py - row as f64);
+    let next = (column + 1).min(second.width - 1);
+    let along = |row: usize| (1.0 - fx) * second.get(column, row) + fx * second.get(next, row);
+    let shown = (1.0 - fy) * along(row) + fy * along((row + 1).min(second.height - 1));
+    from_share(first.get(x, y)) * from_share(shown)
 }
 
 /// The share of a pixel with this averaged mask.
@@ -105,7 +108,7 @@ fn from_share(share: f64) -> f64 {
 
 /// Averaged masks for tests, with shares from 0 to 1.
 #[cfg(test)]
-pub(super) fn shares(width: usize, height: usize, seed: u64) -> Field {
+pub(super) fn shares(width: usize, height: usize, seed: u64) -> super::Field {
     let mut shares = super::harness::random_field(width, height, seed);
     shares.data.iter_mut().for_each(|share| *share = 0.95 + 0.05 * *share);
     shares
@@ -113,6 +116,7 @@ pub(super) fn shares(width: usize, height: usize, seed: u64) -> Field {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, frames};
     use super::super::state::{DoubleState, State};
     use super::*;
@@ -153,6 +157,6 @@ mod tests {
         assert!((counts(Some(&masks), [3, 1], [1.02, 1.0]) - 0.5).abs() < 1e-9);
         assert_eq!(counts(Some(&masks), [3, 1], [0.9, 0.7]), 1.0);
         assert_eq!(counts(Some(&masks), [3, 1], [100.0, -100.0]), 1.0);
-        assert_eq!(counts(None, [3, 1], [2.0, 1.0]), 1.0);
+        assert_eq!(counts::<f64>(None, [3, 1], [2.0, 1.0]), 1.0);
     }
 }

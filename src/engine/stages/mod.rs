@@ -1,8 +1,9 @@
 //! The passes of the method: for each shader its push constants, bindings, CPU reference and test.
 //!
-//! A CPU reference is the shader in plain Rust and double precision, a pure function over [`Field`]s. Tests and the
-//! [reference solver](crate::internals::reference) use all of them. The host uses a few in solves, for the halves of pairs in parts and for
-//! the start, the masks and the uncertainty of sweeps.
+//! A CPU reference is the shader in plain Rust, a pure function over [`Raster`]s. Those of double precision
+//! ([`Field`]s) are for tests of the shaders and for the [reference solver](crate::internals::reference); those of
+//! single precision are what the CPU device runs. During solves on a GPU the host uses a few: for the halves of pairs
+//! in parts, and for the start, the masks and the uncertainty of sweeps.
 
 pub mod align;
 pub mod appearance;
@@ -27,8 +28,11 @@ pub mod halve_grid;
 #[cfg(test)]
 pub(crate) mod harness;
 pub mod ingest;
+mod lanes;
 pub mod linearise;
+mod links;
 pub mod mask;
+mod near_line;
 pub mod noise;
 pub(crate) mod pass;
 pub mod prolong;
@@ -36,6 +40,7 @@ pub mod relax;
 pub mod relax_grid;
 pub mod relax_level;
 pub mod residual;
+mod rows;
 pub mod shape;
 pub mod shape_median;
 pub mod shape_windows;
@@ -56,7 +61,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::{Arc, Mutex, PoisonError};
 
-pub use spline::Field;
+pub use spline::{Field, Number, Raster, Real};
 
 use crate::base::Error;
 use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};

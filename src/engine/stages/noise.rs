@@ -21,6 +21,8 @@ use std::f64::consts::PI;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::Real;
+
 /// The power of noise as a function of V on a level.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -35,11 +37,11 @@ pub struct Noise {
 
 /// Power relative to that of the image itself, and its derivative by V.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Power {
+pub struct Power<R = f64> {
     /// Power.
-    pub value: f64,
+    pub value: R,
     /// Derivative by V.
-    pub slope: f64,
+    pub slope: R,
 }
 
 impl Noise {
@@ -65,19 +67,21 @@ impl Noise {
     }
 
     /// The power after a blur of variance v >= 0 of an image whose power is `before`.
-    pub fn blurred(&self, v: f64, before: f64) -> Power {
-        let (fall, reach) = (f64::from(self.fall) / before, f64::from(self.reach));
-        let value = 1.0 / (1.0 / (before * before) + (fall + reach * v) * v).sqrt();
-        Power { value, slope: -(0.5 * fall + reach * v) * value.powi(3) }
+    #[inline(always)]
+    pub fn blurred<R: Real>(&self, v: R, before: R) -> Power<R> {
+        let (one, fall, reach) = (R::of(1.0), R::of(self.fall.into()) / before, R::of(self.reach.into()));
+        let value = one / (one / (before * before) + (fall + reach * v) * v).sqrt();
+        Power { value, slope: -(R::of(0.5) * fall + reach * v) * value * value * value }
     }
 
     /// The power of an image that is extrapolated linearly through V = 0, at v >= 0 beyond. It is constant from `most`
     /// on.
-    pub fn beyond(&self, v: f64, before: f64, most: f64) -> Power {
-        let rise = 0.5 * f64::from(self.fall) * before;
-        let (bend, u) = (f64::from(self.sharpened) * rise * rise, v.min(most));
-        let slope = if v < most { before * (rise + 2.0 * bend * u) } else { 0.0 };
-        Power { value: before * (1.0 + (rise + bend * u) * u), slope }
+    #[inline(always)]
+    pub fn beyond<R: Real>(&self, v: R, before: R, most: R) -> Power<R> {
+        let rise = R::of(0.5 * f64::from(self.fall)) * before;
+        let (bend, u) = (R::of(self.sharpened.into()) * rise * rise, v.min(most));
+        let slope = (v - most).choose(R::default(), before * (rise + bend * u + bend * u));
+        Power { value: before * (R::of(1.0) + (rise + bend * u) * u), slope }
     }
 }
 

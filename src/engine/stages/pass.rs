@@ -4,9 +4,9 @@ use std::collections::HashMap;
 
 use bytemuck::Pod;
 
-use super::Field;
 use super::state::DoubleState;
-use super::sums::Sums;
+use super::sums::{Layout, Sums};
+use super::{Number, Raster};
 use crate::base::{Frame, Mask};
 use crate::engine::slot::{Partials, Readable, RightSides, Slot, State, Weights, Writable};
 use crate::engine::vulkan::{Stage, Variant};
@@ -28,7 +28,7 @@ pub(crate) trait Pass: Bindings {
     /// Compulsory traffic, bytes: each input element read once, each output element written once.
     fn bytes(constants: &Self::Constants, variant: Variant) -> u64;
     /// Runs the CPU reference on the slots.
-    fn run(&self, constants: &Self::Constants, variant: Variant, memory: &mut Memory);
+    fn run<N: Number>(&self, constants: &Self::Constants, variant: Variant, memory: &mut Memory<N>);
 }
 
 /// Declares the push constants of a stage: the members of the shader's block in its order, at most 128 bytes.
@@ -86,72 +86,86 @@ pub(crate) use bindings;
 
 /// The contents of the slots, for the CPU references. A layer has the size of the field that was last written to it.
 /// Slots that were never written must not be read.
-pub(crate) struct Memory<'a> {
-    pub(super) photographs: [&'a Frame; 2],
-    pub(super) mask: Option<&'a Mask>,
-    pub(super) layers: HashMap<Slot, Vec<Field>>,
+pub(crate) struct Memory<N> {
+    photographs: [Option<Frame>; 2],
+    mask: Option<Mask>,
+    pub(super) layers: HashMap<Slot, Vec<Raster<N>>>,
     pub(super) states: HashMap<Slot, DoubleState>,
-    pub(super) numbers: HashMap<Slot, Vec<f64>>,
+    pub(super) numbers: HashMap<Slot, Vec<N>>,
     pub(super) words: HashMap<Slot, Vec<u32>>,
-    pub(super) sums: Sums,
 }
 
-impl<'a> Memory<'a> {
-    /// The memory of a pair of photographs, with the mask of I1 and the state before the solve.
-    pub(crate) fn new(photographs: [&'a Frame; 2], mask: Option<&'a Mask>, start: DoubleState) -> Self {
+impl<N: Number> Memory<N> {
+    /// Memory in which nothing was written yet.
+    pub(crate) fn new() -> Self {
         Self {
-            photographs,
-            mask,
+            photographs: [None, None],
+            mask: None,
             layers: HashMap::new(),
-            states: HashMap::from([(Slot::StartState, start)]),
+            states: HashMap::new(),
             numbers: HashMap::new(),
             words: HashMap::new(),
-            sums: Sums::default(),
         }
     }
 
+    /// Memory in which only the banks of filter weights were written.
+    pub(crate) fn with_filters(banks: &[Vec<f64>]) -> Self {
+        let mut memory = Self::new();
+        for (bank, weights) in banks.iter().enumerate() {
+            memory.numbers.insert(Slot::Filters { bank }, weights.iter().map(|&w| N::of(w)).collect());
+        }
+        memory
+    }
+
     /// A photograph; I1 for slots of other kinds.
-    pub(crate) fn photograph<Q>(&self, from: impl Readable<Q>) -> &'a Frame {
-        self.photographs[usize::from(from.slot() == Slot::Photograph { image: 1 })]
+    pub(crate) fn photograph<Q>(&self, from: impl Readable<Q>) -> &Frame {
+        let image = usize::from(from.slot() == Slot::Photograph { image: 1 });
+        self.photographs[image].as_ref().expect("photographs are uploaded before a pass reads them")
     }
 
     /// A byte for each pixel of I1, 0 where it does not count; `None` if all count.
-    pub(crate) fn mask_bytes(&self) -> Option<&'a [u8]> {
-        self.mask.map(Mask::bytes)
+    pub(crate) fn mask_bytes(&self) -> Option<&[u8]> {
+        self.mask.as_ref().map(Mask::bytes)
     }
 
     /// The layers of an image.
-    pub(crate) fn layers<Q>(&self, from: impl Readable<Q>) -> &[Field] {
+    pub(crate) fn layers<Q>(&self, from: impl Readable<Q>) -> &[Raster<N>] {
         &self.layers[&from.slot()]
     }
 
     /// A layer of an image.
-    pub(crate) fn layer<Q>(&self, from: impl Readable<Q>, n: usize) -> &Field {
+    pub(crate) fn layer<Q>(&self, from: impl Readable<Q>, n: usize) -> &Raster<N> {
         &self.layers(from)[n]
     }
 
     /// A layer of an image, mutably.
-    pub(crate) fn layer_mut<Q>(&mut self, to: impl Writable<Q>, n: usize) -> &mut Field {
+    pub(crate) fn layer_mut<Q>(&mut self, to: impl Writable<Q>, n: usize) -> &mut Raster<N> {
         let layers = self.layers.entry(to.slot()).or_default();
         if layers.len() <= n {
-            layers.resize(n + 1, Field::zeros(0, 0));
+            layers.resize(n + 1, Raster::default());
         }
         &mut layers[n]
     }
 
     /// Writes a layer of an image.
-    pub(crate) fn set_layer<Q>(&mut self, to: impl Writable<Q>, n: usize, field: Field) {
+    pub(crate) fn set_layer<Q>(&mut self, to: impl Writable<Q>, n: usize, field: Raster<N>) {
         *self.layer_mut(to, n) = field;
     }
 
-    /// The linear system: right side, then the weights of the right, left, lower and upper neighbour.
+    /// Takes a layer of an image to write it again.
+    pub(crate) fn take_layer<Q>(&mut self, to: impl Writable<Q>, n: usize) -> Raster<N> {
+        std::mem::take(self.layer_mut(to, n))
+    }
+
+    /// The linear system of one color: right side, then the weights of the right, left, lower and upper neighbour.
     pub(crate) fn system(
         &self,
         right_sides: impl Readable<RightSides>,
         weights: impl Readable<Weights>,
-    ) -> [&Field; 5] {
-        let weights = self.layers(weights);
-        std::array::from_fn(|i| if i == 0 { self.layer(right_sides, 0) } else { &weights[i - 1] })
+        color: u32,
+    ) -> [&Raster<N>; 5] {
+        let (color, weights) = (color as usize, self.layers(weights));
+        std::array::from_fn(|i| if i == 0 { self.layer(right_sides, color) } else { &weights[4 * color + i - 1] })
     }
 
     /// The state.
@@ -164,44 +178,66 @@ impl<'a> Memory<'a> {
         self.states.entry(to.slot()).or_default()
     }
 
-    /// The registration integrals.
-    pub(crate) fn sums(&self, _from: impl Readable<Partials>) -> &Sums {
-        &self.sums
+    /// The registration integrals, of rows of partial sums.
+    pub(crate) fn sums(&self, from: impl Readable<Partials>, layout: Layout) -> Sums {
+        Sums::from_partials(self.numbers(from), layout)
     }
 
-    /// Sets the registration integrals.
-    pub(crate) fn set_sums(&mut self, _to: impl Writable<Partials>, sums: Sums) {
-        self.sums = sums;
-    }
-
-    /// Filter weights, or energies.
-    pub(crate) fn numbers<Q>(&self, from: impl Readable<Q>) -> &[f64] {
+    /// The numbers in a buffer: filter weights, energies, partial sums or equations.
+    pub(crate) fn numbers<Q>(&self, from: impl Readable<Q>) -> &[N] {
         &self.numbers[&from.slot()]
     }
 
-    /// Energies, mutably: at least `count`.
-    pub(crate) fn numbers_mut<Q>(&mut self, to: impl Writable<Q>, count: usize) -> &mut Vec<f64> {
+    /// Takes numbers to write them again.
+    pub(crate) fn take_numbers<Q>(&mut self, to: impl Writable<Q>) -> Vec<N> {
+        std::mem::take(self.numbers.entry(to.slot()).or_default())
+    }
+
+    /// Puts numbers back.
+    pub(crate) fn put_numbers<Q>(&mut self, to: impl Writable<Q>, numbers: Vec<N>) {
+        self.numbers.insert(to.slot(), numbers);
+    }
+
+    /// Writes numbers from the first on.
+    pub(crate) fn set_numbers<Q>(&mut self, to: impl Writable<Q>, numbers: &[f64]) {
+        let slot = self.numbers.entry(to.slot()).or_default();
+        slot.clear();
+        slot.extend(numbers.iter().map(|&number| N::of(number)));
+    }
+
+    /// The numbers in a buffer, mutably: at least `count`.
+    pub(crate) fn numbers_mut<Q>(&mut self, to: impl Writable<Q>, count: usize) -> &mut Vec<N> {
         let numbers = self.numbers.entry(to.slot()).or_default();
-        numbers.resize(numbers.len().max(count), 0.0);
+        numbers.resize(numbers.len().max(count), N::default());
         numbers
     }
 
-    /// Indirect arguments.
+    /// The words in a buffer: indirect arguments, or bits.
     pub(crate) fn words<Q>(&self, from: impl Readable<Q>) -> &[u32] {
-        &self.words[&from.slot()]
+        self.words.get(&from.slot()).map_or(&[], Vec::as_slice)
     }
 
-    /// Indirect arguments, mutably.
+    /// The words in a buffer, mutably.
     pub(crate) fn words_mut<Q>(&mut self, to: impl Writable<Q>) -> &mut Vec<u32> {
         self.words.entry(to.slot()).or_default()
     }
 }
 
 /// Uploads, copies and results, for the executor.
-impl Memory<'_> {
-    /// Sets a bank of filter weights.
-    pub(crate) fn upload_filters(&mut self, bank: usize, weights: &[f64]) {
-        self.numbers.insert(Slot::Filters { bank }, weights.to_vec());
+impl<N: Number> Memory<N> {
+    /// Sets a photograph.
+    pub(crate) fn upload_photograph(&mut self, image: usize, frame: Frame) {
+        self.photographs[image] = Some(frame);
+    }
+
+    /// Sets the mask of I1; `None`: all pixels count.
+    pub(crate) fn upload_mask(&mut self, mask: Option<Mask>) {
+        self.mask = mask;
+    }
+
+    /// Sets the state before the solve.
+    pub(crate) fn upload_state(&mut self, start: DoubleState) {
+        self.states.insert(Slot::StartState, start);
     }
 
     /// Sets the indirect arguments before a solve.
@@ -227,9 +263,34 @@ impl Memory<'_> {
         }
     }
 
-    /// Sets an image to one layer of zeros.
-    pub(crate) fn clear(&mut self, image: Slot, [width, height]: [u32; 2]) {
-        self.layers.insert(image, vec![Field::zeros(width as usize, height as usize)]);
+    /// Sets the first layers of an image to zero.
+    pub(crate) fn clear(&mut self, image: Slot, [width, height]: [u32; 2], layers: u32) {
+        let blank = Raster::zeros(width as usize, height as usize);
+        self.layers.insert(image, vec![blank; layers as usize]);
+    }
+
+    /// Sets the first numbers in a slot to zero.
+    pub(crate) fn clear_numbers(&mut self, slot: Slot, count: usize) {
+        let numbers = self.numbers.entry(slot).or_default();
+        numbers.resize(numbers.len().max(count), N::default());
+        numbers[..count].fill(N::default());
+    }
+
+    /// Writes the words in a slot.
+    pub(crate) fn write_words(&mut self, slot: Slot, words: &[u32]) {
+        self.words.insert(slot, words.to_vec());
+    }
+
+    /// A layer of an image in double precision.
+    pub(crate) fn layer_in(&self, image: Slot, n: usize) -> Raster<f64> {
+        let Raster { width, height, data } = &self.layers[&image][n];
+        Raster { width: *width, height: *height, data: data.iter().map(|&number| number.into()).collect() }
+    }
+
+    /// Writes the only layer of an image.
+    pub(crate) fn write_layer(&mut self, image: Slot, field: &Raster<f64>) {
+        let data = field.data.iter().map(|&number| N::of(number)).collect();
+        self.layers.insert(image, vec![Raster { width: field.width, height: field.height, data }]);
     }
 
     /// Whether the indirect grid at a word has any workgroups.
@@ -237,8 +298,13 @@ impl Memory<'_> {
         self.words[&Slot::Arguments][word..word + 3].iter().all(|&groups| groups > 0)
     }
 
+    /// Appends the numbers of the first `count` layers of an image.
+    pub(crate) fn download(&self, image: Slot, count: u32, to: &mut Vec<N>) {
+        self.layers[&image][..count as usize].iter().for_each(|layer| to.extend_from_slice(&layer.data));
+    }
+
     /// Takes the layers of an image.
-    pub(crate) fn take(&mut self, image: Slot) -> Vec<Field> {
+    pub(crate) fn take(&mut self, image: Slot) -> Vec<Raster<N>> {
         self.layers.remove(&image).unwrap_or_default()
     }
 
@@ -247,8 +313,13 @@ impl Memory<'_> {
         &self.states[&slot]
     }
 
-    /// The energies in a slot.
-    pub(crate) fn energies_in(&self, slot: Slot) -> &[f64] {
-        &self.numbers[&slot]
+    /// Whether a level of the solve in progress has settled.
+    pub(crate) fn has_settled(&self, level: usize) -> bool {
+        self.states.get(&Slot::State).is_some_and(|state| state.levels[level].settled)
+    }
+
+    /// The numbers in a slot; none if it was never written.
+    pub(crate) fn numbers_in(&self, slot: Slot) -> &[N] {
+        self.numbers.get(&slot).map_or(&[], Vec::as_slice)
     }
 }

@@ -4,7 +4,7 @@
 //! large.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -32,16 +32,16 @@ impl Pass for Bindings {
         4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let fine = cpu_reference(c, memory.layer(self.coarse, 0));
         memory.set_layer(self.fine, 0, fine);
     }
 }
 
 /// V of the fine level.
-pub fn cpu_reference(c: &Constants, coarse: &Field) -> Field {
+pub fn cpu_reference<N: Number>(c: &Constants, coarse: &Raster<N>) -> Raster<N> {
     let limit = f64::from(c.limit);
-    Field::from_fn(c.width as usize, c.height as usize, |x, y| {
+    Raster::from_fn(c.width as usize, c.height as usize, |x, y| {
         let (right, down) = (x.div_ceil(2).min(coarse.width - 1), y.div_ceil(2).min(coarse.height - 1));
         let sum =
             coarse.get(x / 2, y / 2) + coarse.get(right, y / 2) + coarse.get(x / 2, down) + coarse.get(right, down);
@@ -51,6 +51,7 @@ pub fn cpu_reference(c: &Constants, coarse: &Field) -> Field {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, random_field};
     use super::*;
     use crate::engine::stages::NO_VARIANT;

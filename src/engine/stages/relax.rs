@@ -2,8 +2,9 @@
 //!
 //! The system is divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
 
+use super::lanes::vectorised;
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, WORKGROUP, grid, pixels};
+use super::{Field, Number, Raster, WORKGROUP, pixels};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -56,61 +57,89 @@ impl Pass for Bindings {
         4 * floats * pixels(c.width.div_ceil(2), c.height)
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
-        let system = memory.system(self.right_sides, self.weights);
-        let start = || start(memory.numbers(self.coarse), [c.width, c.height]);
-        let first = variant == FIRST;
-        let own = if first { start() } else { memory.layer(self.own, 0).clone() };
-        let other = if first && c.color == 0 { start() } else { memory.layer(self.other, 0).clone() };
-        let colors = if c.color == 0 { [&own, &other] } else { [&other, &own] };
-        let mut change = both(colors);
-        cpu_reference(c, &system, &mut change);
-        memory.set_layer(self.own, 0, change);
-    }
-}
-
-/// dV of a level before the first relaxation sweep, by dV of its coarse grids.
-pub(crate) fn start(steps: &[f64], [width, height]: [u32; 2]) -> Field {
-    let [columns, rows] = grid::halved([width, height]).map(|side| side as usize);
-    let coarse = Field { width: columns, height: rows, data: steps[..columns * rows].to_vec() };
-    grid::prolonged(&coarse, width as usize, height as usize)
-}
-
-/// Relaxes the pixels of one color of dV in place.
-pub fn cpu_reference(c: &Constants, system: &[&Field; 5], change: &mut Field) {
-    let (width, height) = (change.width, change.height);
-    let omega = f64::from(c.over_relaxation);
-    for y in 0..height {
-        for x in ((y + c.color as usize) & 1..width).step_by(2) {
-            let (xi, yi) = (x as isize, y as isize);
-            let neighbours = [(xi + 1, yi), (xi - 1, yi), (xi, yi + 1), (xi, yi - 1)];
-            let pull: f64 =
-                system[1..].iter().zip(neighbours).map(|(a, (nx, ny))| a.get(x, y) * change.clamped(nx, ny)).sum();
-            let target = system[0].get(x, y) + pull;
-            let own = &mut change.data[y * width + x];
-            *own += omega * (target - *own);
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let mut own = memory.take_layer(self.own, 0);
+        let start = |color| start(memory.numbers(self.coarse), [c.width, c.height], color);
+        if variant == FIRST {
+            own = start(c.color);
         }
+        let system = memory.system(self.right_sides, self.weights, c.color);
+        if variant == FIRST && c.color == 0 {
+            cpu_reference(c, &system, &start(1), &mut own);
+        } else {
+            cpu_reference(c, &system, memory.layer(self.other, 0), &mut own);
+        }
+        memory.set_layer(self.own, 0, own);
     }
 }
 
-/// A field with the red pixels of one field and the black pixels of another.
-pub(crate) fn both([red, black]: [&Field; 2]) -> Field {
-    Field::from_fn(red.width, red.height, |x, y| if (x + y) % 2 == 0 { red.get(x, y) } else { black.get(x, y) })
+/// dV of one color of a level before the first relaxation sweep, by dV of its coarse grids; 0 where a row has no pixel
+/// left.
+pub(crate) fn start<N: Number>(steps: &[N], [width, height]: [u32; 2], color: u32) -> Raster<N> {
+    let columns = width.div_ceil(2) as usize;
+    let mut start = Raster::zeros(columns, height as usize);
+    start.fill_rows(|y, row| {
+        row.copy_from_slice(&steps[y / 2 * columns..][..columns]);
+        if width % 2 == 1 && (y + color as usize) % 2 == 1 {
+            row[columns - 1] = N::default();
+        }
+    });
+    start
+}
+
+/// Relaxes dV of one color, by that of the other. All are of one color, as the device stores them: the linear system,
+/// which is the right side and the weights of the right, left, lower and upper neighbours, and dV.
+pub fn cpu_reference<N: Number>(c: &Constants, system: &[&Raster<N>; 5], other: &Raster<N>, own: &mut Raster<N>) {
+    let omega = N::of(c.over_relaxation.into());
+    let (last, height) = (own.width - 1, own.height);
+    own.fill_rows(|y, own| {
+        let [up, here, down] = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| other.row(y));
+        let parts = system.map(|part| part.row(y));
+        // Pixel 2 h + shift of the row is between the pixels h - 1 + shift and h + shift of the other color. The first
+        // or the last has only one neighbour in the row: the weight of the other is 0.
+        let shift = (y + c.color as usize) & 1;
+        let end = if shift == 0 { 0 } else { last };
+        let pull = parts[3][end] * down[end] + parts[4][end] * up[end];
+        let target = parts[0][end] + parts[1][end] * here[end] + parts[2][end] * here[end] + pull;
+        own[end] += omega * (target - own[end]);
+        let inner = 1 - shift..last + 1 - shift;
+        let [side, right, left, below, above] = parts.map(|part| &part[inner.clone()]);
+        let (up, down, own) = (&up[inner.clone()], &down[inner.clone()], &mut own[inner]);
+        let (before, behind) = (&here[..last], &here[1..]);
+        vectorised(
+            #[inline(always)]
+            || {
+                let (side, right, left) = (&side[..last], &right[..last], &left[..last]);
+                let (below, above, up, down) = (&below[..last], &above[..last], &up[..last], &down[..last]);
+                let own = &mut own[..last];
+                for h in 0..last {
+                    let pull = below[h] * down[h] + above[h] * up[h];
+                    let target = side[h] + right[h] * behind[h] + left[h] * before[h] + pull;
+                    own[h] += omega * (target - own[h]);
+                }
+            },
+        );
+    });
+}
+
+/// A field with the red pixels of one field and the black pixels of another, as the device stores them.
+#[cfg(test)]
+pub(crate) fn both<N: Number>([red, black]: [&Raster<N>; 2], width: usize) -> Raster<N> {
+    Raster::from_fn(width, red.height, |x, y| if (x + y) % 2 == 0 { red } else { black }.get(x / 2, y))
 }
 
 /// The pixels of one color as the device stores them: column x/2 of a half-width field; 0 where a row has no pixel
 /// left.
-pub fn half(field: &Field, color: usize) -> Field {
-    Field::from_fn(field.width.div_ceil(2), field.height, |h, y| {
+pub fn half<N: Number>(field: &Raster<N>, color: usize) -> Raster<N> {
+    Raster::from_fn(field.width.div_ceil(2), field.height, |h, y| {
         let x = 2 * h + ((y + color) & 1);
         if x < field.width { field.get(x, y) } else { 0.0 }
     })
 }
 
-/// The weights of a system as the device stores them: a field for each color, with four adjacent numbers per pixel.
-pub fn interleaved(system: &[Field; 5]) -> [Field; 2] {
-    [0, 1].map(|color| {
-        let weights: Vec<Field> = system[1..].iter().map(|f| half(f, color)).collect();
+/// The weights of both colors of a system as the device stores them: four adjacent numbers per pixel.
+pub fn interleaved(system: &[[Field; 5]; 2]) -> [Field; 2] {
+    system.each_ref().map(|[_, weights @ ..]| {
         Field::from_fn(4 * weights[0].width, weights[0].height, |x, y| weights[x % 4].get(x / 4, y))
     })
 }
@@ -121,12 +150,13 @@ pub(crate) mod tests {
 
     use ::half::f16;
 
+    use super::super::Field;
     use super::super::harness::{Rig, random_field};
     use super::*;
     use crate::engine::vulkan::{Buffer, Resource};
 
     /// A random system like those of `system`: half-precision weights, zero across the border, with a sum below one.
-    pub(crate) fn system(width: usize, height: usize) -> [Field; 5] {
+    pub(crate) fn system(width: usize, height: usize) -> [[Field; 5]; 2] {
         let mut system: [Field; 5] = std::array::from_fn(|i| {
             let mut f = random_field(width, height, 20 + i as u64);
             f.data.iter_mut().for_each(|v| *v = f16::from_f64(0.24 * *v).to_f64());
@@ -140,14 +170,21 @@ pub(crate) mod tests {
             system[3].data[(height - 1) * width + x] = 0.0;
             system[4].data[x] = 0.0;
         }
-        system
+        [0, 1].map(|color| system.each_ref().map(|part| half(part, color)))
     }
 
-    /// dV of a random coarse grid as the device stores it, and as the start of a level.
-    pub(crate) fn coarse_steps(rig: &Rig, width: usize, height: usize) -> (Arc<Buffer>, Field) {
+    /// Relaxes the pixels of one color.
+    fn relax(c: &Constants, system: &[[Field; 5]; 2], change: &mut [Field; 2]) {
+        let color = c.color as usize;
+        let other = change[1 - color].clone();
+        cpu_reference(c, &system[color].each_ref(), &other, &mut change[color]);
+    }
+
+    /// dV of a random coarse grid as the device stores it, and as the starts of both colors of a level.
+    pub(crate) fn coarse_steps(rig: &Rig, width: usize, height: usize) -> (Arc<Buffer>, [Field; 2]) {
         let coarse = random_field(width.div_ceil(2), height.div_ceil(2), 30);
         let buffer = rig.upload(bytemuck::cast_slice(&coarse.to_f32()));
-        (buffer, grid::prolonged(&coarse, width, height))
+        (buffer, [0, 1].map(|color| start(&coarse.data, [width as u32, height as u32], color)))
     }
 
     #[test]
@@ -155,7 +192,7 @@ pub(crate) mod tests {
         let (width, height) = (37usize, 21usize);
         let (system, rig) = (system(width, height), Rig::new());
         let (steps, mut change) = coarse_steps(&rig, width, height);
-        let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
+        let right_sides = rig.image(&[0, 1].map(|color: usize| system[color][0].clone()));
         let weights = rig.weights(&interleaved(&system));
         let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
         let changes = [0, 1].map(|_| rig.field(&nothing));
@@ -167,26 +204,27 @@ pub(crate) mod tests {
                 rows: ROWS,
                 over_relaxation: 1.8,
             };
-            cpu_reference(&c, &system.each_ref(), &mut change);
+            relax(&c, &system, &mut change);
             let mut resources =
                 [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image).to_vec();
             resources.push(Resource::Buffer(&steps));
             rig.run_variant(&STAGE, [true, false, false, false], &resources, &c, tiles([c.width, c.height]));
         }
         for color in [0, 1] {
-            rig.assert_close(&changes[color], &[half(&change, color)], 1e-5);
+            rig.assert_close(&changes[color], &change[color..=color], 1e-5);
         }
     }
 
     #[test]
     fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2)] {
-            let (system, mut change) = (system(width, height), random_field(width, height, 4));
+            let (system, change) = (system(width, height), random_field(width, height, 4));
+            let mut change = [0, 1].map(|color| half(&change, color));
             let rig = Rig::new();
             let (steps, _) = coarse_steps(&rig, width, height);
-            let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
+            let right_sides = rig.image(&[0, 1].map(|color: usize| system[color][0].clone()));
             let weights = rig.weights(&interleaved(&system));
-            let changes = [0, 1].map(|color| rig.image(&[half(&change, color)]));
+            let changes = change.each_ref().map(|half| rig.field(half));
             for color in [0, 1, 0, 1] {
                 let size = [width as u32, height as u32];
                 let constants = Constants {
@@ -196,14 +234,14 @@ pub(crate) mod tests {
                     rows: ROWS,
                     over_relaxation: 1.8,
                 };
-                cpu_reference(&constants, &system.each_ref(), &mut change);
+                relax(&constants, &system, &mut change);
                 let mut resources =
                     [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image).to_vec();
                 resources.push(Resource::Buffer(&steps));
                 rig.run_groups(&STAGE, &resources, &constants, tiles(size));
             }
             for color in [0, 1] {
-                rig.assert_close(&changes[color], &[half(&change, color)], 1e-5);
+                rig.assert_close(&changes[color], &change[color..=color], 1e-5);
             }
         }
     }
@@ -233,16 +271,13 @@ pub(crate) mod tests {
                 system[0].data[y * n + x] = f / diagonal;
             }
         }
-        let mut actual = Field::zeros(n, n);
-        for _ in 0..200 {
-            for color in [0, 1] {
-                cpu_reference(
-                    &Constants { width: n as u32, height: n as u32, color, rows: ROWS, over_relaxation: 1.8 },
-                    &system.each_ref(),
-                    &mut actual,
-                );
-            }
+        let system = [0, 1].map(|color| system.each_ref().map(|part| half(part, color)));
+        let mut actual = [(); 2].map(|()| Field::zeros(n / 2, n));
+        for color in (0..400).map(|half| half % 2) {
+            let c = Constants { width: n as u32, height: n as u32, color, rows: ROWS, over_relaxation: 1.8 };
+            relax(&c, &system, &mut actual);
         }
+        let actual = both(actual.each_ref(), n);
         for (actual, expected) in actual.data.iter().zip(&truth.data) {
             assert!((actual - expected).abs() < 1e-8, "{actual} {expected}");
         }
@@ -256,7 +291,7 @@ pub(crate) mod tests {
             return;
         }
         let system = system(width, height);
-        let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
+        let right_sides = rig.image(&[0, 1].map(|color: usize| system[color][0].clone()));
         let weights = rig.weights(&interleaved(&system));
         let changes = [0, 1].map(|_| rig.image(&[Field::zeros(width / 2, height)]));
         let (steps, _) = coarse_steps(&rig, width, height);

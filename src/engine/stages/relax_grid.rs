@@ -1,8 +1,8 @@
 //! Half a relaxation sweep on a coarse [grid](super::grid): one color of the red-black scheme.
 
-use super::grid::{FLOATS, Grid, halved, prolonged};
+use super::grid::{FLOATS, Grid, prolonged};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, WORKGROUP, pixels};
+use super::{Number, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -43,28 +43,30 @@ impl Pass for Bindings {
         (4 * FLOATS as u64 + 6) * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
-        let size @ [width, height] = [c.width as usize, c.height as usize];
-        let grid = Grid::of(&memory.numbers(self.equations)[FLOATS * c.first as usize..], [c.width, c.height]);
-        let (first, next) = (c.first as usize, c.next as usize);
-        let steps = memory.numbers_mut(self.steps, first + width * height);
-        let [columns, rows] = halved([c.width, c.height]).map(|side| side as usize);
-        let coarse = || Field { width: columns, height: rows, data: steps[next..next + columns * rows].to_vec() };
-        let own = || Field { width, height, data: steps[first..first + width * height].to_vec() };
-        let mut dv = if variant == FIRST && c.color == 0 { prolonged(&coarse(), size[0], size[1]) } else { own() };
-        cpu_reference(c, &grid, &mut dv);
-        steps[first..first + width * height].copy_from_slice(&dv.data);
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let (size, first) = ([c.width as usize, c.height as usize], c.first as usize);
+        let own = first..first + size[0] * size[1];
+        let mut steps = memory.take_numbers(self.steps);
+        steps.resize(steps.len().max(own.end), N::default());
+        if variant == FIRST && c.color == 0 {
+            let start = prolonged(&steps[c.next as usize..], size);
+            steps[own.clone()].copy_from_slice(&start);
+        }
+        let grid = Grid::of(memory.numbers(self.equations), first, [c.width, c.height]);
+        cpu_reference(c, &grid, &mut steps[own]);
+        memory.put_numbers(self.steps, steps);
     }
 }
 
 /// Relaxes the cells of one color of dV in place.
-pub fn cpu_reference(c: &Constants, grid: &Grid, dv: &mut Field) {
+pub fn cpu_reference<N: Number>(c: &Constants, grid: &Grid<N>, dv: &mut [N]) {
     grid.relax(dv, c.color as usize, c.over_relaxation.into());
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::NO_VARIANT;
+    use super::super::grid::halved;
     use super::super::grid::tests::random_grid;
     use super::super::harness::{Rig, random_field};
     use super::*;
@@ -76,17 +78,17 @@ mod tests {
             let (grid, [columns, rows]) = (random_grid([width, height], 2), halved([width, height]));
             let coarse = random_field(columns as usize, rows as usize, 7);
             let rig = Rig::new();
-            let equations: Vec<f32> = grid.numbers().iter().map(|&v| v as f32).collect();
+            let equations: Vec<f32> = grid.cells.iter().flatten().map(|&v| v as f32).collect();
             let mut steps = vec![f32::NAN; (width * height) as usize];
             steps.extend(coarse.to_f32());
             let buffers = [rig.upload(bytemuck::cast_slice(&equations)), rig.upload(bytemuck::cast_slice(&steps))];
-            let mut expected = prolonged(&coarse, width as usize, height as usize);
+            let mut expected = prolonged(&coarse.data, [width as usize, height as usize]);
             for (variant, color) in [(FIRST, 0), (FIRST, 1), (NO_VARIANT, 0), (NO_VARIANT, 1)] {
                 let c = Constants { width, height, first: 0, next: width * height, color, over_relaxation: 1.3 };
                 cpu_reference(&c, &grid, &mut expected);
                 rig.run_variant(&STAGE, variant, &buffers.each_ref().map(Resource::Buffer), &c, tiles([width, height]));
             }
-            for (f, e) in rig.floats(&buffers[1]).iter().zip(&expected.data) {
+            for (f, e) in rig.floats(&buffers[1]).iter().zip(&expected) {
                 assert!((f64::from(*f) - e).abs() < 1e-4, "{f}, not {e}");
             }
         }

@@ -7,7 +7,7 @@
 use super::blur::{Stacks, heaviside, sample_pair};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
-use super::{Field, pixels, uncertainty_terms};
+use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -46,7 +46,7 @@ impl Pass for Bindings {
         24 * pixels(width, height)
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
         let warped = variant[1].then_some(&state.warped);
@@ -57,22 +57,23 @@ impl Pass for Bindings {
 }
 
 /// The squared residual on every other pixel. `warped` is T when I2 was warped onto I1's pixels, if it was.
-pub fn cpu_reference(
+pub fn cpu_reference<N: Number>(
     c: &Constants,
     r: &Registration,
     warped: Option<&Registration>,
-    i1: &Field,
-    v: &Field,
-    stacks: &Stacks,
-) -> Field {
+    i1: &Raster<N>,
+    v: &Raster<N>,
+    stacks: &Stacks<N>,
+) -> Raster<N> {
     let [width, height] = uncertainty_terms::size([c.width, c.height]);
-    Field::from_fn(width as usize, height as usize, |x, y| {
+    let (scale, moved) = (r.scale(), warped.map(|before| r.moved_since(before)));
+    Raster::from_fn(width as usize, height as usize, |x, y| {
         let (x, v) = ([2 * x, 2 * y], v.get(2 * x, 2 * y));
         let d = r.displacement(x[0], x[1], 1.0, c.centre.map(f64::from));
-        if !inside(x, d, [c.width as usize, c.height as usize], v, r.scale()) {
+        if !inside(x, d, [c.width as usize, c.height as usize], v, scale) {
             return 0.0;
         }
-        let sample = sample_pair((c.mean, 1.0, c.centre), r, warped, x, i1, v, stacks);
+        let sample = sample_pair((c.mean, 1.0, c.centre), r, moved.as_ref(), x, i1, v, stacks);
         let s1 = sample.blurred[0].value - (r.gain * sample.i2.value + r.offset);
         let s2 = r.gain * sample.blurred[1].value + r.offset - sample.i1;
         let h = heaviside(v, c.epsilon.into());
@@ -82,6 +83,7 @@ pub fn cpu_reference(
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
     use super::super::stack::{self, Slopes};
     use super::super::state::State;

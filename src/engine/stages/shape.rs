@@ -5,7 +5,7 @@
 //! then off by a ninth of its difference from a Gaussian's, less than the departure itself leaves.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels, stack};
+use super::{Number, Raster, pixels, stack};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -32,7 +32,7 @@ impl Pass for Bindings {
         4 * u64::from(2 * c.nodes - 1) * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let shape = memory.state(self.state).kernel_shape;
         if shape != 0.0 {
             let first = c.first as usize;
@@ -43,17 +43,29 @@ impl Pass for Bindings {
 }
 
 /// The nodes with a share of a disk's departure added.
-pub fn cpu_reference(shape: f64, nodes: &[Field]) -> Vec<Field> {
+pub fn cpu_reference<N: Number>(shape: f64, nodes: &[Raster<N>]) -> Vec<Raster<N>> {
     let node = |k: usize| {
-        let departs = |n: usize| stack::departure_of(k, nodes.len(), |at| nodes[at].data[n]);
-        let data = nodes[k].data.iter().enumerate().map(|(n, value)| value + shape * departs(n));
-        Field { data: data.collect(), ..nodes[k] }
+        // The departure is linear in the values of the three nodes.
+        let parts = [0, 1, 2].map(|n| (stack::departure_nodes(k, nodes.len())[n], n));
+        let weights = parts.map(|(_, n)| {
+            let unit = |at: usize| if at == parts[n].0 { 1.0 } else { 0.0 };
+            N::of(shape * stack::departure_of(k, nodes.len(), unit))
+        });
+        let mut shaped = Raster::zeros(nodes[k].width, nodes[k].height);
+        shaped.fill_rows(|y, row| {
+            let (own, [a, b, c]) = (nodes[k].row(y), parts.map(|(at, _)| nodes[at].row(y)));
+            for (x, value) in row.iter_mut().enumerate() {
+                *value = own[x] + weights[0] * a[x] + weights[1] * b[x] + weights[2] * c[x];
+            }
+        });
+        shaped
     };
     (0..nodes.len()).map(node).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random_field};
     use super::super::stack::{Slopes, node_count};
     use super::super::state::{DoubleState, State};

@@ -2,6 +2,7 @@
 //!
 //! The median is robust to [windows](super::shape_windows) with wrong estimates, at depth edges and on moving objects.
 
+use super::Number;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::shape_windows::Window;
 use crate::engine::shaders;
@@ -38,9 +39,9 @@ impl Pass for Bindings {
         8 * u64::from(c.windows)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let numbers = &memory.numbers(self.windows)[..2 * c.windows as usize];
-        let windows: Vec<_> = numbers.chunks(2).map(|w| Window { shape: w[0], weight: w[1] }).collect();
+        let windows: Vec<_> = numbers.chunks(2).map(|w| Window { shape: w[0].into(), weight: w[1].into() }).collect();
         let state = memory.state_mut(self.state);
         state.kernel_shape = cpu_reference(state.kernel_shape, &windows);
     }

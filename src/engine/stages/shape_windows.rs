@@ -16,8 +16,9 @@ use super::blur::{self, Stacks};
 use super::mask::{self, Masks};
 use super::noise::{self, Noise};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::state::{DoubleState, inside};
-use super::{Field, spline, stack};
+use super::state::{DoubleState, Registration, inside};
+use super::{Field, Number, Raster, spline, stack};
+use crate::base::workers;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -89,13 +90,13 @@ impl Pass for Bindings {
         4 * 7 * u64::from(c.grid[0] * c.grid[1]) * (SIDE * SIDE) as u64
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, false);
         let masks = mask::of(memory, self.masks, variant);
         let windows = cpu_reference(c, memory.state(self.state), memory.layer(self.v, 0), &stacks, masks);
         let numbers = memory.numbers_mut(self.windows, FLOATS as usize);
         for (n, window) in windows.iter().enumerate() {
-            [numbers[2 * n], numbers[2 * n + 1]] = [window.shape, window.weight];
+            [numbers[2 * n], numbers[2 * n + 1]] = [window.shape, window.weight].map(N::of);
         }
     }
 }
@@ -108,28 +109,28 @@ const LEFT: usize = shaders::shape_windows::LEFT as usize;
 const RATIO: f64 = 16.0 / 9.0;
 
 /// The estimates of all windows, row by row.
-pub fn cpu_reference(
+pub fn cpu_reference<N: Number>(
     c: &Constants,
     state: &DoubleState,
-    v: &Field,
-    stacks: &Stacks,
-    masks: Option<&Masks>,
+    v: &Raster<N>,
+    stacks: &Stacks<N>,
+    masks: Option<&Masks<N>>,
 ) -> Vec<Window> {
     let [columns, rows] = c.grid.map(|n| n as usize);
     let size = [c.width, c.height].map(|side| side as usize);
     let corner = |n: usize, of: usize, side: usize| (2 * n + 1) * side / (2 * of) - SIDE / 2;
-    let windows = (0..rows).flat_map(|row| (0..columns).map(move |column| [column, row]));
-    let estimates = windows.map(|[column, row]| {
-        let corner = [corner(column, columns, size[0]), corner(row, rows, size[1])];
+    let (scale, moved) = (state.registration.scale(), state.registration.moved_since(&state.warped));
+    workers::map(columns * rows, |n| {
+        let corner = [corner(n % columns, columns, size[0]), corner(n / columns, rows, size[1])];
         let (mut m, mut means, mut count) = ([[0.0; TERMS]; TERMS], Means::default(), 0);
         let mut residuals = Field::zeros(SIDE, SIDE);
         for (y, x) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (corner[1] + y, corner[0] + x))) {
             let (v, r) = (v.get(x, y), &state.registration);
             let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
-            if !inside([x, y], d, size, v, r.scale()) || mask::counts(masks, [x, y], d) < COUNTED {
+            if !inside([x, y], d, size, v, scale) || mask::counts(masks, [x, y], d) < COUNTED {
                 continue;
             }
-            let terms = terms(c, state, stacks, [x, y], v);
+            let terms = terms(c, state, &moved, stacks, [x, y], v);
             residuals.data[(y - corner[1]) * SIDE + x - corner[0]] = terms[LEFT];
             (0..TERMS).for_each(|i| (0..TERMS).for_each(|j| m[i][j] += terms[i] * terms[j]));
             means.variance += v.abs() / (SIDE * SIDE) as f64;
@@ -142,14 +143,20 @@ pub fn cpu_reference(
         let places = (0..SIDE - 1).flat_map(|y| (0..SIDE - 1).map(move |x| (x, y)));
         means.mixed = places.map(|(x, y)| mixed(x, y)).sum::<f64>() / ((SIDE - 1) * (SIDE - 1)) as f64;
         if count < SIDE * SIDE { Window::default() } else { estimate(m, &means, state.registration.gain, &c.noise) }
-    });
-    estimates.collect()
+    })
 }
 
 /// The terms at a pixel: derivatives of S, and S.
-fn terms(c: &Constants, state: &DoubleState, stacks: &Stacks, [x, y]: [usize; 2], v: f64) -> [f64; TERMS] {
+fn terms<N: Number>(
+    c: &Constants,
+    state: &DoubleState,
+    moved: &Registration,
+    stacks: &Stacks<N>,
+    [x, y]: [usize; 2],
+    v: f64,
+) -> [f64; TERMS] {
     let r = &state.registration;
-    let shift = r.moved_since(&state.warped).displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+    let shift = moved.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
     let (j, [b1, b2]) = blur::read_near(stacks, [x, y], shift, v);
     let first = v >= 0.0;
     let departs = if first {
@@ -162,16 +169,16 @@ fn terms(c: &Constants, state: &DoubleState, stacks: &Stacks, [x, y]: [usize; 2]
     let s = if first {
         sharper.value - (r.gain * j.value + r.offset)
     } else {
-        spline::near(&stacks.first[0], x, y, [0.0; 2]).value - (r.gain * sharper.value + r.offset)
+        spline::near(&stacks.first[0], x, y).value - (r.gain * sharper.value + r.offset)
     };
     [sharper.slope, sharper.dx, sharper.dy, 1.0, sharper.value, departs, s + state.kernel_shape * departs]
 }
 
 /// The departure at |V|, between two nodes.
-fn departure(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> f64 {
+fn departure<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> f64 {
     let k = stack::node_below(v, stack.len());
     let [v0, v1] = [k, k + 1].map(|k| stack::node_sigma(k).powi(2));
-    let at = |k| stack::departure_of(k, stack.len(), |n| spline::near(&stack[n], x, y, shift).value);
+    let at = |k| stack::departure_of(k, stack.len(), |n| spline::near(&stack[n], x, y).moved(shift).value);
     let t = ((v - v0) / (v1 - v0)).min(1.0);
     (1.0 - t) * at(k) + t * at(k + 1)
 }
@@ -219,6 +226,7 @@ fn estimate(mut m: [[f64; TERMS]; TERMS], means: &Means, gain: f64, noise: &Nois
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random, random_field, smooth_field};
     use super::super::state::{Registration, State};
     use super::*;

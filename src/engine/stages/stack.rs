@@ -4,7 +4,7 @@
 //! known slopes at the nodes. For a Gaussian dÎ/dV is half the Laplacian (heat equation); for any other kernel it is a
 //! layer beside each node. Kernels are centred (`src/base/kernel.rs`): the caller moves x by the kernel's mean.
 
-use super::spline::{self, Field, Jet};
+use super::spline::{self, Jet, Number, Raster};
 use crate::base::Kernel;
 use crate::engine::filter::{self, Terms};
 
@@ -94,15 +94,32 @@ pub fn departure(v: f64, variances: [f64; 3], values: [f64; 3]) -> f64 {
     -0.55 * v * v * (rise(1) - rise(0)) / (variances[2] - variances[0])
 }
 
-/// The departure of node k of `count`, from the node and its two neighbours. The last node takes the last three nodes;
-/// node 0 has no departure.
+/// The nodes that the departure of node k of `count` is computed from: the node and its two neighbours, or the first or
+/// last three.
+pub(super) fn departure_nodes(k: usize, count: usize) -> [usize; 3] {
+    debug_assert!(count > 2, "every limit of |V| has three nodes");
+    [0, 1, 2].map(|n| k.clamp(1, count - 2) - 1 + n)
+}
+
+/// The departure of node k of `count`. Node 0 has none.
 pub fn departure_of(k: usize, count: usize, node: impl Fn(usize) -> f64) -> f64 {
     if k == 0 {
         return 0.0;
     }
-    let three = [0, 1, 2].map(|n| k.min(count - 2) - 1 + n);
+    let three = departure_nodes(k, count);
     departure(node_sigma(k).powi(2), three.map(|n| node_sigma(n).powi(2)), three.map(node))
 }
+
+/// Variances of the nodes, px²: as [`node_sigma`], up to σ 470 px.
+static NODES: [f64; 24] = {
+    let (mut nodes, mut k, mut sigma) = ([0.0; 24], 0, 0.0);
+    while k < nodes.len() {
+        nodes[k] = sigma * sigma;
+        sigma = if k < 3 { sigma + 0.5 } else { sigma * 4.0 / 3.0 };
+        k += 1;
+    }
+    nodes
+};
 
 /// The number of nodes that reach a variance in px².
 pub fn node_count(limit: f64) -> usize {
@@ -114,27 +131,26 @@ pub fn node_count(limit: f64) -> usize {
 }
 
 /// The last node whose variance is at most v, but not the last of all.
+#[inline(always)]
 pub(super) fn node_below(v: f64, count: usize) -> usize {
-    let sigma = v.sqrt();
-    let k = if sigma < 1.5 { (2.0 * sigma).floor() } else { 3.0 + ((sigma / 1.5).ln() / (4.0f64 / 3.0).ln()).floor() };
-    (k as usize).min(count - 2)
+    NODES[1..count - 1].iter().take_while(|&&node| node <= v).count()
 }
 
 /// An image blurred by one variance, at one place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Blurred {
+pub struct Blurred<R = f64> {
     /// Value.
-    pub value: f64,
+    pub value: R,
     /// Derivative by the variance.
-    pub slope: f64,
+    pub slope: R,
     /// Derivative to the right.
-    pub dx: f64,
+    pub dx: R,
     /// Derivative downwards.
-    pub dy: f64,
+    pub dy: R,
 }
 
 /// A node at (x, y), and its slope by the variance.
-pub fn node(stack: &[Field], slopes: Slopes, k: usize, x: f64, y: f64) -> (Jet, f64) {
+pub fn node<N: Number>(stack: &[Raster<N>], slopes: Slopes, k: usize, x: f64, y: f64) -> (Jet, f64) {
     let jet = spline::read(&stack[k * slopes.layers()], x, y);
     let slope = match slopes {
         Slopes::Laplacian => jet.laplacian / 2.0,
@@ -144,35 +160,31 @@ pub fn node(stack: &[Field], slopes: Slopes, k: usize, x: f64, y: f64) -> (Jet, 
 }
 
 /// The blur stack at variance v in px² and place (x, y).
-pub fn read(stack: &[Field], slopes: Slopes, v: f64, x: f64, y: f64) -> Blurred {
+pub fn read<N: Number>(stack: &[Raster<N>], slopes: Slopes, v: f64, x: f64, y: f64) -> Blurred {
     between(v, stack.len() / slopes.layers(), |k| node(stack, slopes, k, x, y))
 }
 
-/// A Gaussian's blur stack at a small shift from pixel (x, y), to [first order](spline::near).
-pub fn read_near(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> Blurred {
-    between(v, stack.len(), |k| {
-        let jet = spline::near(&stack[k], x, y, shift);
-        (jet, jet.laplacian / 2.0)
-    })
+/// A Gaussian's blur stack at a small shift from pixel (x, y), to [first order](Jet::moved).
+pub fn read_near<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> Blurred {
+    between(v, stack.len(), |k| spline::near(&stack[k], x, y).moved(shift).node())
 }
 
 /// Cubic Hermite interpolation between the two nodes around v.
-fn between(v: f64, count: usize, node: impl Fn(usize) -> (Jet, f64)) -> Blurred {
-    let k = node_below(v, count);
-    let (v0, v1) = (node_sigma(k).powi(2), node_sigma(k + 1).powi(2));
+#[inline(always)]
+pub(super) fn between<R: Number>(v: R, count: usize, node: impl Fn(usize) -> (Jet<R>, R)) -> Blurred<R> {
+    let k = node_below(v.into(), count);
+    let (v0, h) = (R::of(NODES[k]), R::of(NODES[k + 1] - NODES[k]));
     let ((p, m), (q, n)) = (node(k), node(k + 1));
-    let h = v1 - v0;
+    let [one, two, three, four, six] = [1.0, 2.0, 3.0, 4.0, 6.0].map(R::of);
     // Beyond the last node the value is constant.
-    let (t, beyond) = (((v - v0) / h).min(1.0), v > v1);
-    let (m, n) = (h * m, h * n);
+    let (whole, m, n) = ((v - v0) / h, h * m, h * n);
+    let t = whole.min(one);
     let (t2, t3) = (t * t, t * t * t);
+    let rise = q.value - p.value;
+    let slope = six * (t - t2) * rise + (three * t2 - four * t + one) * m + (three * t2 - two * t) * n;
     Blurred {
-        value: p.value + (3.0 * t2 - 2.0 * t3) * (q.value - p.value) + (t3 - 2.0 * t2 + t) * m + (t3 - t2) * n,
-        slope: if beyond {
-            0.0
-        } else {
-            ((6.0 * t - 6.0 * t2) * (q.value - p.value) + (3.0 * t2 - 4.0 * t + 1.0) * m + (3.0 * t2 - 2.0 * t) * n) / h
-        },
+        value: p.value + (three * t2 - two * t3) * rise + (t3 - two * t2 + t) * m + (t3 - t2) * n,
+        slope: if whole > one { R::default() } else { slope / h },
         dx: p.dx + t * (q.dx - p.dx),
         dy: p.dy + t * (q.dy - p.dy),
     }
@@ -180,6 +192,7 @@ fn between(v: f64, count: usize, node: impl Fn(usize) -> (Jet, f64)) -> Blurred 
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::random_field;
     use super::*;
     use crate::engine::stages::convolve;

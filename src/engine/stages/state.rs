@@ -113,6 +113,8 @@ pub struct DoubleState {
     pub applied_shading: Shading,
     /// Correlation of the low-passed images.
     pub correlation: f64,
+    /// The last step had unknowns that the images do not determine.
+    pub degenerate: bool,
     /// α of the current level.
     pub alpha: f64,
     /// Shape of the kernel: 0 a Gaussian, 1 a disk.
@@ -136,6 +138,14 @@ pub struct DoubleLevel {
     pub iterations: u32,
     /// Energy per valid pixel of the latest iteration.
     pub energy: f64,
+    /// Valid pixels.
+    pub valid: f64,
+    /// Bit n: I2 was warped again before iteration 2ⁿ.
+    pub warps: u32,
+    /// T and V are at rest: the level has no more iterations.
+    pub settled: bool,
+    /// The share of the valid pixels that the latest step moved.
+    pub moving: f64,
 }
 
 impl DoubleState {
@@ -147,6 +157,7 @@ impl DoubleState {
             shading: Shading::NONE,
             applied_shading: Shading::NONE,
             correlation: 0.0,
+            degenerate: false,
             alpha: FIRST_ALPHA,
             kernel_shape: 0.0,
             spread: 0.0,
@@ -181,13 +192,39 @@ impl State {
     }
 }
 
-/// For the CPU references in tests, which compare with a device.
-#[cfg(test)]
+impl From<&DoubleState> for State {
+    fn from(double: &DoubleState) -> Self {
+        let level = |n: usize| {
+            let DoubleLevel { iterations, energy, valid, warps, settled, moving } = double.levels[n];
+            let [energy, valid, moving] = [energy, valid, moving].map(|number| number as f32);
+            LevelState { iterations, energy, valid, warps, settled: settled.into(), moving }
+        };
+        let [moving, moving_far] = double.moving.map(|count| count as u32);
+        Self {
+            registration: (&double.registration).into(),
+            correlation: double.correlation as f32,
+            degenerate: double.degenerate.into(),
+            alpha: double.alpha as f32,
+            kernel_shape: double.kernel_shape as f32,
+            spread: double.spread as f32,
+            variance: double.variance as f32,
+            moving,
+            moving_far,
+            clipped: double.clipped,
+            warped: (&double.warped).into(),
+            shading: double.shading.coefficients.map(|c| c as f32),
+            applied_shading: double.applied_shading.coefficients.map(|c| c as f32),
+            levels: std::array::from_fn(level),
+        }
+    }
+}
+
 impl From<&State> for DoubleState {
     fn from(single: &State) -> Self {
         let level = |n: usize| {
-            let LevelState { iterations, energy, .. } = single.levels[n];
-            DoubleLevel { iterations, energy: energy.into() }
+            let LevelState { iterations, energy, valid, warps, settled, moving } = single.levels[n];
+            let [energy, valid, moving] = [energy, valid, moving].map(f64::from);
+            DoubleLevel { iterations, energy, valid, warps, settled: settled == 1, moving }
         };
         Self {
             registration: single.registration(),
@@ -195,6 +232,7 @@ impl From<&State> for DoubleState {
             shading: Shading { coefficients: single.shading.map(f64::from) },
             applied_shading: single.applied_shading(),
             correlation: single.correlation.into(),
+            degenerate: single.degenerate == 1,
             alpha: single.alpha.into(),
             kernel_shape: single.kernel_shape.into(),
             spread: single.spread.into(),

@@ -7,7 +7,7 @@
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::pixels;
-use super::spline::{Field, fold};
+use super::spline::{Number, Raster, fold};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -51,7 +51,7 @@ impl Pass for Bindings {
         4 * u64::from(c.planes) * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         for plane in 0..c.planes {
             let coarse = memory.layer(self.coarse, plane as usize);
             let fine = cpu_reference([c.width as usize, c.height as usize], coarse);
@@ -61,21 +61,38 @@ impl Pass for Bindings {
 }
 
 /// The fine image.
-pub fn cpu_reference([width, height]: [usize; 2], coarse: &Field) -> Field {
-    // The coarse pixels, mirrored, and their weights for fine coefficient x.
-    let taps = |x: usize, size: usize| {
-        let i = (x / 2) as isize;
-        let weights = if x.is_multiple_of(2) { [0.125, 0.75, 0.125] } else { [0.0, 0.5, 0.5] };
-        [0, 1, 2].map(|n| (fold(i + n - 1, size - 1), weights[n as usize]))
-    };
-    Field::from_fn(width, height, |x, y| {
-        let (columns, rows) = (taps(x, width), taps(y, height));
-        rows.iter().map(|&(j, v)| v * columns.iter().map(|&(i, w)| w * coarse.get(i, j)).sum::<f64>()).sum()
-    })
+pub fn cpu_reference<N: Number>([width, height]: [usize; 2], coarse: &Raster<N>) -> Raster<N> {
+    let [half, eighth, most] = [0.5, 0.125, 0.75].map(N::of);
+    let mut fine = Raster::zeros(width, height);
+    fine.fill_rows(|y, fine| {
+        let row = |n: isize| coarse.row(fold((y / 2) as isize + n, height - 1));
+        let [above, here, below] = [-1, 0, 1].map(row);
+        let along_y = |x: usize| match y % 2 {
+            0 => eighth * above[x] + most * here[x] + eighth * below[x],
+            _ => half * here[x] + half * below[x],
+        };
+        let line: Vec<N> = (0..coarse.width).map(along_y).collect();
+        let at = |x: isize| line[fold(x, width - 1)];
+        let even = |x: usize| eighth * at(x as isize - 1) + most * line[x] + eighth * at(x as isize + 1);
+        let odd = |x: usize| half * line[x] + half * at(x as isize + 1);
+        let last = (width - 1) / 2;
+        (fine[0], fine[2 * last]) = (even(0), even(last));
+        for x in 1..last {
+            fine[2 * x] = eighth * line[x - 1] + most * line[x] + eighth * line[x + 1];
+        }
+        for x in 0..last {
+            fine[2 * x + 1] = half * line[x] + half * line[x + 1];
+        }
+        if width % 2 == 0 {
+            fine[width - 1] = odd(last);
+        }
+    });
+    fine
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Rig, random_field};
     use super::super::spline;
     use super::*;

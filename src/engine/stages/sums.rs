@@ -9,6 +9,7 @@
 //!
 //! (x, y) is from the centre, divided by L. Motion models use the first 2, 4, 6 or 8 unknowns.
 
+use super::Number;
 use crate::engine::vulkan::Variant;
 
 /// Unknowns of the registration step, each in pixels of the level.
@@ -90,20 +91,9 @@ fn monomial([x, y]: [usize; 2]) -> usize {
 }
 
 impl Sums {
-    /// Adds a pixel at a place from the centre divided by L: w ∇J ∇Jᵀ (xx, xy, yy) and w ∇J S.
-    pub fn add(&mut self, [xx, xy, yy]: [f64; 3], g: [f64; 2], place: [f64; 2]) {
-        let by = displacements(place);
-        for (i, a) in by.iter().enumerate() {
-            self.gradient[i] += a[0] * g[0] + a[1] * g[1];
-            for (j, b) in by.iter().enumerate() {
-                self.normal[i][j] += xx * a[0] * b[0] + xy * (a[0] * b[1] + a[1] * b[0]) + yy * a[1] * b[1];
-            }
-        }
-    }
-
-    /// From rows of partial sums of the device. Sums that the layout lacks are 0.
-    pub fn from_partials(partials: &[f32], layout: Layout) -> Self {
-        let total = |n: usize| partials.chunks_exact(layout.length).map(|row| f64::from(row[n])).sum::<f64>();
+    /// From rows of partial sums. Sums that the layout lacks are 0.
+    pub fn from_partials<N: Number>(partials: &[N], layout: Layout) -> Self {
+        let total = |n: usize| partials.chunks_exact(layout.length).map(|row| row[n].into()).sum::<f64>();
         let row: Vec<f64> = (0..layout.length).map(total).collect();
         let mut sums = Self {
             energy: row[layout.energy],
@@ -126,6 +116,64 @@ impl Sums {
             }
         }
         sums
+    }
+}
+
+/// Sums over pixels of one line, by the powers of X: Y is the same for all. The others are as in [`Sums`].
+#[derive(Default)]
+pub(super) struct Line {
+    /// w ∇J ∇Jᵀ: xx, xy, yy.
+    pub(super) normal: [[f64; 5]; 3],
+    /// w ∇J S.
+    pub(super) gradient: [[f64; 3]; 2],
+    pub(super) energy: f64,
+    pub(super) valid: f64,
+    pub(super) roughness: [f64; 2],
+    pub(super) spread: f64,
+    pub(super) variance: [f64; 2],
+}
+
+impl Line {
+    /// Adds a pixel at X, from the centre divided by L: w ∇J ∇Jᵀ and w ∇J S.
+    pub(super) fn add(&mut self, normal: [f64; 3], gradient: [f64; 2], x: f64) {
+        let powers = [1.0, x, x * x, x * x * x, x * x * x * x];
+        for (sums, n) in self.normal.iter_mut().zip(normal) {
+            sums.iter_mut().zip(powers).for_each(|(sum, power)| *sum += n * power);
+        }
+        for (sums, g) in self.gradient.iter_mut().zip(gradient) {
+            sums.iter_mut().zip(powers).for_each(|(sum, power)| *sum += g * power);
+        }
+    }
+
+    /// Adds the line at Y to a row of partial sums.
+    pub(super) fn add_to(&self, row: &mut [f64], y: f64, layout: Layout) {
+        let degree = if layout.unknowns == UNKNOWNS { 4 } else { 2 };
+        for (j, power) in (0..=degree).zip([1.0, y, y * y, y * y * y, y * y * y * y]) {
+            for i in 0..=degree - j {
+                let place = monomial([i, j]);
+                (0..3).for_each(|c| row[3 * place + c] += self.normal[c][i] * power);
+                if i + j <= degree / 2 {
+                    (0..2).for_each(|c| row[layout.gradient + 2 * place + c] += self.gradient[c][i] * power);
+                }
+            }
+        }
+        let [[r0, r1], [b2, d]] = [self.roughness, self.variance];
+        let rest = [self.energy, self.valid, r0, r1, self.spread, b2, d];
+        row[layout.energy..].iter_mut().zip(rest).for_each(|(sum, own)| *sum += own);
+    }
+}
+
+#[cfg(test)]
+impl Sums {
+    /// Adds a pixel at a place from the centre divided by L: w ∇J ∇Jᵀ (xx, xy, yy) and w ∇J S.
+    pub(crate) fn add(&mut self, [xx, xy, yy]: [f64; 3], g: [f64; 2], place: [f64; 2]) {
+        let by = displacements(place);
+        for (i, a) in by.iter().enumerate() {
+            self.gradient[i] += a[0] * g[0] + a[1] * g[1];
+            for (j, b) in by.iter().enumerate() {
+                self.normal[i][j] += xx * a[0] * b[0] + xy * (a[0] * b[1] + a[1] * b[0]) + yy * a[1] * b[1];
+            }
+        }
     }
 }
 
@@ -187,7 +235,16 @@ mod tests {
         }
         for projective in [false, true] {
             let layout = Layout::of(projective);
-            let actual = Sums::from_partials(&row(&residuals, layout), layout);
+            let mut line_by_line = vec![0.0; layout.length];
+            for ([jx, jy], s, [x, y]) in &residuals {
+                let mut line = Line { energy: s.abs(), valid: 1.0, ..Line::default() };
+                line.add([jx * jx, jx * jy, jy * jy], [jx * s, jy * s], *x);
+                line.add_to(&mut line_by_line, *y, layout);
+            }
+            let of_device = row(&residuals, layout);
+            let same = line_by_line.iter().zip(&of_device).all(|(a, e)| (a - f64::from(*e)).abs() < 1e-4);
+            assert!(same, "{line_by_line:?} {of_device:?}");
+            let actual = Sums::from_partials(&of_device, layout);
             for i in 0..layout.unknowns {
                 assert!((actual.gradient[i] - expected.gradient[i]).abs() < 1e-4, "{i}");
                 for j in 0..layout.unknowns {

@@ -16,9 +16,12 @@
 //! The system is stored divided by its diagonal, with weights in half precision. At the solution, dV = 0, their
 //! rounding has no effect.
 
-use super::grid::Grid;
+use super::grid::FLOATS;
+use super::lanes::vectorised;
+use super::links::{self, LinkRow, Links};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, WORKGROUP, pixels};
+use super::rows::{self, Rows};
+use super::{Number, Raster, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -34,10 +37,6 @@ push_constants! {
     /// η of the smoothness term, px of blur per pixel; for a pair px² per pixel.
     smoothness_eta: f32,
 }
-
-/// Pixels over which slopes on either side of two neighbours are computed. Over fewer, noise counts as slope; over
-/// more, bends of V are straightened.
-const REACH: isize = shaders::system::REACH as isize;
 
 /// The variant for a sweep.
 pub(crate) const SWEEP: Variant = [true, false, false, false];
@@ -80,76 +79,121 @@ impl Pass for Bindings {
         (28 + 4 * u64::from(layers(variant))) * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { memory.state(self.state).alpha };
         let equations = &memory.layers(self.equations)[..layers(variant) as usize];
-        let ([right_side, weights @ ..], sums, grid) =
-            cpu_reference(c, alpha, memory.layer(self.unknown, 0), equations);
-        memory.set_layer(self.right_sides, 0, right_side);
-        weights.into_iter().enumerate().for_each(|(n, weight)| memory.set_layer(self.weights, n, weight));
-        let coarse = grid.halved().numbers();
+        let (colors, sums, coarse) = cpu_reference(c, alpha, memory.layer(self.unknown, 0), equations);
+        for (color, [right_side, weights @ ..]) in colors.into_iter().enumerate() {
+            memory.set_layer(self.right_sides, color, right_side);
+            let place = |n: usize| 4 * color + n;
+            weights.into_iter().enumerate().for_each(|(n, weight)| memory.set_layer(self.weights, place(n), weight));
+        }
         memory.numbers_mut(self.grid, coarse.len())[..coarse.len()].copy_from_slice(&coarse);
         if variant == SWEEP {
-            memory.numbers_mut(self.partials, SUMS)[..SUMS].copy_from_slice(&sums);
+            memory.set_numbers(self.partials, &sums);
         }
     }
 }
 
-/// The system: right side, then the weights of the right, left, lower and upper neighbour; the sums; and the
-/// system as that of a grid. `equations` holds D, b, and for a sweep q.
-pub fn cpu_reference(
+/// The system of each color, as the device stores it: right side, then the weights of the right, left, lower and upper
+/// neighbour; the sums; and the [cells](super::grid::Cell) of the first coarse grid. `equations` holds D, b, and for a
+/// sweep q.
+pub fn cpu_reference<N: Number>(
     c: &Constants,
     alpha: f64,
-    unknown: &Field,
-    equations: &[Field],
-) -> ([Field; 5], [f64; SUMS], Grid) {
-    let [rate, eta] = [c.rate, c.smoothness_eta].map(f64::from);
-    let (width, height) = (unknown.width as isize, unknown.height as isize);
-    let at = |x: isize, y: isize| unknown.clamped(x, y);
-    let phi = |x: isize, y: isize| {
-        let rise = [0.5 * (at(x + 1, y) - at(x - 1, y)), 0.5 * (at(x, y + 1) - at(x, y - 1))];
-        1.0 / (rate * (rise[0].powi(2) + rise[1].powi(2)) + eta * eta).sqrt()
-    };
-    let slope = |x: isize, y: isize, dx: isize, dy: isize| {
-        if equations.len() == layers(SWEEP) as usize {
-            return 0.0;
+    unknown: &Raster<N>,
+    equations: &[Raster<N>],
+) -> ([[Raster<N>; 5]; 2], [f64; SUMS], Vec<N>) {
+    let strengths = [alpha, c.rate.into(), c.smoothness_eta.into()];
+    let links = Links::new(unknown, strengths, equations.len() < layers(SWEEP) as usize);
+    let (width, height, columns) = (unknown.width, unknown.height, unknown.width.div_ceil(2));
+    let mut colors = [(); 2].map(|()| [(); 5].map(|()| Raster::zeros(columns, height)));
+    let mut cells = vec![N::default(); FLOATS * columns * height.div_ceil(2)];
+    let [[r0, r1, r2, r3, r4], [b0, b1, b2, b3, b4]] = &mut colors;
+    // Two rows at a time, which are one of the coarse grid.
+    let [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4] =
+        [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4].map(|raster| Rows::from(raster).joined(2));
+    let coarse = Rows { width: FLOATS * columns, numbers: &mut cells };
+    let rasters = [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4, coarse];
+    let sums = rows::map(rasters, |pair, [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4, cells]| {
+        let mut colors = [[r0, r1, r2, r3, r4], [b0, b1, b2, b3, b4]];
+        let mut sums = [0.0; SUMS];
+        let [mut across, mut down, mut above] = [(); 3].map(|()| LinkRow::default());
+        let mut line = [(); 7].map(|()| vec![N::default(); width]);
+        links.downwards(2 * pair as isize - 1, &mut above);
+        for y in 2 * pair..(2 * pair + 2).min(height) {
+            links.across(y, &mut across);
+            links.downwards(y as isize, &mut down);
+            let [own_d, own_b] = [0, 1].map(|n| equations[n].row(y));
+            let [.., sums_of_weights, pulls] = &mut line;
+            links::sums([&across, &down, &above], 0, [sums_of_weights, pulls]);
+            let around = [&across.weights, &down.weights, &above.weights];
+            vectorised(
+                #[inline(always)]
+                || divided(own_d, own_b, around, &mut line),
+            );
+            let [.., wholes, sides] = &line;
+            for (color, own) in colors.iter_mut().enumerate() {
+                let first = (y + color) % 2;
+                for (part, own) in line.iter().zip(own) {
+                    let own = &mut own[(y - 2 * pair) * columns..][..columns];
+                    own.iter_mut().zip(part[first.min(width)..].iter().step_by(2)).for_each(|(own, part)| *own = *part);
+                }
+            }
+            for (half, cell) in cells.chunks_exact_mut(FLOATS).enumerate() {
+                // Two by two cells make one. A link across the border of two is as wide as two, and twice as long.
+                for x in 2 * half..(2 * half + 2).min(width) {
+                    cell[0] += own_d[x];
+                    cell[1] += sides[x];
+                    cell[2] += if x % 2 == 1 { N::of(0.5) * across.weights[x] } else { N::default() };
+                    cell[3] += if y % 2 == 1 { N::of(0.5) * down.weights[x] } else { N::default() };
+                }
+            }
+            if let Some(q) = equations.get(2) {
+                for ((q, b), whole) in q.row(y).iter().zip(own_b).zip(wholes) {
+                    let [q, b, whole]: [f64; 3] = [*q, *b, *whole].map(Into::into);
+                    sums[0] += q * b / whole;
+                    sums[1] += q * q / whole;
+                }
+            }
+            std::mem::swap(&mut above, &mut down);
         }
-        let along = |n: isize| at(x + n * dx, y + n * dy);
-        let (before, behind) = (along(0) - along(-REACH), along(REACH + 1) - along(1));
-        if before * behind > 0.0 { 2.0 * before * behind / (REACH as f64 * (before + behind)) } else { 0.0 }
-    };
-    let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(unknown.width, unknown.height));
-    let mut sums = [0.0; SUMS];
-    let zeros = || Field::zeros(unknown.width, unknown.height);
-    let mut grid = Grid { d: zeros(), r: zeros(), right: zeros(), below: zeros() };
-    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
-        let n = (y * width + x) as usize;
-        let beside = [(1, 0), (-1, 0), (0, 1), (0, -1)].map(|(dx, dy)| (x + dx, y + dy));
-        let a = beside.map(|(i, j)| {
-            let exists = (0..width).contains(&i) && (0..height).contains(&j);
-            if exists { 0.5 * alpha * rate * (phi(x, y) + phi(i, j)) } else { 0.0 }
-        });
-        let slopes = [slope(x, y, 1, 0), -slope(x - 1, y, 1, 0), slope(x, y, 0, 1), -slope(x, y - 1, 0, 1)];
-        let pull: f64 = (0..4).map(|n| a[n] * (at(beside[n].0, beside[n].1) - at(x, y) - slopes[n])).sum();
-        let (d, b) = (equations[0].data[n], equations[1].data[n]);
-        (grid.d.data[n], grid.r.data[n], grid.right.data[n], grid.below.data[n]) = (d, b + pull, a[0], a[2]);
-        let whole = (d + a.iter().sum::<f64>()).max(1e-12);
-        system[0].data[n] = (b + pull) / whole;
-        a.iter().enumerate().for_each(|(k, a)| system[k + 1].data[n] = a / whole);
-        if let Some(q) = equations.get(2) {
-            sums[0] += q.data[n] * b / whole;
-            sums[1] += q.data[n] * q.data[n] / whole;
-        }
+        sums
+    });
+    let sums = sums.iter().fold([0.0; SUMS], |[a, b], [c, d]| [a + c, b + d]);
+    (colors, sums, cells)
+}
+
+/// Divides a row of the system by its diagonal. `line` holds Σa and the pulls in its last two parts, which become the
+/// diagonal and the right side before it is divided; its first five become the right side and the weights.
+#[inline(always)]
+fn divided<N: Number>(d: &[N], b: &[N], [across, down, above]: [&Vec<N>; 3], line: &mut [Vec<N>; 7]) {
+    let width = d.len();
+    let [sides, rights, lefts, belows, aboves, wholes, raw] = line.each_mut().map(|part| &mut part[..width]);
+    let (b, across, down, above) = (&b[..width], &across[..width], &down[..width], &above[..width]);
+    for x in 0..width {
+        wholes[x] = (d[x] + wholes[x]).max(N::of(1e-12));
+        raw[x] += b[x];
+        let over = N::of(1.0) / wholes[x];
+        sides[x] = raw[x] * over;
+        rights[x] = across[x] * over;
+        belows[x] = down[x] * over;
+        aboves[x] = above[x] * over;
     }
-    (system, sums, grid)
+    lefts[0] = N::default();
+    for x in 1..width {
+        lefts[x] = across[x - 1] * (N::of(1.0) / wholes[x]);
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Rig, random_field};
-    use super::super::relax::{half, interleaved};
+    use super::super::relax::{both, interleaved};
     use super::super::state::{DoubleState, State};
     use super::*;
+    use crate::engine::slot::Slot;
     use crate::engine::vulkan::Resource;
 
     fn check(width: usize, height: usize, variant: Variant, flat: bool) {
@@ -161,7 +205,7 @@ mod tests {
         let (width, height) = (width as u32, height as u32);
         let c = Constants { width, height, alpha: 0.05, rate: 0.7, smoothness_eta: 0.1 };
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { f64::from(state.alpha) };
-        let (expected, sums, grid) = cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
+        let (expected, sums, coarse) = cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
         let rig = Rig::new();
         // The pixel beyond an odd width is written too.
         let before = |floats: u32| {
@@ -172,13 +216,12 @@ mod tests {
         let groups = tiles([width, height]);
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
         let state = rig.upload(bytemuck::bytes_of(&state));
-        let coarse = grid.halved().numbers();
         let cells = rig.upload(&vec![0; 4 * coarse.len()]);
         let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
         resources.extend([&partials, &state, &cells].map(Resource::Buffer));
         rig.run_variant(&STAGE, variant, &resources, &c, groups);
         // Single precision, over diagonals of down to 0.1.
-        rig.assert_close(&images[2], &[0, 1].map(|color| half(&expected[0], color)), 1e-4);
+        rig.assert_close(&images[2], &expected.each_ref().map(|[right_side, ..]| right_side.clone()), 1e-4);
         // Half precision, rounded either way.
         rig.assert_close(&images[3], &interleaved(&expected), 3e-4);
         for (f, e) in rig.floats(&cells).iter().zip(&coarse) {
@@ -200,12 +243,26 @@ mod tests {
         check(35, 20, [false; 4], true);
     }
 
+    /// The host adds up whole rows of partial sums. Those of the pass before must not be among them.
+    #[test]
+    fn partial_sums_of_earlier_passes_are_replaced() {
+        let slots = [0, 1, 2, 3, 4, 5, 6].map(|n| Slot::Frames { level: n });
+        let mut memory = Memory::<f64>::new();
+        memory.layers.insert(slots[0], vec![random_field(9, 7, 1)]);
+        memory.layers.insert(slots[1], (2..5).map(|seed| random_field(9, 7, seed)).collect());
+        memory.numbers.insert(slots[4], vec![7.0; 64]);
+        let c = Constants { width: 9, height: 7, alpha: 0.05, rate: 0.7, smoothness_eta: 0.1 };
+        <Bindings as super::super::pass::Bindings>::of(&slots).run(&c, SWEEP, &mut memory);
+        assert_eq!(memory.numbers[&slots[4]].len(), SUMS);
+    }
+
     /// The right sides of the middle row of 121 x 5 pixels. The unknown depends on x alone, D is 1 and b is 0.
-    fn pulls(unknown: impl Fn(f64) -> f64) -> Vec<f64> {
+    fn pulls(unknown: impl Fn(f64) -> f64 + Sync) -> Vec<f64> {
         let c = Constants { width: 121, height: 5, alpha: 1.0, rate: 1.0, smoothness_eta: 0.1 };
         let unknown = Field::from_fn(121, 5, |x, _| unknown(x as f64));
         let [ones, zeros] = [1.0, 0.0].map(|value| Field::from_fn(121, 5, |_, _| value));
-        cpu_reference(&c, 0.1, &unknown, &[ones, zeros]).0[0].data[2 * 121..3 * 121].to_vec()
+        let (colors, ..) = cpu_reference(&c, 0.1, &unknown, &[ones, zeros]);
+        both(colors.each_ref().map(|[right_side, ..]| right_side), 121).row(2).to_vec()
     }
 
     #[test]
@@ -233,10 +290,11 @@ mod tests {
         for seed in 0..6 {
             let [mut v, d, b] = [1, 2, 3].map(|n| random_field(41, 30, 10 * seed + n));
             v.data.iter_mut().for_each(|v| *v = 12.0 * (*v - 0.5));
-            let ([_, weights @ ..], ..) = cpu_reference(&c, 0.01, &v, &[d, b]);
-            for i in 0..v.data.len() {
-                let row = weights.each_ref().map(|weight| weight.data[i]);
-                assert!(row.iter().all(|w| *w >= 0.0) && row.iter().sum::<f64>() <= 1.0 + 1e-12, "{row:?} at {i}");
+            for [_, weights @ ..] in cpu_reference(&c, 0.01, &v, &[d, b]).0 {
+                for i in 0..weights[0].data.len() {
+                    let row = weights.each_ref().map(|weight| weight.data[i]);
+                    assert!(row.iter().all(|w| *w >= 0.0) && row.iter().sum::<f64>() <= 1.0 + 1e-12, "{row:?} at {i}");
+                }
             }
         }
     }

@@ -28,7 +28,7 @@
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
 use super::uncertainty_terms::{self, WINDOW};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::base::Settings;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -120,7 +120,7 @@ impl Pass for Bindings {
         16 * pixels(c.width, c.height) + 4 * uncertainty_terms::LAYERS as u64 * pixels(width, height)
     }
 
-    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let r = memory.state(self.state).registration;
         let mask = memory.mask_bytes().filter(|_| variant == MASKED);
         if let Some(terms) = memory.layers(self.terms).first_chunk() {
@@ -133,25 +133,25 @@ impl Pass for Bindings {
 
 /// V, its standard deviation and the residual, from the averaged terms. `spread` is the noise of S, `mask` has a byte per pixel, 0 where there are
 /// no results.
-pub fn cpu_reference(
+pub fn cpu_reference<N: Number>(
     c: &Constants,
     r: &Registration,
     spread: f64,
-    v: &Field,
-    terms: &[Field; uncertainty_terms::LAYERS],
+    v: &Raster<N>,
+    terms: &[Raster<N>; uncertainty_terms::LAYERS],
     mask: Option<&[u8]>,
-) -> [Field; 3] {
+) -> [Raster<N>; 3] {
     let size = [v.width, v.height];
     let valid = |x, y| {
         mask.is_none_or(|mask| mask[y * v.width + x] != 0)
             && inside([x, y], r.displacement(x, y, 1.0, c.centre.map(f64::from)), size, v.get(x, y), r.scale())
     };
-    let mean = |f: &Field, x: usize, y: usize| {
+    let mean = |f: &Raster<N>, x: usize, y: usize| {
         let [right, below] = [(x.div_ceil(2)).min(f.width - 1), (y.div_ceil(2)).min(f.height - 1)];
         (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
     };
     let spread = spread.max(f64::from(c.eta) / BROAD);
-    let deviation = Field::from_fn(v.width, v.height, |x, y| {
+    let deviation = Raster::from_fn(v.width, v.height, |x, y| {
         let [curvature, b2, bend, residual] = terms.each_ref().map(|f| mean(f, x, y));
         let largest = f64::from(c.largest);
         let data = b2 / (f64::from(c.pixels) * curvature * curvature);
@@ -167,8 +167,8 @@ pub fn cpu_reference(
             }
         }
     });
-    let or_none = |value: &dyn Fn(usize, usize) -> f64| {
-        Field::from_fn(v.width, v.height, |x, y| if valid(x, y) { value(x, y) } else { f64::NAN })
+    let or_none = |value: &(dyn Fn(usize, usize) -> f64 + Sync)| {
+        Raster::from_fn(v.width, v.height, |x, y| if valid(x, y) { value(x, y) } else { f64::NAN })
     };
     let residual = or_none(&|x, y| mean(&terms[uncertainty_terms::RESIDUAL], x, y).max(0.0).sqrt());
     [or_none(&|x, y| v.get(x, y)), deviation, residual]
@@ -176,6 +176,7 @@ pub fn cpu_reference(
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, random_field};
     use super::super::state::State;
     use super::*;

@@ -10,7 +10,7 @@
 //! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels};
+use super::{Number, Raster, pixels};
 use crate::engine::filter::{self, Filter};
 use crate::engine::vulkan::Variant;
 
@@ -55,7 +55,7 @@ impl Pass for Bindings {
         4 * pixels(c.width, c.height) + 20 * pixels(width, height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let [d, b] = [0, 1].map(|n| memory.layer(self.equations, n));
         let terms = cpu_reference(c, memory.layer(self.v, 0), [d, b]);
         terms.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.terms, n, field));
@@ -74,7 +74,7 @@ pub fn window() -> Filter {
 
 /// The curvature, b² (of residuals of at least `noise`) and (∇²V)² on every other pixel. The Laplacian is the divergence of central
 /// differences, which is insensitive to noise of single pixels.
-pub fn cpu_reference(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3] {
+pub fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, [d, b]: [&Raster<N>; 2]) -> [Raster<N>; 3] {
     let [eta, noise, least] = [c.eta, c.noise, c.least].map(f64::from);
     let of = |x: usize, y: usize| {
         let beside = [(2, 0), (-2, 0), (0, 2), (0, -2)].map(|(i, j)| v.clamped(x as isize + i, y as isize + j));
@@ -88,11 +88,12 @@ pub fn cpu_reference(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3
         [d * eta * eta / (square + eta * eta), b * b + noise * noise / eta * d, bend * bend]
     };
     let (width, height) = (v.width.div_ceil(2), v.height.div_ceil(2));
-    std::array::from_fn(|layer| Field::from_fn(width, height, |x, y| of(2 * x, 2 * y)[layer]))
+    Raster::several([width, height], |x, y| of(2 * x, 2 * y))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, random_field};
     use super::*;
     use crate::engine::stages::NO_VARIANT;

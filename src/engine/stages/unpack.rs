@@ -3,7 +3,7 @@
 //! [`PixelFormat::frame`] is the CPU reference.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::pixels;
+use super::{Number, pixels};
 use crate::base::{Order, Packing, PixelFormat};
 use crate::engine::vulkan::Variant;
 
@@ -75,7 +75,7 @@ impl Pass for Bindings {
     }
 
     /// No-op: the memory of the CPU references is given unpacked frames.
-    fn run(&self, _c: &Constants, _variant: Variant, _memory: &mut Memory) {}
+    fn run<N: Number>(&self, _c: &Constants, _variant: Variant, _memory: &mut Memory<N>) {}
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! `V ← V + share clamp(dV)`, and the count of the pixels that still move. Sections 4 and 6 of `docs/method.md`.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Field, pixels, relax};
+use super::{Number, Raster, pixels, rows};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -40,11 +40,12 @@ impl Pass for Bindings {
         16 * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let change = relax::both([memory.layer(self.red, 0), memory.layer(self.black, 0)]);
-        let d = memory.layer(self.equations, 0).clone();
-        let variance = memory.state(self.state).variance;
-        let moving = cpu_reference(c, &change, &d, variance, memory.layer_mut(self.v, 0));
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+        let mut v = memory.take_layer(self.v, 0);
+        let change = [self.red, self.black].map(|half| memory.layer(half, 0));
+        let (d, variance) = (memory.layer(self.equations, 0), memory.state(self.state).variance);
+        let moving = cpu_reference(c, change, d, variance, &mut v);
+        memory.set_layer(self.v, 0, v);
         memory.state_mut(self.state).moving.iter_mut().zip(moving).for_each(|(sum, count)| *sum += f64::from(count));
     }
 }
@@ -58,20 +59,30 @@ const INDEPENDENT: f64 = shaders::update::INDEPENDENT;
 /// generated scenes. On photographs it is not measured.
 const WIDER: f64 = shaders::update::WIDER;
 
-/// Adds dV to V; returns the numbers of pixels that a whole step moves, and moves far. `variance` is Σ b² / Σ D.
-pub fn cpu_reference(c: &Constants, change: &Field, d: &Field, variance: f64, v: &mut Field) -> [u32; 2] {
-    let [step, relative, limit, share] = [c.largest_step, c.relative_step, c.limit, c.share].map(f64::from);
-    let mut moving = [0; 2];
-    for ((v, change), d) in v.data.iter_mut().zip(&change.data).zip(&d.data) {
-        let most = step.max(relative * v.abs());
-        let change = change.clamp(-most, most);
-        let whole = (*v + change).clamp(-limit, limit) - *v;
-        for (count, step) in moving.iter_mut().zip(STEPS) {
-            *count += u32::from(d * whole * whole > step * step * WIDER * INDEPENDENT * variance);
+/// Adds dV, of the red and of the black pixels, to V; returns the numbers of pixels that a whole step moves, and moves
+/// far. `variance` is Σ b² / Σ D.
+pub fn cpu_reference<N: Number>(
+    c: &Constants,
+    change: [&Raster<N>; 2],
+    d: &Raster<N>,
+    variance: f64,
+    v: &mut Raster<N>,
+) -> [u32; 2] {
+    let [step, relative, limit, share] = [c.largest_step, c.relative_step, c.limit, c.share].map(|n| N::of(n.into()));
+    let bounds = STEPS.map(|step| N::of(step * step * WIDER * INDEPENDENT * variance));
+    let within = |value: N, most: N| value.max(-most).min(most);
+    let moving = rows::map([v.into()], |y, [v]| {
+        let (d, change) = (d.row(y), change.map(|half| half.row(y)));
+        let mut moving = [0; 2];
+        for (x, v) in v.iter_mut().enumerate() {
+            let change = within(change[(x + y) % 2][x / 2], step.max(relative * v.abs()));
+            let whole = within(*v + change, limit) - *v;
+            moving.iter_mut().zip(bounds).for_each(|(count, bound)| *count += u32::from(d[x] * whole * whole > bound));
+            *v = within(*v + share * change, limit);
         }
-        *v = (*v + share * change).clamp(-limit, limit);
-    }
-    moving
+        moving
+    });
+    moving.iter().fold([0; 2], |[a, b], [c, d]| [a + c, b + d])
 }
 
 #[cfg(test)]
@@ -96,7 +107,8 @@ mod tests {
             let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
             resources.push(Resource::Buffer(&buffer));
             rig.run(&STAGE, &resources, &constants, [width, height]);
-            let moving = cpu_reference(&constants, &change, &d, state.variance.into(), &mut v);
+            let halves = [0, 1].map(|color| half(&change, color));
+            let moving = cpu_reference(&constants, halves.each_ref(), &d, state.variance.into(), &mut v);
             rig.assert_close(&images[2], &[v], 1e-6);
             let actual: State = rig.value(&buffer);
             assert_eq!([actual.moving, actual.moving_far], moving);

@@ -5,8 +5,7 @@
 
 use std::ops::Range;
 
-use nalgebra::{Cholesky, SMatrix, SVector};
-
+use super::Number;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
@@ -78,8 +77,8 @@ impl Pass for Bindings {
         4 * Layout::of_variant(variant).length as u64 * u64::from(c.rows)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let sums = memory.sums(self.partials).clone();
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let sums = memory.sums(self.partials, Layout::of_variant(variant));
         let start = memory.words(self.start_arguments).to_vec();
         let state = memory.state_mut(self.state);
         let level = c.level as usize;
@@ -102,10 +101,19 @@ impl Pass for Bindings {
         let cancelled = start.last().is_some_and(|&last| last != arguments::NOT_CANCELLED);
         let ends = step.settled || cancelled;
         let warps = c.warp_count > 0 && !ends && !follows;
-        state.levels[level].energy = step.energy;
-        state.levels[level].iterations += 1;
+        state.degenerate = step.degenerate;
+        let progress = &mut state.levels[level];
+        if warps {
+            progress.warps |= 1 << (progress.iterations + 1).ilog2();
+        }
+        progress.iterations += 1;
+        (progress.energy, progress.valid, progress.moving) = (step.energy, sums.valid, step.moving);
+        progress.settled = step.settled;
+        if cancelled {
+            state.levels[..=level].iter_mut().for_each(|level| level.settled = true);
+        }
         let energies = memory.numbers_mut(self.energies, c.energy_place as usize + 1);
-        energies[c.energy_place as usize] = step.energy;
+        energies[c.energy_place as usize] = N::of(step.energy);
         let words = memory.words_mut(self.arguments);
         if ends {
             let own = range(c.argument_place, c.argument_count);
@@ -128,6 +136,10 @@ pub struct Step {
     pub energy: f64,
     /// T and V are at rest: the level has no more iterations.
     pub settled: bool,
+    /// The share of the valid pixels that moved.
+    pub moving: f64,
+    /// It had unknowns that the images do not determine.
+    pub degenerate: bool,
     /// No corner moved by `FOLLOWED` pixels of the level: errors of T no longer count as noise.
     pub steady: bool,
 }
@@ -136,20 +148,21 @@ pub struct Step {
 /// their standard deviation, and `far` by more than half of it.
 pub fn cpu_reference(c: &Constants, sums: &Sums, r: &mut Registration, before: f64, [moving, far]: [f64; 2]) -> Step {
     let factor = f64::from(c.factor);
-    let x = solve(c, sums);
+    let (x, degenerate) = solve(c, sums);
     let decrease: f64 = -x.iter().zip(&sums.gradient).map(|(x, g)| x * g).sum::<f64>();
     let step = displacing(c.length.into(), factor, x.map(|x| f64::from(c.share) * x));
     let moved = corner_moves(c, &step);
     *r = r.after(&step);
     let energy = sums.energy / sums.valid.max(1.0);
     let change = (energy - before).abs();
-    let few = moving <= f64::from(c.most_moving) * sums.valid && far <= f64::from(c.most_far) * sums.valid;
+    let share = moving / sums.valid.max(1.0);
+    let few = share <= f64::from(c.most_moving) && far <= f64::from(c.most_far) * sums.valid;
     let variance = sums.variance[0] / sums.variance[1].max(1e-30);
     let settled = c.may_settle == 1
         && (moved < f64::from(c.still) * factor || decrease < f64::from(c.steady) * variance)
         && few
         && change <= f64::from(c.flatness) * before;
-    Step { energy, settled, steady: moved <= FOLLOWED * factor }
+    Step { energy, settled, moving: share, degenerate, steady: moved <= FOLLOWED * factor }
 }
 
 /// The map with these displacements, in pixels of a level that are `factor` wide, with places divided by `length`.
@@ -215,25 +228,45 @@ pub fn find_alpha(sums: &Sums, alpha: f64) -> f64 {
     if (estimate / alpha).ln().abs() > 0.1 { estimate } else { alpha }
 }
 
-/// Solves for the free unknowns. If N is singular no unknown steps; the shader holds only the dependent ones.
-///
-/// Gradient descent steps each unknown by its gradient over `Σ_j |N_ij|`. The paper states no step length; by
-/// Gershgorin's theorem these are the longest, one per unknown, that always descend while the weights are lagged.
-fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
-    let mut n = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, j| sums.normal[i][j]);
-    let least = f64::max(1e-12 * sums.valid, 1e-7 * n.diagonal().max());
-    let held: [bool; UNKNOWNS] = std::array::from_fn(|i| i >= c.unknowns as usize || n[(i, i)] <= least);
-    let mut g = SVector::<f64, UNKNOWNS>::from_fn(|i, _| -sums.gradient[i]);
-    for i in (0..UNKNOWNS).filter(|&i| held[i]) {
-        n.row_mut(i).fill(0.0);
-        n.column_mut(i).fill(0.0);
-        n[(i, i)] = 1.0;
-        g[i] = 0.0;
-    }
+/// The step of T, and whether it has unknowns that the images do not determine. By Cholesky's decomposition of N scaled
+/// to a unit diagonal; or down the gradient, divided by the sum of N's row. Unknowns that are held or undetermined take
+/// no step.
+fn solve(c: &Constants, sums: &Sums) -> ([f64; UNKNOWNS], bool) {
+    let n = |i: usize, j: usize| sums.normal[i][j];
+    let most = (0..UNKNOWNS).map(|i| n(i, i)).fold(0.0, f64::max);
+    // 1e-7: stripes leave a gradient 3e-4 as steep as the others', by rounding.
+    let least = f64::max(1e-12 * sums.valid, 1e-7 * most);
+    let unseen: [bool; UNKNOWNS] = std::array::from_fn(|i| n(i, i).is_nan() || n(i, i) <= least);
+    let mut held: [bool; UNKNOWNS] = std::array::from_fn(|i| unseen[i] || i >= c.unknowns as usize);
+    let mut degenerate = sums.valid.is_nan() || sums.valid <= 0.0 || unseen[..c.unknowns as usize].contains(&true);
     if c.descend == 1 {
-        return std::array::from_fn(|i| if held[i] { 0.0 } else { g[i] / n.row(i).abs().sum() });
+        let row = |i: usize| (0..UNKNOWNS).filter(|&j| !held[j]).map(|j| n(i, j).abs()).sum::<f64>();
+        return (std::array::from_fn(|i| if held[i] { 0.0 } else { -sums.gradient[i] / row(i) }), degenerate);
     }
-    Cholesky::new(n).map_or([0.0; UNKNOWNS], |l| l.solve(&g).into())
+    let scale: [f64; UNKNOWNS] = std::array::from_fn(|i| if held[i] { 0.0 } else { 1.0 / n(i, i).sqrt() });
+    let mut l = [[0.0; UNKNOWNS]; UNKNOWNS];
+    for j in 0..UNKNOWNS {
+        let pivot = 1.0 - l[j][..j].iter().map(|l| l * l).sum::<f64>();
+        // 1e-5: below it single precision has no digits of this unknown left.
+        if pivot.is_nan() || pivot <= 1e-5 {
+            (held[j], degenerate) = (true, true);
+        }
+        l[j][j] = if held[j] { 1.0 } else { pivot.sqrt() };
+        for i in j + 1..UNKNOWNS {
+            let sum = n(i, j) * scale[i] * scale[j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
+            l[i][j] = if held[j] { 0.0 } else { sum / l[j][j] };
+        }
+    }
+    let mut x: [f64; UNKNOWNS] = std::array::from_fn(|i| -sums.gradient[i] * scale[i]);
+    for i in 0..UNKNOWNS {
+        let known: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
+        x[i] = if held[i] { 0.0 } else { (x[i] - known) / l[i][i] };
+    }
+    for i in (0..UNKNOWNS).rev() {
+        let known: f64 = (i + 1..UNKNOWNS).map(|k| l[k][i] * x[k]).sum();
+        x[i] = if held[i] { 0.0 } else { (x[i] - known) / l[i][i] };
+    }
+    (std::array::from_fn(|i| x[i] * scale[i]), degenerate)
 }
 
 #[cfg(test)]

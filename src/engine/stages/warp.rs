@@ -7,7 +7,7 @@
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, from_centre};
-use super::{Field, pixels, spline};
+use super::{Number, Raster, pixels, spline};
 use crate::base::Shading;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -48,7 +48,7 @@ impl Pass for Bindings {
         8 * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);
         let samples = cpu_reference(c, &r, &shading, memory.layer(self.spline2, 0));
         memory.set_layer(self.stacks, c.layer as usize, samples);
@@ -58,14 +58,14 @@ impl Pass for Bindings {
 }
 
 /// Samples of I2 at T x times the shading, mirrored once where T leaves I2.
-pub fn cpu_reference(c: &Constants, r: &Registration, shading: &Shading, spline2: &Field) -> Field {
+pub fn cpu_reference<N: Number>(c: &Constants, r: &Registration, shading: &Shading, spline2: &Raster<N>) -> Raster<N> {
     let centre = c.centre.map(f64::from);
     let mirrored = |x: f64, size: usize| {
         let last = size as f64 - 1.0;
         let x = if x < 0.0 { -x } else { x };
         if x > last { 2.0 * last - x } else { x }
     };
-    Field::from_fn(spline2.width, spline2.height, |x, y| {
+    Raster::from_fn(spline2.width, spline2.height, |x, y| {
         let d = r.displacement(x, y, c.factor.into(), centre);
         let (x, y) = (mirrored(x as f64 + d[0], spline2.width), mirrored(y as f64 + d[1], spline2.height));
         shading.at(from_centre([x, y], centre)) * spline::read(spline2, x, y).value
@@ -74,6 +74,7 @@ pub fn cpu_reference(c: &Constants, r: &Registration, shading: &Shading, spline2
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, smooth_field};
     use super::super::state::State;
     use super::*;

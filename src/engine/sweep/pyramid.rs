@@ -349,7 +349,7 @@ impl PyramidSolver {
         self.valid_pixels = level.pixels() as f64;
         if self.excluded_words > 0 {
             self.valid_pixels = validity::count_in_two_frames(&words, self.frames) as f64;
-            self.device.buffer(Slot::Hidden).write(bytemuck::cast_slice(&words))?;
+            self.device.write_hidden(&words)?;
         }
         Ok(())
     }
@@ -464,9 +464,9 @@ impl PyramidSolver {
         let floats = (columns * rows) as usize * layout.length;
         // Tiles that are not listed write no sums.
         let script = sweep::half_pairs(&self.plan, level, &frames, hold);
-        self.device.run_after_zeroing(&script, (4 * half_pairs.len() * floats) as u64)?;
+        self.device.run_after_zeroing(&script, half_pairs.len() * floats)?;
         let read = |(n, frames): (usize, &[usize; 2])| {
-            let rows: Vec<f32> = self.device.buffer(Slot::Partials).read(4 * n * floats, floats)?;
+            let rows = self.device.partials(n * floats, floats)?;
             Ok(PairSums { frames: *frames, sums: Sums::from_partials(&rows, layout) })
         };
         half_pairs.iter().enumerate().map(read).collect()
@@ -478,7 +478,7 @@ impl PyramidSolver {
         self.device.run(&sweep::step(&self.plan, level, &system, &update))?;
         let [columns, rows, _] = system::tiles(level.size);
         let floats = (columns * rows) as usize * system::SUMS;
-        let rows: Vec<f32> = self.device.buffer(Slot::Partials).read(0, floats)?;
+        let rows = self.device.partials(0, floats)?;
         let total = |n: usize| rows.chunks_exact(system::SUMS).map(|row| f64::from(row[n])).sum();
         Ok([total(0), total(1)])
     }

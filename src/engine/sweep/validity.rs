@@ -86,7 +86,7 @@ impl ExcludedPixels {
         let clipped = |n: usize| {
             let (frame, limits) = (&frames[n], settings.clipped(frames[n].format().depth));
             let levels = || {
-                let counts = mask::cpu_reference(frame, limits, None);
+                let counts: Field = mask::cpu_reference(frame, limits, None);
                 let excluded = counts.data.iter().map(|&counts| counts == 0.0).collect();
                 ExclusionMask { width: counts.width, height: counts.height, excluded }.levels(levels, [0; 2])
             };

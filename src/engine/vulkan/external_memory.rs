@@ -37,7 +37,8 @@ pub struct SharedMemory {
     bytes: usize,
     host_view: HostView,
     imported: Option<ImportedMemory>,
-    device: Arc<Device>,
+    /// `None` with the CPU device.
+    device: Option<Arc<Device>>,
 }
 
 /// How the host accesses the memory.
@@ -56,9 +57,9 @@ unsafe impl Sync for SharedMemory {}
 
 impl SharedMemory {
     /// Imports the pages of host memory. If the device cannot, the host copies rows from it.
-    pub(crate) fn new(device: &Arc<Device>, HostMemory { start, bytes }: HostMemory) -> Arc<Self> {
-        let imported = import_host_memory(device, start, bytes);
-        Arc::new(Self { bytes, host_view: HostView::Pointer(start), imported, device: device.clone() })
+    pub(crate) fn new(device: Option<&Arc<Device>>, HostMemory { start, bytes }: HostMemory) -> Arc<Self> {
+        let imported = device.and_then(|device| import_host_memory(device, start, bytes));
+        Arc::new(Self { bytes, host_view: HostView::Pointer(start), imported, device: device.cloned() })
     }
 
     /// Whether the host copies rows from the memory, because the device could not import it.
@@ -104,8 +105,9 @@ impl SharedMemory {
     }
 
     /// Checks that the memory is shared with `device`.
-    pub(crate) fn check(&self, device: &Arc<Device>) -> Result<(), Error> {
-        if Arc::ptr_eq(&self.device, device) {
+    pub(crate) fn check(&self, device: Option<&Arc<Device>>) -> Result<(), Error> {
+        let owner = |device: &Arc<Device>| Arc::as_ptr(device);
+        if self.device.as_ref().map(owner) == device.map(owner) {
             return Ok(());
         }
         Err(Error::Mismatch("the memory is shared with another engine: share it with this one too".into()))
@@ -120,8 +122,10 @@ impl fmt::Debug for SharedMemory {
 
 impl Drop for SharedMemory {
     fn drop(&mut self) {
-        if let Some(imported) = self.imported.take().filter(|_| !self.device.is_in_use()) {
-            imported.free(&self.device);
+        if let (Some(imported), Some(device)) = (self.imported.take(), &self.device)
+            && !device.is_in_use()
+        {
+            imported.free(device);
         }
     }
 }
@@ -286,18 +290,21 @@ pub(crate) mod dma_buf {
     ///
     /// # Errors
     /// [`Error::Mismatch`] if it is shorter than stated, or can be neither imported nor mapped.
-    pub(crate) fn share(device: &Arc<Device>, DmaBuf { fd, bytes }: DmaBuf) -> Result<Arc<SharedMemory>, Error> {
+    pub(crate) fn share(
+        device: Option<&Arc<Device>>,
+        DmaBuf { fd, bytes }: DmaBuf,
+    ) -> Result<Arc<SharedMemory>, Error> {
         let problem = |action: &str, e: Errno| Error::Mismatch(format!("the dma-buf cannot be {action}: {e}"));
         let size = seek(&fd, SeekFrom::End(0)).map_err(|e| problem("measured", e))?;
         if bytes == 0 || bytes as u64 > size {
             return Err(Error::Mismatch(format!("the dma-buf has {size} bytes, not {bytes}")));
         }
-        let (host_view, imported) = match import(device, &fd, size) {
+        let (host_view, imported) = match device.and_then(|device| import(device, &fd, size)) {
             Some(imported) => (HostView::None, Some(imported)),
             // SAFETY: the contract of `DmaBuf` keeps the pages valid.
             None => (HostView::Mapped(unsafe { Mapping::new(fd, bytes) }.map_err(|e| problem("mapped", e))?), None),
         };
-        Ok(Arc::new(SharedMemory { bytes, host_view, imported, device: device.clone() }))
+        Ok(Arc::new(SharedMemory { bytes, host_view, imported, device: device.cloned() }))
     }
 
     /// Imports the whole dma-buf, since drivers require whole pages.

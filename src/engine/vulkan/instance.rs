@@ -410,14 +410,7 @@ fn uuid(bytes: &[u8; vk::UUID_SIZE]) -> String {
 fn memory_bytes(device_type: vk::PhysicalDeviceType, heaps: &[vk::MemoryHeap]) -> u64 {
     let local = heaps.iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
     let heap = local.map(|h| h.size).max().unwrap_or(0);
-    if device_type == vk::PhysicalDeviceType::CPU { available_memory().unwrap_or(heap) } else { heap }
-}
-
-/// Returns the bytes that Linux can give without swapping.
-fn available_memory() -> Option<u64> {
-    let report = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = report.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    line.trim().strip_suffix(" kB")?.parse::<u64>().ok().map(|kibibytes| kibibytes << 10)
+    if device_type == vk::PhysicalDeviceType::CPU { crate::base::available_memory().unwrap_or(heap) } else { heap }
 }
 
 fn kind(device_type: vk::PhysicalDeviceType) -> &'static str {

@@ -32,4 +32,4 @@ pub(crate) use memory::{Buffer, Image, Texel, image_limits};
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Resource, Stage, Variant};
 pub(crate) use recorder::{Recorder, Workgroups};
 pub(crate) use recording::Recording;
-pub(crate) use timestamps::Clock;
+pub(crate) use timestamps::{Clock, DeviceTimes};

@@ -11,7 +11,7 @@ use crate::engine::record::{Profile, Reading};
 use crate::engine::stages::NO_VARIANT;
 use crate::engine::stages::copy::{self, Constants};
 use crate::engine::stages::pass::Pass;
-use crate::engine::vulkan::{Clock, Image, Pipeline, Recorder, Resource, Texel, Workgroups};
+use crate::engine::vulkan::{Clock, Device, Image, Pipeline, Recorder, Resource, Texel, Workgroups};
 use crate::engine::{Engine, PairOptions, PreparedSolver};
 
 /// The relaxation passes: half-iterations, and whole small levels.
@@ -124,10 +124,10 @@ const COPIES: u32 = 8;
 /// The bandwidth of a pass that copies an image of floats, in the memory that all passes use: 10⁹ bytes read and
 /// written per second. `None` without device timestamps.
 pub(super) fn copy_bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
-    let device = engine.device();
+    let Some(device) = engine.device().as_vulkan() else { return Ok(None) };
     let pipeline = Arc::new(Pipeline::new(device, &copy::STAGE)?);
     let [width, height] = COPY_SIZE;
-    let (from, to) = (image(engine, "copied from")?, image(engine, "copied to")?);
+    let (from, to) = (image(device, "copied from")?, image(device, "copied to")?);
     let constants = Constants { width, height, layer: 0 };
     let copy = |recorder: &mut Recorder| {
         let resources = [Resource::Image(&from), Resource::Image(&to)];
@@ -154,6 +154,6 @@ pub(super) fn copy_bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     Ok(Spread::of(&rates))
 }
 
-fn image(engine: &Engine, name: &str) -> Result<Arc<Image>, Error> {
-    Image::new(engine.device(), name, COPY_SIZE, 1, Texel::One)
+fn image(device: &Arc<Device>, name: &str) -> Result<Arc<Image>, Error> {
+    Image::new(device, name, COPY_SIZE, 1, Texel::One)
 }

@@ -265,7 +265,7 @@ mod tests {
         // SAFETY: all handles belong to this device. The semaphore is destroyed after the wait for it has ended.
         unsafe {
             let semaphore = gpu.device.create_semaphore(&create, None).unwrap();
-            let held = DeviceSolution { semaphore, value: 1, ..pending.on_device() };
+            let held = DeviceSolution { semaphore, value: 1, ..pending.on_device().unwrap() };
             canvas.draw(&held, RANGE).unwrap();
             std::thread::sleep(Duration::from_millis(100));
             let early = gpu.device.get_fence_status(canvas.fence).unwrap();

@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for _frame in 0..2 {
         let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default())?;
         // SAFETY: each picture is read before the next draw and before the pair is dropped.
-        unsafe { canvas.draw(&pending.on_device(), RANGE) }?;
+        unsafe { canvas.draw(&pending.on_device()?, RANGE) }?;
         picture = canvas.read()?;
         let solution = pending.wait()?;
         compare(&picture, solution.relative_blur());

@@ -52,7 +52,7 @@ fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
         for _frame in 0..2 {
             let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default())?;
             // SAFETY: the picture is read before the pair is dropped.
-            unsafe { canvas.draw(&pending.on_device()) }?;
+            unsafe { canvas.draw(&pending.on_device()?) }?;
             picture = canvas.read()?;
             let solution = pending.wait()?;
             compare(&picture, solution.relative_blur());
@@ -113,7 +113,7 @@ mod tests {
         unsafe {
             let raw = device.as_hal::<Vulkan>().unwrap().raw_device().clone();
             let semaphore = raw.create_semaphore(&create, None).unwrap();
-            canvas.draw(&DeviceSolution { semaphore, value: 1, ..pending.on_device() }).unwrap();
+            canvas.draw(&DeviceSolution { semaphore, value: 1, ..pending.on_device().unwrap() }).unwrap();
             let limit = wgpu::PollType::Wait { submission_index: None, timeout: Some(Duration::from_millis(100)) };
             let early = device.poll(limit);
             raw.signal_semaphore(&vk::SemaphoreSignalInfo::default().semaphore(semaphore).value(1)).unwrap();

@@ -1,0 +1,52 @@
+//! The CPU device: scripts run by the CPU references of their stages, in single precision, on all processors.
+
+pub(super) mod pair;
+pub(super) mod sweep;
+
+use super::script::{Action, Entry, Executable};
+use super::stages::pass::Memory;
+use crate::base::Error;
+
+/// Runs entries of a script. `proceed` is called before each, and ends the run by an error.
+pub(crate) fn run<'a, N: Executable>(
+    entries: impl IntoIterator<Item = &'a Entry>,
+    memory: &mut Memory<N>,
+    proceed: &mut dyn FnMut(&Entry) -> Result<(), Error>,
+) -> Result<(), Error> {
+    for entry in entries {
+        proceed(entry)?;
+        match &entry.action {
+            Action::Dispatch(dispatch) => {
+                if dispatch.grid.word().is_none_or(|word| memory.runs(word)) {
+                    N::run(dispatch, memory);
+                }
+            }
+            Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
+            Action::Clear { image, size, layers } => memory.clear(*image, *size, *layers),
+            // The results are read from the blur stacks.
+            Action::Download { .. } => {}
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::base::Settings;
+    use crate::base::workers::no_threads;
+    use crate::engine::{Engine, EngineOptions, testing};
+    use crate::solve::{PairSolver, SolveOptions};
+
+    #[test]
+    fn bits_do_not_depend_on_the_number_of_threads() {
+        let [i1, i2] = testing::pair([150, 131]);
+        let solve = || {
+            let options = EngineOptions { device: Some("CPU".into()), ..EngineOptions::default() };
+            let engine = Engine::new(&options).unwrap();
+            let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
+            let solution = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
+            solution.relative_blur.iter().map(|v| v.to_bits()).collect::<Vec<_>>()
+        };
+        assert_eq!(solve(), no_threads::run(solve));
+    }
+}

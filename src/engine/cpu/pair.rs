@@ -1,0 +1,158 @@
+//! One pair on the CPU device.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use super::run;
+use crate::base::{Deadline, Error, Mask, Progress};
+use crate::engine::device::CpuDevice;
+use crate::engine::pair_memory::{CancelFlag, PairMemory, Shared};
+use crate::engine::progress::WorkCounter;
+use crate::engine::record::Reading;
+use crate::engine::script::{Action, Entry, Script, compose};
+use crate::engine::slot::Slot;
+use crate::engine::stages::pass::Memory;
+use crate::engine::stages::state::State;
+use crate::engine::vulkan::DeviceTimes;
+use crate::engine::windows::Bytes;
+
+/// The memory and scripts of one pair.
+pub(in crate::engine) struct CpuPair {
+    device: Arc<CpuDevice>,
+    shared: Arc<Shared>,
+    memory: Memory<f32>,
+    /// The photographs as they are uploaded.
+    photographs: [Vec<u8>; 2],
+    /// Scripts for pairs without and with masked or clipped pixels, once composed.
+    scripts: [Option<Script>; 2],
+    is_masked: bool,
+    results: Vec<f32>,
+    /// When each dispatch of the latest run began, and when the last ended; empty if solves do not read times.
+    moments: Vec<Instant>,
+    cancelled: Arc<AtomicBool>,
+}
+
+impl CpuPair {
+    /// Memory for one pair of a plan.
+    pub(in crate::engine) fn new(device: &Arc<CpuDevice>, shared: &Arc<Shared>) -> Self {
+        let plan = &shared.plan;
+        Self {
+            device: device.clone(),
+            memory: Memory::with_filters(&plan.weights.banks),
+            photographs: [0, 1].map(|image| vec![0; plan.packed_bytes(image) as usize]),
+            shared: shared.clone(),
+            scripts: [None, None],
+            is_masked: false,
+            results: Vec::new(),
+            moments: Vec::new(),
+            cancelled: Arc::default(),
+        }
+    }
+}
+
+impl PairMemory for CpuPair {
+    fn upload_mask(&mut self, mask: Option<&Mask>) -> Result<(), Error> {
+        self.memory.upload_mask(mask.cloned());
+        Ok(())
+    }
+
+    fn fill(&mut self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
+        write(&mut self.photographs[image]);
+        Ok(())
+    }
+
+    fn cancel_flag(&mut self) -> Result<Arc<CancelFlag>, Error> {
+        self.cancelled = Arc::default();
+        Ok(CancelFlag::new(self.cancelled.clone(), None))
+    }
+
+    fn prepare(&mut self, state: &State, is_masked: bool) -> Result<(), Error> {
+        for (image, bytes) in self.photographs.iter().enumerate() {
+            let frame = self.shared.plan.packed[image].frame(self.shared.plan.size, bytes);
+            let frame = frame.map_err(|problem| Error::Mismatch(format!("photograph {}: {problem}", image + 1)))?;
+            self.memory.upload_photograph(image, frame);
+        }
+        self.memory.upload_state(state.into());
+        self.is_masked = is_masked;
+        let script = self.scripts[usize::from(is_masked)].get_or_insert_with(|| compose(&self.shared.plan, is_masked));
+        self.memory.upload_arguments(&script.arguments);
+        Ok(())
+    }
+
+    fn run(
+        &mut self,
+        parts: fn(&Script) -> usize,
+        deadline: Deadline,
+        progress: &dyn Fn(Progress),
+    ) -> Result<(), Error> {
+        let Some(script) = &self.scripts[usize::from(self.is_masked)] else { return Ok(()) };
+        let count = parts(script);
+        let mut counter = WorkCounter::new(script, count);
+        self.moments.clear();
+        for (n, part) in script.parts[..count].iter().enumerate() {
+            let mut proceed = |entry: &Entry| {
+                if self.shared.reading != Reading::Never && matches!(entry.action, Action::Dispatch(_)) {
+                    self.moments.push(Instant::now());
+                }
+                match deadline.left().is_zero() {
+                    _ if self.cancelled.load(Ordering::SeqCst) => Err(Error::Cancelled),
+                    true => Err(deadline.error(&self.device.info.name)),
+                    false => Ok(()),
+                }
+            };
+            run(&part.entries, &mut self.memory, &mut proceed)?;
+            let next = script.parts[n..count].iter().find_map(|part| part.continues);
+            let settles = next.is_some_and(|level| self.memory.has_settled(level));
+            if let Some(latest) = counter.part_done(&script.parts[n], n, settles) {
+                progress(latest);
+            }
+        }
+        if !self.moments.is_empty() {
+            self.moments.push(Instant::now());
+        }
+        if count == script.parts.len() {
+            self.results.clear();
+            self.memory.download(Slot::Stacks, self.shared.plan.map_layers(), &mut self.results);
+        }
+        Ok(())
+    }
+
+    fn state(&self, slot: Slot) -> Result<State, Error> {
+        Ok(self.memory.state_in(slot).into())
+    }
+
+    fn numbers(&self, slot: Slot, count: usize) -> Result<Vec<f32>, Error> {
+        let mut numbers = self.memory.numbers_in(slot).to_vec();
+        numbers.resize(count, 0.0);
+        Ok(numbers)
+    }
+
+    fn maps(&self) -> Result<&[f32], Error> {
+        Ok(&self.results)
+    }
+
+    fn photograph(&self, image: usize) -> Bytes<'_> {
+        Bytes::Slice(&self.photographs[image])
+    }
+
+    fn times(&self) -> Result<DeviceTimes, Error> {
+        let Some((first, ends)) = self.moments.split_first() else { return Ok(DeviceTimes::default()) };
+        let ends_ms: Vec<f64> = ends.iter().map(|end| (*end - *first).as_secs_f64() * 1e3).collect();
+        let mut passes_ms = Vec::<(&'static str, f64)>::new();
+        let mut before = 0.0;
+        for (dispatch, end) in self.script().dispatches().zip(&ends_ms) {
+            let name = dispatch.stage.shader.name;
+            match passes_ms.iter_mut().find(|(pass, _)| *pass == name) {
+                Some((_, ms)) => *ms += end - before,
+                None => passes_ms.push((name, end - before)),
+            }
+            before = *end;
+        }
+        Ok(DeviceTimes { total_ms: before, passes_ms, ends_ms })
+    }
+
+    fn script(&self) -> &Script {
+        self.scripts[usize::from(self.is_masked)].as_ref().expect("a pair is prepared before its script is read")
+    }
+}
