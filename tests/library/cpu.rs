@@ -32,8 +32,8 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, f64) {
     ((both.iter().sum::<f64>() / both.len().max(1) as f64).sqrt(), unequal as f64 / a.len() as f64)
 }
 
-/// Solves on both devices. V may differ by 0.002 px² rms and T by 0.0005 px at a corner: single precision over all
-/// iterations, each of which continues from the one before.
+/// Solves on both devices. V may differ by 0.002 px² rms and T by 0.0005 px at a corner, because both round to single
+/// precision in each iteration.
 fn check(what: &str, [i1, i2]: [&Frame; 2], settings: &Settings, mask: Option<&Mask>) -> Solution {
     let solve = |engine: &Engine| {
         let options = SolveOptions { mask: mask.cloned(), ..SolveOptions::default() };
