@@ -138,18 +138,14 @@ impl PairMemory for CpuPair {
 
     fn times(&self) -> Result<DeviceTimes, Error> {
         let Some((first, ends)) = self.moments.split_first() else { return Ok(DeviceTimes::default()) };
-        let ends_ms: Vec<f64> = ends.iter().map(|end| (*end - *first).as_secs_f64() * 1e3).collect();
-        let mut passes_ms = Vec::<(&'static str, f64)>::new();
-        let mut before = 0.0;
-        for (dispatch, end) in self.script().dispatches().zip(&ends_ms) {
-            let name = dispatch.stage.shader.name;
-            match passes_ms.iter_mut().find(|(pass, _)| *pass == name) {
-                Some((_, ms)) => *ms += end - before,
-                None => passes_ms.push((name, end - before)),
-            }
-            before = *end;
+        let mut times = DeviceTimes::default();
+        for (dispatch, end) in self.script().dispatches().zip(ends) {
+            let end_ms = (*end - *first).as_secs_f64() * 1e3;
+            times.add(dispatch.stage.shader.name, end_ms - times.total_ms);
+            times.ends_ms.push(end_ms);
+            times.total_ms = end_ms;
         }
-        Ok(DeviceTimes { total_ms: before, passes_ms, ends_ms })
+        Ok(times)
     }
 
     fn script(&self) -> &Script {

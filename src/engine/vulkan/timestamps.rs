@@ -18,6 +18,16 @@ pub(crate) struct DeviceTimes {
     pub(crate) ends_ms: Vec<f64>,
 }
 
+impl DeviceTimes {
+    /// Adds a span to the time of a pass.
+    pub(crate) fn add(&mut self, name: &'static str, span_ms: f64) {
+        match self.passes_ms.iter_mut().find(|(pass, _)| *pass == name) {
+            Some((_, total)) => *total += span_ms,
+            None => self.passes_ms.push((name, span_ms)),
+        }
+    }
+}
+
 /// Where a recording writes timestamps, with the capacity of its query pool.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Clock {
@@ -133,11 +143,7 @@ impl Timestamps {
         let ends_ms = ticks[1..].iter().map(|&end| milliseconds(first, end)).collect();
         let mut times = DeviceTimes { total_ms, ends_ms, ..DeviceTimes::default() };
         for (pair, &name) in ticks.windows(2).zip(&self.span_passes) {
-            let span_ms = milliseconds(pair[0], pair[1]);
-            match times.passes_ms.iter_mut().find(|(pass, _)| *pass == name) {
-                Some((_, total)) => *total += span_ms,
-                None => times.passes_ms.push((name, span_ms)),
-            }
+            times.add(name, milliseconds(pair[0], pair[1]));
         }
         Ok(times)
     }
