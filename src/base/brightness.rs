@@ -1,5 +1,7 @@
 //! The brightness match of two photographs: gain, offset, and a smooth shading.
 
+use std::ops::{Add, Mul, Sub};
+
 use crate::base::{Photometric, Region, centre};
 
 /// The brightness match of a pair: `gain · shading(x) · I2(x) + offset` has the brightness of I1.
@@ -86,14 +88,22 @@ impl Shading {
 
     /// Returns the factor at a position from -1 to 1 along each side, clamped to 1/4 to 4.
     pub fn at(&self, position: [f64; 2]) -> f64 {
-        let terms = terms(position);
-        let sum: f64 = self.coefficients.iter().zip(&terms[1..]).map(|(c, term)| c * term).sum();
-        (1.0 + sum).clamp(0.25, 4.0)
+        self.factor(position, |c| c).clamp(0.25, 4.0)
+    }
+
+    /// Returns the factor before it is clamped, in numbers of any type. `of` converts to them.
+    #[inline(always)]
+    pub(crate) fn factor<T: Arithmetic>(&self, position: [T; 2], of: impl Fn(f64) -> T) -> T {
+        let (terms, mut sum) = (terms_of(position, &of), of(1.0));
+        for n in 0..Self::TERMS {
+            sum = sum + of(self.coefficients[n]) * terms[n + 1];
+        }
+        sum
     }
 
     /// Returns the factors of a row at y, -1 to 1, as a function of x. They equal [`at`](Self::at) except for rounding.
     pub(crate) fn along_row(&self, y: f64) -> impl Fn(f64) -> f64 + use<> {
-        let py = legendre(y);
+        let py = legendre(y, &|c| c);
         let mut a = [0.0; DEGREE + 1];
         for (c, (i, j)) in std::iter::once(&1.0).chain(&self.coefficients).zip(degrees()) {
             a[i] += c * py[j];
@@ -137,10 +147,19 @@ impl Shading {
 
 /// Returns the terms of the polynomial at a position, the constant one first.
 pub(crate) fn terms(position: [f64; 2]) -> [f64; Shading::TERMS + 1] {
-    let (px, py) = (legendre(position[0]), legendre(position[1]));
-    let (mut terms, mut n) = ([0.0; Shading::TERMS + 1], 0);
-    for sum in 0..=DEGREE {
-        for j in 0..=sum {
+    terms_of(position, &|c| c)
+}
+
+/// Numbers that polynomials are computed of.
+pub(crate) trait Arithmetic: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
+impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>> Arithmetic for T {}
+
+#[inline(always)]
+fn terms_of<T: Arithmetic>(position: [T; 2], of: &impl Fn(f64) -> T) -> [T; Shading::TERMS + 1] {
+    let (px, py) = (legendre(position[0], of), legendre(position[1], of));
+    let (mut terms, mut n) = ([px[0]; Shading::TERMS + 1], 0);
+    for sum in 0..DEGREE + 1 {
+        for j in 0..sum + 1 {
             terms[n] = px[sum - j] * py[j];
             n += 1;
         }
@@ -154,9 +173,11 @@ fn degrees() -> impl Iterator<Item = (usize, usize)> {
 }
 
 /// Returns the Legendre polynomials of degree 0 to 4 at x.
-fn legendre(x: f64) -> [f64; DEGREE + 1] {
+#[inline(always)]
+fn legendre<T: Arithmetic>(x: T, of: &impl Fn(f64) -> T) -> [T; DEGREE + 1] {
     let s = x * x;
-    [1.0, x, 1.5 * s - 0.5, (2.5 * s - 1.5) * x, (4.375 * s - 3.75) * s + 0.375]
+    let cubic = (of(2.5) * s - of(1.5)) * x;
+    [of(1.0), x, of(1.5) * s - of(0.5), cubic, (of(4.375) * s - of(3.75)) * s + of(0.375)]
 }
 
 #[cfg(test)]

@@ -203,6 +203,7 @@ impl Homography {
     }
 
     /// Returns `T x - x` for a point relative to the centre, px.
+    #[inline(always)]
     pub fn displacement(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let m = &self.matrix;
         let depth = m[2][0] * x + m[2][1] * y;

@@ -2,6 +2,7 @@
 //!
 //! The CPU reference of `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
 
+use super::lanes::Lanes;
 use super::spline::{self, Jet};
 use super::stack::{self, Blurred, Slopes};
 use super::state::Registration;
@@ -81,39 +82,38 @@ pub fn read_near<N: Number>(stacks: &Stacks<N>, [x, y]: [usize; 2], shift: [f64;
 
 /// Both images by the jets of the nodes of their stacks at a pixel, which T has moved by `shift` since I2 was warped.
 #[inline(always)]
-pub(super) fn sample_jets<R: Number>(
+pub(super) fn sample_jets<R: Real>(
     v: R,
     shift: [R; 2],
     counts: [usize; 2],
     first: impl Fn(usize) -> Jet<R>,
     second: impl Fn(usize) -> Jet<R>,
 ) -> PairSample<R> {
-    let second = |k| second(k).moved(shift);
-    let (i1, i2, near) = (first(0), second(0), R::of(NEAR));
-    let beyond = |jet: &Jet<R>, factor: R| {
-        let slope = factor * jet.laplacian;
-        let still = if v.abs() < near { slope } else { R::default() };
+    let (i1, i2, near, none) = (first(0), second(0).moved(shift), R::of(NEAR), R::default());
+    let beyond = |jet: &Jet<R>, factor: f64| {
+        let slope = R::of(factor) * jet.laplacian;
+        let still = (v.abs() - near).choose(none, slope);
         Blurred { value: jet.value + slope * v.max(-near).min(near), slope: still, dx: jet.dx, dy: jet.dy }
     };
-    let blurred = if v >= R::default() {
-        [
-            stack::between(
-                v,
-                counts[0],
-                #[inline(always)]
-                |k| first(k).node(),
-            ),
-            beyond(&i2, R::of(-0.5)),
-        ]
-    } else {
+    let (mut blurred, [least, most]) = ([beyond(&i1, 0.5), beyond(&i2, -0.5)], v.range());
+    if most >= 0.0 {
+        let b1 = stack::between(
+            v.max(none),
+            counts[0],
+            #[inline(always)]
+            |k| first(k).node(),
+        );
+        blurred[0] = Blurred::choose(v, b1, blurred[0]);
+    }
+    if least < 0.0 {
         let b2 = stack::between(
-            -v,
+            (-v).max(none),
             counts[1],
             #[inline(always)]
-            |k| second(k).node(),
+            |k| second(k).moved(shift).node(),
         );
-        [beyond(&i1, R::of(0.5)), Blurred { slope: -b2.slope, ..b2 }]
-    };
+        blurred[1] = Blurred::choose(v, blurred[1], Blurred { slope: -b2.slope, ..b2 });
+    }
     PairSample { i1: i1.value, i2, blurred }
 }
 
@@ -142,17 +142,33 @@ pub(super) struct PairSample<R = f64> {
     pub(super) blurred: [Blurred<R>; 2],
 }
 
-impl PairSample {
-    /// The sample in numbers of another type.
-    pub(super) fn rounded<R: Real>(self) -> PairSample<R> {
-        let Jet { value, dx, dy, laplacian } = self.i2;
-        let [value, dx, dy, laplacian] = [value, dx, dy, laplacian].map(R::of);
-        let blurred = self.blurred.map(|Blurred { value, slope, dx, dy }| {
-            let [value, slope, dx, dy] = [value, slope, dx, dy].map(R::of);
-            Blurred { value, slope, dx, dy }
-        });
-        PairSample { i1: R::of(self.i1), i2: Jet { value, dx, dy, laplacian }, blurred }
+impl<R: Real> PairSample<R> {
+    /// I1, J and its gradient, Î1 and its slope, Î2, its slope and its gradient.
+    #[inline(always)]
+    pub(super) fn numbers(self) -> [R; 10] {
+        let (j, [b1, b2]) = (self.i2, self.blurred);
+        [self.i1, j.value, j.dx, j.dy, b1.value, b1.slope, b2.value, b2.slope, b2.dx, b2.dy]
     }
+}
+
+/// Samples both images at the pixels from (x, y) to the right, which T has moved by `shift` since I2 was warped. For a
+/// Gaussian.
+#[inline(always)]
+pub(super) fn sample_lanes<N: Number>(
+    stacks: &Stacks<N>,
+    [x, y]: [usize; 2],
+    shift: [Lanes<N>; 2],
+    v: Lanes<N>,
+) -> PairSample<Lanes<N>> {
+    sample_jets(
+        v,
+        shift,
+        [stacks.first.len(), stacks.second.len()],
+        #[inline(always)]
+        |k| spline::near_lanes(&stacks.first[k], x, y),
+        #[inline(always)]
+        |k| spline::near_lanes(&stacks.second[k], x, y),
+    )
 }
 
 /// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1,

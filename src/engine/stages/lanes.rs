@@ -31,6 +31,51 @@ impl<N: Number> Lanes<N> {
         Self(lanes)
     }
 
+    /// The first numbers of a slice, which may have fewer.
+    #[inline(always)]
+    pub(super) fn first_of(numbers: &[N]) -> Self {
+        if numbers.len() >= LANES {
+            return Self::load(numbers, 0);
+        }
+        let mut lanes = [N::default(); LANES];
+        lanes[..numbers.len()].copy_from_slice(numbers);
+        Self(lanes)
+    }
+
+    /// The integers from `first` on.
+    #[inline(always)]
+    pub(super) fn ramp(first: usize) -> Self {
+        let mut lanes = [N::default(); LANES];
+        for (n, lane) in lanes.iter_mut().enumerate() {
+            *lane = N::of(first as f64) + N::of(n as f64);
+        }
+        Self(lanes)
+    }
+
+    /// The numbers as integers.
+    #[inline(always)]
+    pub(super) fn integers(self) -> [isize; LANES] {
+        let mut integers = [0; LANES];
+        for n in 0..LANES {
+            let number: f64 = self.0[n].into();
+            integers[n] = number as i32 as isize;
+        }
+        integers
+    }
+
+    /// Sets a lane.
+    #[inline(always)]
+    pub(super) fn set(&mut self, n: usize, number: N) {
+        self.0[n] = number;
+    }
+
+    /// Writes the first numbers to all of a slice, if it has fewer.
+    #[inline(always)]
+    pub(super) fn store_first(self, numbers: &mut [N]) {
+        let count = numbers.len().min(LANES);
+        numbers[..count].copy_from_slice(&self.0[..count]);
+    }
+
     /// Writes the numbers to a slice, from a place on.
     #[inline(always)]
     pub(super) fn store(self, numbers: &mut [N], place: usize) {
@@ -40,14 +85,18 @@ impl<N: Number> Lanes<N> {
     /// The sum of all lanes.
     #[inline(always)]
     pub(super) fn sum(self) -> f64 {
-        self.0.iter().map(|&number| -> f64 { number.into() }).sum()
+        let mut sum = 0.0;
+        for number in self.0 {
+            sum += number.into();
+        }
+        sum
     }
 
     #[inline(always)]
     fn each(self, other: Self, compute: impl Fn(N, N) -> N) -> Self {
         let mut lanes = self.0;
-        for (lane, other) in lanes.iter_mut().zip(other.0) {
-            *lane = compute(*lane, other);
+        for n in 0..LANES {
+            lanes[n] = compute(lanes[n], other.0[n]);
         }
         Self(lanes)
     }
@@ -102,6 +151,10 @@ impl<N: Number> Real for Lanes<N> {
         self.each(self, |a, _| a.abs())
     }
     #[inline(always)]
+    fn floor(self) -> Self {
+        self.each(self, |a, _| a.floor())
+    }
+    #[inline(always)]
     fn atan(self) -> Self {
         self.each(self, |a, _| a.atan())
     }
@@ -116,9 +169,18 @@ impl<N: Number> Real for Lanes<N> {
     #[inline(always)]
     fn choose(self, if_positive: Self, otherwise: Self) -> Self {
         let mut lanes = otherwise.0;
-        for (lane, (sign, value)) in lanes.iter_mut().zip(self.0.into_iter().zip(if_positive.0)) {
-            *lane = sign.choose(value, *lane);
+        for n in 0..LANES {
+            lanes[n] = self.0[n].choose(if_positive.0[n], lanes[n]);
         }
         Self(lanes)
+    }
+    #[inline(always)]
+    fn range(self) -> [f64; 2] {
+        let [mut least, mut most] = [self.0[0]; 2];
+        for n in 1..LANES {
+            least = if self.0[n] < least { self.0[n] } else { least };
+            most = if self.0[n] > most { self.0[n] } else { most };
+        }
+        [least.into(), most.into()]
     }
 }

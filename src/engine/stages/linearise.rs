@@ -15,16 +15,15 @@
 //! accounts for that. On the slanted plane with 15 iterations per level, V rms was 0.032 px² without elimination, 0.026
 //! with λ = 1 and 0.007 with 0.1; but with 0.1, black and white dots under a half-Gaussian do not settle.
 
-use super::blur::{NEAR, PairSample, Stacks, heaviside, sample_pair};
+use super::blur::{NEAR, Stacks, heaviside, sample_lanes, sample_pair};
 use super::lanes::{LANES, Lanes, vectorised};
 use super::links::{self, LinkRow, Links};
 use super::mask::{self, Masks};
-use super::near_line::NearLine;
-use super::noise::{self, Noise, Power};
+use super::noise::{self, Noise};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::stack::Slopes;
-use super::state::{Registration, inside};
+use super::state::{Registration, margin};
 use super::sums::{Layout, Line};
 use super::{Number, Raster, Real, WORKGROUP, pixels};
 use crate::engine::shaders;
@@ -177,59 +176,79 @@ pub fn cpu_reference<N: Number>(
     let links = Links::new(v, [continuation * alpha, 1.0, eta], false);
     let (scale, centre, spread) = (r.scale(), c.centre.map(f64::from), least_spread(c, spread));
     let [columns, ..] = tiles([c.width, c.height]);
-    let [block, lines] = [2 * WORKGROUP[0], WORKGROUP[1] * c.rows].map(|side| side as usize);
+    let lines = (WORKGROUP[1] * c.rows) as usize;
     let mut equations = [(); LAYERS as usize].map(|()| Raster::zeros(width, height));
     let rasters = equations.each_mut().map(|raster| Rows::from(raster).joined(lines));
     let partials = rows::map(rasters, |row, [diagonals, sides]| {
         let mut partials = vec![0.0; columns as usize * layout.length];
         // Finite from the start: places without a pixel have no weight.
-        let (mut near, mut pixels) = (NearLine::default(), [(); PARTS].map(|()| vec![N::of(1.0); block]));
+        let (mut pixels, mut terms) = ([[N::of(1.0); BLOCK]; PARTS], [[N::default(); BLOCK]; TERMS]);
+        let [mut dx, mut dy, mut shift_x, mut shift_y] = [[N::default(); BLOCK]; 4];
+        let steps: [N; BLOCK] = std::array::from_fn(|n| N::of(n as f64));
         let [mut across, mut down, mut above] = [(); 3].map(|()| LinkRow::default());
         links.downwards((row * lines) as isize - 1, &mut above);
         for y in row * lines..height.min((row + 1) * lines) {
             links.across(y, &mut across);
             links.downwards(y as isize, &mut down);
             for (tile, partials) in partials.chunks_exact_mut(layout.length).enumerate() {
-                let xs = tile * block..width.min((tile + 1) * block);
-                if moved.is_some() {
-                    near.load(stacks, v, y, xs.clone());
-                }
-                let (values, phi) = (v.row(y), links.phi().row(y));
-                let count = xs.len();
-                let [.., smoothness, pulls, phis, places] = &mut pixels;
+                let xs = tile * BLOCK..width.min((tile + 1) * BLOCK);
+                let (count, start) = (xs.len(), [xs.start, y]);
+                let [.., smoothness, pulls, phis, _] = &mut pixels;
                 links::sums([&across, &down, &above], xs.start, [&mut smoothness[..count], &mut pulls[..count]]);
-                phis[..count].copy_from_slice(&phi[xs.clone()]);
-                for (place, x) in places.iter_mut().zip(xs.clone()) {
-                    *place = N::of((x as f64 - centre[0]) / f64::from(c.length));
-                }
-                for (n, x) in xs.clone().enumerate() {
-                    let (d, own) = (r.displacement(x, y, c.factor.into(), centre), values[x]);
-                    if !inside([x, y], d, size, own.into(), scale) {
-                        pixels[SHARE][n] = N::default();
-                        continue;
-                    }
-                    pixels[SHARE][n] = N::of(mask::counts(masks, [x, y], d));
-                    let PairSample { i1, i2, blurred: [b1, b2] } = match &moved {
-                        Some(moved) => near.sample(x, own, moved.displacement(x, y, c.factor.into(), centre)),
-                        None => {
-                            sample_pair((c.mean, c.factor, c.centre), r, None, [x, y], i1, own.into(), stacks).rounded()
-                        }
-                    };
-                    let numbers = [i1, i2.value, i2.dx, i2.dy, b1.value, b1.slope, b2.value, b2.slope, b2.dx, b2.dy];
-                    (pixels[V][n], pixels[BETWEEN][n]) = (own, N::of(noise::interpolated(d)));
-                    pixels[FIRST..].iter_mut().zip(numbers).for_each(|(part, number)| part[n] = number);
-                }
-                // Lanes beyond the last pixel have no weight.
-                pixels[SHARE][count..].fill(N::default());
+                phis[..count].copy_from_slice(&links.phi().row(y)[xs.clone()]);
+                pixels[V][..count].copy_from_slice(&v.row(y)[xs.clone()]);
+                pixels[V][count..].fill(v.row(y)[xs.end - 1]);
                 let level = Level { c, gain: r.gain, offset: r.offset, alpha, spread };
                 let line = vectorised(
                     #[inline(always)]
-                    || level.line(&mut pixels, count),
+                    || {
+                        r.displacements(start, c.factor.into(), centre, [&mut dx, &mut dy]);
+                        if let Some(moved) = &moved {
+                            moved.displacements(start, c.factor.into(), centre, [&mut shift_x, &mut shift_y]);
+                        }
+                        let [first, row, middle, length] =
+                            N::all([xs.start as f64, y as f64, centre[0], c.length.into()]);
+                        for n in 0..BLOCK {
+                            let (x, d) = (first + steps[n], [dx[n], dy[n]]);
+                            pixels[SHARE][n] = margin([x, row], d, size, pixels[V][n], scale);
+                            pixels[BETWEEN][n] = noise::interpolated(d);
+                            pixels[PLACE][n] = (x - middle) / length;
+                        }
+                        for n in (0..count).step_by(LANES) {
+                            let at = [xs.start + n, y];
+                            let [dx, dy, v] = [Lanes::load(&dx, n), Lanes::load(&dy, n), Lanes::load(&pixels[V], n)];
+                            let share = mask::counts_lanes(masks, at, [dx, dy]);
+                            let inside = Lanes::load(&pixels[SHARE], n);
+                            inside.choose(share, Lanes::default()).store(&mut pixels[SHARE], n);
+                            if moved.is_some() {
+                                let shift = [Lanes::load(&shift_x, n), Lanes::load(&shift_y, n)];
+                                let numbers = sample_lanes(stacks, at, shift, v).numbers();
+                                for k in 0..numbers.len() {
+                                    numbers[k].store(&mut pixels[FIRST + k], n);
+                                }
+                            }
+                        }
+                        // Places beyond the last pixel have no weight.
+                        pixels[SHARE][count..].fill(N::default());
+                        if moved.is_none() {
+                            for n in 0..count {
+                                if pixels[SHARE][n] == N::default() {
+                                    continue;
+                                }
+                                let (lens, at, v) = ((c.mean, c.factor, c.centre), [xs.start + n, y], pixels[V][n]);
+                                let numbers = sample_pair(lens, r, None, at, i1, v.into(), stacks).numbers();
+                                for k in 0..numbers.len() {
+                                    pixels[FIRST + k][n] = N::of(numbers[k]);
+                                }
+                            }
+                        }
+                        level.line(&pixels, &mut terms)
+                    },
                 );
                 line.add_to(partials, (y as f64 - centre[1]) / f64::from(c.length), layout);
                 let first = (y - row * lines) * width + xs.start;
-                diagonals[first..first + count].copy_from_slice(&pixels[DIAGONAL][..count]);
-                sides[first..first + count].copy_from_slice(&pixels[SIDE][..count]);
+                diagonals[first..first + count].copy_from_slice(&terms[DIAGONAL][..count]);
+                sides[first..first + count].copy_from_slice(&terms[SIDE][..count]);
             }
             std::mem::swap(&mut above, &mut down);
         }
@@ -246,12 +265,36 @@ const SHARE: usize = 1;
 const BETWEEN: usize = 2;
 /// I1, the first of the samples.
 const FIRST: usize = 3;
-/// Σa, the first of the parts that do not depend on the photographs.
-const LINKS: usize = 13;
-/// The places of D, b and the signed residual, which overwrite V, the noise and I1.
-const DIAGONAL: usize = V;
-const SIDE: usize = BETWEEN;
-const SIGNED: usize = FIRST;
+/// X, the last.
+const PLACE: usize = PARTS - 1;
+/// The pixels of a line of a tile.
+const BLOCK: usize = 2 * WORKGROUP[0] as usize;
+
+/// The terms of each pixel: its part of N (xx, xy, yy) and of g, the energy, the roughness of b and of V, D, b, and the
+/// signed residual.
+const TERMS: usize = 11;
+const ENERGY: usize = 5;
+const ROUGHNESS: usize = 6;
+const DIAGONAL: usize = 8;
+const SIDE: usize = 9;
+const SIGNED: usize = 10;
+
+/// The sums of numbers times powers of x.
+#[inline(always)]
+fn moments<N: Number, const COUNT: usize>(numbers: &[N; BLOCK], x: &[N; BLOCK]) -> [f64; COUNT] {
+    let (mut lanes, mut sums) = ([Lanes::default(); COUNT], [0.0; COUNT]);
+    for place in (0..BLOCK).step_by(LANES) {
+        let (mut term, x) = (Lanes::load(numbers, place), Lanes::load(x, place));
+        for k in 0..COUNT {
+            lanes[k] += term;
+            term = term * x;
+        }
+    }
+    for k in 0..COUNT {
+        sums[k] = lanes[k].sum();
+    }
+    sums
+}
 
 /// What all pixels of a level share.
 struct Level<'a> {
@@ -263,66 +306,64 @@ struct Level<'a> {
 }
 
 impl Level<'_> {
-    /// The sums of `count` pixels of a line. Writes D, b and the signed residual.
+    /// The sums of the pixels of a line. Writes their terms.
     #[inline(always)]
-    fn line<N: Number>(&self, pixels: &mut [Vec<N>; PARTS], count: usize) -> Line {
-        let (c, of) = (self.c, |value: f64| Lanes::<N>::of(value));
-        let [elimination, eta2] = [c.elimination.into(), f64::from(c.smoothness_eta).powi(2)].map(of);
-        let alpha = of(self.alpha);
-        let (mut normal, mut gradient) = ([[Lanes::default(); 5]; 3], [[Lanes::default(); 3]; 2]);
-        let (mut energy, mut valid, mut roughness, mut variance) = (of(0.0), of(0.0), [of(0.0); 2], [of(0.0); 2]);
-        for place in (0..count).step_by(LANES) {
-            let at = |part: usize| Lanes::load(&pixels[part], place);
-            let share = at(SHARE);
-            let [smoothness, pull, phi, x] = [0, 1, 2, 3].map(|n| at(LINKS + n));
-            let (mut residuals, psi, signed) = self.data_term(std::array::from_fn(at));
-            residuals.iter_mut().for_each(|t| t.weight = t.weight * share);
-            let [one, two] = residuals;
-            let diagonal = one.weight * one.by_v * one.by_v + two.weight * two.by_v * two.by_v;
-            let b = -(one.weight * one.s * one.by_v + two.weight * two.s * two.by_v);
-            let over = of(1.0) / (diagonal + elimination * smoothness).max(of(1e-12));
-            let (n, g) = self.registration(&residuals, (b + pull) * over, over, self.broadened(psi));
-            let x2 = x * x;
-            let powers = [of(1.0), x, x2, x2 * x, x2 * x2];
-            for (k, power) in powers.into_iter().enumerate() {
-                (0..3).for_each(|i| normal[i][k] += n[i] * power);
-                if k < 3 {
-                    (0..2).for_each(|i| gradient[i][k] += g[i] * power);
-                }
+    fn line<N: Number>(&self, pixels: &[[N; BLOCK]; PARTS], terms: &mut [[N; BLOCK]; TERMS]) -> Line {
+        for n in 0..BLOCK {
+            let mut pixel = [N::default(); PARTS];
+            for part in 0..PARTS {
+                pixel[part] = pixels[part][n];
             }
-            let steepness = of(1.0) / phi;
-            energy += share * (psi + alpha * steepness);
-            valid += share;
-            variance[0] += b * b;
-            variance[1] += diagonal;
-            roughness[0] += share * b.abs().sqrt();
-            roughness[1] += share * (steepness * steepness - eta2).max(of(0.0)).sqrt();
-            for (part, lanes) in [(DIAGONAL, diagonal), (SIDE, b), (SIGNED, signed)] {
-                lanes.store(&mut pixels[part], place);
+            let numbers = self.terms(&pixel);
+            for term in 0..TERMS {
+                terms[term][n] = numbers[term];
             }
         }
-        // The first of two adjacent pixels is in an even column: tiles are even.
-        let (signed, shares) = (pixels[SIGNED][..count].as_chunks::<2>().0, pixels[SHARE][..count].as_chunks::<2>().0);
-        let pair = |(s, share): (&[N; 2], &[N; 2])| -> f64 {
-            let least: f64 = share[0].min(share[1]).into();
-            if least > 0.0 { least * spreads(self.spread, (s[1] - s[0]).into()) } else { 0.0 }
+        let x = &pixels[PLACE];
+        let sum = |numbers: &[N; BLOCK]| -> f64 { moments::<N, 1>(numbers, x)[0] };
+        let mut line = Line {
+            normal: [moments(&terms[0], x), moments(&terms[1], x), moments(&terms[2], x)],
+            gradient: [moments(&terms[3], x), moments(&terms[4], x)],
+            energy: sum(&terms[ENERGY]),
+            valid: sum(&pixels[SHARE]),
+            roughness: [sum(&terms[ROUGHNESS]), sum(&terms[ROUGHNESS + 1])],
+            variance: [moments::<N, 2>(&terms[SIDE], &terms[SIDE])[1], sum(&terms[DIAGONAL])],
+            ..Line::default()
         };
-        Line {
-            normal: normal.map(|sums| sums.map(Lanes::sum)),
-            gradient: gradient.map(|sums| sums.map(Lanes::sum)),
-            energy: energy.sum(),
-            valid: valid.sum(),
-            roughness: roughness.map(Lanes::sum),
-            spread: signed.iter().zip(shares).map(pair).sum(),
-            variance: variance.map(Lanes::sum),
+        // The first of two adjacent pixels is in an even column: tiles are even.
+        let (signed, shares) = (terms[SIGNED].as_chunks::<2>().0, pixels[SHARE].as_chunks::<2>().0);
+        for (s, share) in signed.iter().zip(shares) {
+            let least: f64 = share[0].min(share[1]).into();
+            if least > 0.0 {
+                line.spread += least * spreads(self.spread, (s[1] - s[0]).into());
+            }
         }
+        line
+    }
+
+    /// The terms of a pixel.
+    #[inline(always)]
+    fn terms<R: Real>(&self, pixel: &[R; PARTS]) -> [R; TERMS] {
+        let (&[_, share, .., smoothness, pull, phi, _], one, none) = (pixel, R::of(1.0), R::default());
+        let [elimination, eta, alpha] = R::all([self.c.elimination.into(), self.c.smoothness_eta.into(), self.alpha]);
+        let ([mut first, mut second], psi, signed) = self.data_term(pixel);
+        (first.weight, second.weight) = (first.weight * share, second.weight * share);
+        let diagonal = first.weight * first.by_v * first.by_v + second.weight * second.by_v * second.by_v;
+        let b = -(first.weight * first.s * first.by_v + second.weight * second.s * second.by_v);
+        let over = one / (diagonal + elimination * smoothness).max(R::of(1e-12));
+        let (n, g) = self.registration([first, second], (b + pull) * over, over, self.broadened(psi));
+        let steepness = one / phi;
+        let energy = share * (psi + alpha * steepness);
+        let rough = [b.abs(), (steepness * steepness - eta * eta).max(none)];
+        let rough = [share * rough[0].sqrt(), share * rough[1].sqrt()];
+        [n[0], n[1], n[2], g[0], g[1], energy, rough[0], rough[1], diagonal, b, signed]
     }
 
     /// S1 and S2 at a pixel, the energy of the data term, and the signed residual H S1 - (1 - H) S2.
     #[inline(always)]
-    fn data_term<R: Real>(&self, pixel: [R; LINKS]) -> ([Residual<R>; 2], R, R) {
-        let [v, _, between, i1, i2, dx, dy, b1, slope1, b2, slope2, dx2, dy2] = pixel;
-        let [gain, offset, eta, one] = [self.gain, self.offset, self.c.eta.into(), 1.0].map(R::of);
+    fn data_term<R: Real>(&self, pixel: &[R; PARTS]) -> ([Residual<R>; 2], R, R) {
+        let &[v, _, between, i1, i2, dx, dy, b1, slope1, b2, slope2, dx2, dy2, ..] = pixel;
+        let [gain, offset, eta, one] = R::all([self.gain, self.offset, self.c.eta.into(), 1.0]);
         let (s1, s2) = (b1 - (gain * i2 + offset), gain * b2 + offset - i1);
         let (psi1, psi2) = ((s1 * s1 + eta * eta).sqrt(), (s2 * s2 + eta * eta).sqrt());
         let h = heaviside(v, self.c.epsilon.into());
@@ -346,11 +387,8 @@ impl Level<'_> {
         let (one, square, noise) = (R::of(1.0), R::of(self.gain * self.gain), &self.c.noise);
         let blurred = noise.blurred(v.abs(), v.choose(one, between));
         let beyond = noise.beyond(v.abs(), v.choose(between, one), R::of(NEAR));
-        let pick = |of: fn(Power<R>) -> R| {
-            let [blurred, beyond] = [blurred, beyond].map(of);
-            [v.choose(blurred, beyond), v.choose(beyond, blurred)]
-        };
-        let ([n1, n2], [by1, by2]) = (pick(|power| power.value), pick(|power| power.slope));
+        let pick = |blurred: R, beyond: R| [v.choose(blurred, beyond), v.choose(beyond, blurred)];
+        let ([n1, n2], [by1, by2]) = (pick(blurred.value, beyond.value), pick(blurred.slope, beyond.slope));
         let sign = v.choose(R::of(0.5), R::of(-0.5));
         [sign * by1 / (n1 + square * between), sign * square * by2 / (square * n2 + one)]
     }
@@ -363,14 +401,17 @@ impl Level<'_> {
 
     /// A pixel's part of N (xx, xy, yy) and g, with its dV eliminated, times `ratio`.
     #[inline(always)]
-    fn registration<R: Real>(&self, residuals: &[Residual<R>; 2], side: R, over: R, ratio: R) -> ([R; 3], [R; 2]) {
-        let [one, two] = residuals;
-        let sum = |of: &dyn Fn(&Residual<R>) -> R| one.weight * of(one) + two.weight * of(two);
-        let q = [0, 1].map(|i| sum(&|t| t.by_v * t.by_place[i]));
-        let g = [0, 1].map(|i| ratio * (sum(&|t| t.s * t.by_place[i]) + q[i] * side));
-        let n = [[0, 0], [0, 1], [1, 1]]
-            .map(|[i, j]| ratio * (sum(&|t| t.by_place[i] * t.by_place[j]) - q[i] * q[j] * over));
-        (n, g)
+    fn registration<R: Real>(&self, [one, two]: [Residual<R>; 2], side: R, over: R, ratio: R) -> ([R; 3], [R; 2]) {
+        let ([x1, y1], [x2, y2]) = (one.by_place, two.by_place);
+        let sum = |first: R, second: R| one.weight * first + two.weight * second;
+        let [qx, qy] = [sum(one.by_v * x1, two.by_v * x2), sum(one.by_v * y1, two.by_v * y2)];
+        let g = [sum(one.s * x1, two.s * x2) + qx * side, sum(one.s * y1, two.s * y2) + qy * side];
+        let n = [
+            sum(x1 * x1, x2 * x2) - qx * qx * over,
+            sum(x1 * y1, x2 * y2) - qx * qy * over,
+            sum(y1 * y1, y2 * y2) - qy * qy * over,
+        ];
+        ([ratio * n[0], ratio * n[1], ratio * n[2]], [ratio * g[0], ratio * g[1]])
     }
 }
 

@@ -12,8 +12,9 @@
 //! The counts of clipped pixels leave out those that the mask of I1 excludes, in I2 those at the same place: T is not
 //! known yet, and a mask is large beside the displacement.
 
+use super::lanes::Lanes;
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, Raster, ingest, pixels};
+use super::{Number, Raster, Real, ingest, pixels, spline};
 use crate::base::Frame;
 use crate::engine::slot::{self, Reads};
 use crate::engine::vulkan::Variant;
@@ -55,8 +56,11 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let (frame, second) = (memory.photograph(self.samples), c.second as usize);
         let mask = memory.mask_bytes();
-        let counts = cpu_reference(frame, c.clipped, mask.filter(|_| second == 0));
-        let clipped = count_clipped(&cpu_reference::<N>(frame, c.clipped, None), mask);
+        let mut counts = cpu_reference(frame, c.clipped, None);
+        let clipped = count_clipped(&counts, mask);
+        if second == 0 && mask.is_some() {
+            counts = cpu_reference(frame, c.clipped, mask);
+        }
         memory.set_layer(self.masks, second, counts);
         memory.state_mut(self.state).clipped[second] += clipped;
     }
@@ -88,22 +92,36 @@ pub(super) fn of<N: Number>(memory: &Memory<N>, masks: Reads<slot::Masks>, varia
 
 /// The share by which pixel (x, y), which T displaces by d, counts; 1 without masks. The CPU reference of
 /// `glsl/include/mask.glsl`.
-#[inline]
 pub fn counts<N: Number>(masks: Option<&Masks<N>>, [x, y]: [usize; 2], d: [f64; 2]) -> f64 {
     let Some([first, second]) = masks else { return 1.0 };
     let place = |x: usize, d: f64, size: usize| (x as f64 + d).clamp(0.0, size as f64 - 1.0);
     let (px, py) = (place(x, d[0], second.width), place(y, d[1], second.height));
     let (column, row) = (px as usize, py as usize);
-    let (fx, fy) = (px - column as f64, py - row as f64);
-    let next = (column + 1).min(second.width - 1);
-    let along = |row: usize| (1.0 - fx) * second.get(column, row) + fx * second.get(next, row);
-    let shown = (1.0 - fy) * along(row) + fy * along((row + 1).min(second.height - 1));
-    from_share(first.get(x, y)) * from_share(shown)
+    let (next, below) = ((column + 1).min(second.width - 1), (row + 1).min(second.height - 1));
+    let taps = [[second.get(column, row), second.get(next, row)], [second.get(column, below), second.get(next, below)]];
+    both(first.get(x, y), taps, [px - column as f64, py - row as f64])
+}
+
+/// The shares by which the pixels from (x, y) to the right count, as [`counts`].
+#[inline(always)]
+pub(super) fn counts_lanes<N: Number>(masks: Option<&Masks<N>>, at: [usize; 2], d: [Lanes<N>; 2]) -> Lanes<N> {
+    let Some([first, second]) = masks else { return Lanes::of(1.0) };
+    let (corners, fractions) = spline::displaced(at, d, [second.width, second.height], [0.0; 2]);
+    both(Lanes::first_of(&first.row(at[1])[at[0]..]), spline::taps(second, &corners), fractions)
+}
+
+/// The share by the averaged masks of I1 at a pixel and of I2 about the displaced pixel.
+#[inline(always)]
+fn both<R: Real>(first: R, taps: [[R; 2]; 2], [fx, fy]: [R; 2]) -> R {
+    let one = R::of(1.0);
+    let along = |[here, next]: [R; 2]| (one - fx) * here + fx * next;
+    from_share(first) * from_share((one - fy) * along(taps[0]) + fy * along(taps[1]))
 }
 
 /// The share of a pixel with this averaged mask.
-fn from_share(share: f64) -> f64 {
-    (25.0 * share - 24.0).clamp(0.0, 1.0)
+#[inline(always)]
+fn from_share<R: Real>(share: R) -> R {
+    (R::of(25.0) * share - R::of(24.0)).max(R::default()).min(R::of(1.0))
 }
 
 /// Averaged masks for tests, with shares from 0 to 1.

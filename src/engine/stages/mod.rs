@@ -32,7 +32,6 @@ mod lanes;
 pub mod linearise;
 mod links;
 pub mod mask;
-mod near_line;
 pub mod noise;
 pub(crate) mod pass;
 pub mod prolong;

@@ -87,10 +87,13 @@ impl Noise {
 
 /// The power of white noise that remains after interpolation at a displacement. For cubic splines it is three quarters
 /// half way along an axis, and `1 - 0.244 (4 f (1 - f))²` to 0.013 at any fraction f.
-pub fn interpolated([dx, dy]: [f64; 2]) -> f64 {
-    let along = |d: f64| {
+#[inline(always)]
+pub fn interpolated<R: Real>([dx, dy]: [R; 2]) -> R {
+    let [one, four, depth] = R::all([1.0, 4.0, 0.244]);
+    let along = |d: R| {
         let f = d - d.floor();
-        1.0 - 0.244 * (4.0 * f * (1.0 - f)).powi(2)
+        let bump = four * f * (one - f);
+        one - depth * bump * bump
     };
     along(dx) * along(dy)
 }

@@ -4,6 +4,7 @@
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
+use super::lanes::{LANES, Lanes};
 use super::rows::{self, Rows};
 
 /// A number, or several that are computed with at once.
@@ -19,10 +20,21 @@ pub trait Real:
 {
     /// The nearest number of this type.
     fn of(value: f64) -> Self;
+    /// The nearest numbers. `map` of an array is not compiled into vectorised loops.
+    #[inline(always)]
+    fn all<const COUNT: usize>(values: [f64; COUNT]) -> [Self; COUNT] {
+        let mut numbers = [Self::default(); COUNT];
+        for n in 0..COUNT {
+            numbers[n] = Self::of(values[n]);
+        }
+        numbers
+    }
     /// The square root.
     fn sqrt(self) -> Self;
     /// The magnitude.
     fn abs(self) -> Self;
+    /// The largest integer that is not larger.
+    fn floor(self) -> Self;
     /// The arc tangent.
     fn atan(self) -> Self;
     /// The larger of both; `other` if either is not a number.
@@ -31,6 +43,8 @@ pub trait Real:
     fn min(self, other: Self) -> Self;
     /// The first if this is 0 or more, else the second.
     fn choose(self, if_positive: Self, otherwise: Self) -> Self;
+    /// The least and the greatest of the numbers.
+    fn range(self) -> [f64; 2];
 }
 
 /// The type of a stored number: `f64` in tests and on the host, `f32` on the CPU device. Passes compute in double
@@ -54,6 +68,10 @@ macro_rules! numbers {
                 $kind::abs(self)
             }
             #[inline(always)]
+            fn floor(self) -> Self {
+                $kind::floor(self)
+            }
+            #[inline(always)]
             fn atan(self) -> Self {
                 $atan(self)
             }
@@ -68,6 +86,10 @@ macro_rules! numbers {
             #[inline(always)]
             fn choose(self, if_positive: Self, otherwise: Self) -> Self {
                 if self >= 0.0 { if_positive } else { otherwise }
+            }
+            #[inline(always)]
+            fn range(self) -> [f64; 2] {
+                [self.into(); 2]
             }
         }
     )*};
@@ -214,13 +236,14 @@ pub struct Jet<R = f64> {
 }
 
 /// Weights of four coefficients at a fraction `t` after the second, with their first and second derivatives.
-#[inline]
-pub(crate) fn weights(t: f64) -> [[f64; 4]; 3] {
-    let u = 1.0 - t;
+#[inline(always)]
+pub(crate) fn weights<R: Real>(t: R) -> [[R; 4]; 3] {
+    let [one, two, three, half, sixth, most] = R::all([1.0, 2.0, 3.0, 0.5, 1.0 / 6.0, 2.0 / 3.0]);
+    let (u, steep) = (one - t, R::of(1.5));
     [
-        [u * u * u / 6.0, 2.0 / 3.0 - t * t + t * t * t / 2.0, 2.0 / 3.0 - u * u + u * u * u / 2.0, t * t * t / 6.0],
-        [-u * u / 2.0, 1.5 * t * t - 2.0 * t, 2.0 * u - 1.5 * u * u, t * t / 2.0],
-        [u, 3.0 * t - 2.0, 3.0 * u - 2.0, t],
+        [sixth * u * u * u, most - t * t + half * t * t * t, most - u * u + half * u * u * u, sixth * t * t * t],
+        [-half * u * u, steep * t * t - two * t, two * u - steep * u * u, half * t * t],
+        [u, three * t - two, three * u - two, t],
     ]
 }
 
@@ -242,59 +265,182 @@ impl<R: Real> Jet<R> {
     }
 }
 
-/// The spline at pixel (x, y), from nine coefficients instead of sixteen.
-pub fn near<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet {
-    let (width, height) = (coefficients.width, coefficients.height);
-    let beside = |i: usize, size: usize| match i {
+/// The spline at a pixel from the nine coefficients about it, instead of sixteen.
+#[inline(always)]
+fn on_pixel<R: Real>(taps: [[R; 3]; 3]) -> Jet<R> {
+    let [four, half, sixth] = R::all([4.0, 0.5, 1.0 / 6.0]);
+    let smooth = |[before, here, behind]: [R; 3]| sixth * (before + four * here + behind);
+    let slope = |[before, _, behind]: [R; 3]| half * (behind - before);
+    let bend = |[before, here, behind]: [R; 3]| before - here - here + behind;
+    let [above, here, below] = taps;
+    let along = [smooth(above), smooth(here), smooth(below)];
+    Jet {
+        value: smooth(along),
+        dx: smooth([slope(above), slope(here), slope(below)]),
+        dy: slope(along),
+        laplacian: smooth([bend(above), bend(here), bend(below)]) + bend(along),
+    }
+}
+
+/// The places before, at and behind i, mirrored.
+#[inline(always)]
+fn beside(i: usize, size: usize) -> [usize; 3] {
+    match i {
         _ if i > 0 && i + 1 < size => [i - 1, i, i + 1],
-        _ => [-1, 0, 1].map(|n| mirror(i as isize + n, size)),
-    };
-    let (columns, rows) = (beside(x, width), beside(y, height));
-    // Along x of each row: value, slope and bend.
-    let along = rows.map(|row| {
+        _ => [mirror(i as isize - 1, size), i, mirror(i as isize + 1, size)],
+    }
+}
+
+/// The spline at pixel (x, y).
+#[inline]
+pub fn near<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet {
+    let (columns, rows) = (beside(x, coefficients.width), beside(y, coefficients.height));
+    let mut taps = [[0.0; 3]; 3];
+    for (taps, row) in taps.iter_mut().zip(rows) {
         let row = coefficients.row(row);
-        let [before, here, behind]: [f64; 3] = columns.map(|column| row[column].into());
-        [(before + 4.0 * here + behind) / 6.0, (behind - before) / 2.0, before - 2.0 * here + behind]
-    });
-    let value = |n: usize| (along[0][n] + 4.0 * along[1][n] + along[2][n]) / 6.0;
-    let (dx, dy) = (value(1), (along[2][0] - along[0][0]) / 2.0);
-    let laplacian = value(2) + along[0][0] - 2.0 * along[1][0] + along[2][0];
-    Jet { value: value(0), dx, dy, laplacian }
+        *taps = [row[columns[0]].into(), row[columns[1]].into(), row[columns[2]].into()];
+    }
+    on_pixel(taps)
+}
+
+/// The spline at the pixels from (x, y) to the right. Beyond the border it is mirrored.
+#[inline(always)]
+pub(super) fn near_lanes<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet<Lanes<N>> {
+    let (width, mut taps) = (coefficients.width, [[Lanes::default(); 3]; 3]);
+    for (taps, row) in taps.iter_mut().zip(beside(y, coefficients.height)) {
+        let row = coefficients.row(row);
+        let mut mirrored = [N::default(); LANES + 2];
+        let near = if x > 0 && x + LANES < width {
+            &row[x - 1..][..LANES + 2]
+        } else {
+            for (n, number) in mirrored.iter_mut().enumerate() {
+                *number = row[mirror((x + n) as isize - 1, width)];
+            }
+            &mirrored[..]
+        };
+        *taps = [Lanes::load(near, 0), Lanes::load(near, 1), Lanes::load(near, 2)];
+    }
+    on_pixel(taps)
+}
+
+/// The spline from sixteen coefficients, at fractions after the second column and row.
+#[inline(always)]
+fn between_pixels<R: Real>(taps: [[R; 4]; 4], [x, y]: [R; 2]) -> Jet<R> {
+    let (wx, wy) = (weights(x), weights(y));
+    let mut jet = Jet { value: R::default(), dx: R::default(), dy: R::default(), laplacian: R::default() };
+    for j in 0..4 {
+        let mut line = [R::default(); 3];
+        for i in 0..4 {
+            for n in 0..3 {
+                line[n] += wx[n][i] * taps[j][i];
+            }
+        }
+        jet.value += wy[0][j] * line[0];
+        jet.dx += wy[0][j] * line[1];
+        jet.dy += wy[1][j] * line[0];
+        jet.laplacian += wy[0][j] * line[2] + wy[2][j] * line[0];
+    }
+    jet
 }
 
 /// The spline of these coefficients at (x, y), pixels.
 #[inline]
 pub fn read<N: Number>(coefficients: &Raster<N>, x: f64, y: f64) -> Jet {
+    let (width, height) = (coefficients.width, coefficients.height);
     // Clamped, so that the index stays within an integer.
-    let x = x.clamp(-1.0, coefficients.width as f64);
-    let y = y.clamp(-1.0, coefficients.height as f64);
+    let (x, y) = (x.clamp(-1.0, width as f64), y.clamp(-1.0, height as f64));
     let (column, row) = (x.floor(), y.floor());
-    let (wx, wy) = (weights(x - column), weights(y - row));
-    let near = |first: f64, size: usize| {
-        let first = first as isize - 1;
-        if first >= 0 && first as usize + 3 < size {
-            return [0, 1, 2, 3].map(|i| first as usize + i);
-        }
-        [0, 1, 2, 3].map(|i| mirror(first + i, size))
-    };
-    let (columns, rows) = (near(column, coefficients.width), near(row, coefficients.height));
-    let mut jet = Jet::default();
-    for j in 0..4 {
-        let [weight, slope, bend] = wy.map(|w| w[j]);
-        let coefficients = coefficients.row(rows[j]);
-        let mut line = [0.0; 3];
+    let corner = [column as isize - 1, row as isize - 1];
+    let mut taps = [[0.0; 4]; 4];
+    for (j, taps) in taps.iter_mut().enumerate() {
+        let line = taps_of_row::<N, 4>(coefficients, corner, j);
         for i in 0..4 {
-            let c: f64 = coefficients[columns[i]].into();
-            for (sum, w) in line.iter_mut().zip(&wx) {
-                *sum += w[i] * c;
+            taps[i] = line[i].into();
+        }
+    }
+    between_pixels(taps, [x - column, y - row])
+}
+
+/// `COUNT` numbers of row j after a corner, mirrored.
+#[inline(always)]
+fn taps_of_row<N: Number, const COUNT: usize>(raster: &Raster<N>, [x, y]: [isize; 2], j: usize) -> [N; COUNT] {
+    let (y, mut taps) = (y + j as isize, [N::default(); COUNT]);
+    let row = raster.row(if y >= 0 && (y as usize) < raster.height { y as usize } else { mirror(y, raster.height) });
+    if x >= 0 && x as usize + COUNT <= row.len() {
+        taps.copy_from_slice(&row[x as usize..][..COUNT]);
+        return taps;
+    }
+    for (i, tap) in taps.iter_mut().enumerate() {
+        *tap = row[mirror(x + i as isize, raster.width)];
+    }
+    taps
+}
+
+/// The places of the pixels from (x, y) to the right, displaced by d: columns and rows, and the fractions beyond them.
+/// Places further than `reach` px outside are moved there.
+#[inline(always)]
+pub(super) fn displaced<N: Number>(
+    [x, y]: [usize; 2],
+    d: [Lanes<N>; 2],
+    [width, height]: [usize; 2],
+    reach: [f64; 2],
+) -> ([[isize; 2]; LANES], [Lanes<N>; 2]) {
+    let of = |first: Lanes<N>, d: Lanes<N>, size: usize, reach: f64| {
+        let last = Lanes::of(size as f64 - 1.0 + reach);
+        d.max(-first - Lanes::of(reach)).min(last - first)
+    };
+    let d = [of(Lanes::ramp(x), d[0], width, reach[0]), of(Lanes::of(y as f64), d[1], height, reach[1])];
+    let whole = [d[0].floor(), d[1].floor()];
+    let (columns, rows) = (whole[0].integers(), whole[1].integers());
+    let mut corners = [[0; 2]; LANES];
+    for n in 0..LANES {
+        corners[n] = [(x + n) as isize + columns[n], y as isize + rows[n]];
+    }
+    (corners, [d[0] - whole[0], d[1] - whole[1]])
+}
+
+/// `COUNT` x `COUNT` numbers to the right of and below corners, mirrored.
+#[inline(always)]
+pub(super) fn taps<N: Number, const COUNT: usize>(
+    raster: &Raster<N>,
+    corners: &[[isize; 2]; LANES],
+) -> [[Lanes<N>; COUNT]; COUNT] {
+    let mut taps = [[Lanes::default(); COUNT]; COUNT];
+    let [[x, y], [last, _]] = [corners[0], corners[LANES - 1]];
+    let mut adjacent = x >= 0 && y >= 0 && last as usize + COUNT <= raster.width && y as usize + COUNT <= raster.height;
+    for n in 0..LANES {
+        adjacent &= corners[n] == [x + n as isize, y];
+    }
+    if adjacent {
+        for j in 0..COUNT {
+            let row = &raster.row(y as usize + j)[x as usize..][..LANES + COUNT - 1];
+            for i in 0..COUNT {
+                taps[j][i] = Lanes::load(row, i);
             }
         }
-        jet.value += weight * line[0];
-        jet.dx += weight * line[1];
-        jet.dy += slope * line[0];
-        jet.laplacian += weight * line[2] + bend * line[0];
+        return taps;
     }
-    jet
+    for n in 0..LANES {
+        for j in 0..COUNT {
+            let line = taps_of_row::<N, COUNT>(raster, corners[n], j);
+            for i in 0..COUNT {
+                taps[j][i].set(n, line[i]);
+            }
+        }
+    }
+    taps
+}
+
+/// The spline at the pixels from (x, y) to the right, displaced by d. Beyond the border it is mirrored, and as in
+/// [`read`] where it would be mirrored twice.
+#[inline(always)]
+pub(super) fn read_lanes<N: Number>(coefficients: &Raster<N>, at: [usize; 2], d: [Lanes<N>; 2]) -> Jet<Lanes<N>> {
+    let (width, height) = (coefficients.width, coefficients.height);
+    let (mut corners, fractions) = displaced(at, d, [width, height], [width as f64, height as f64]);
+    for corner in &mut corners {
+        *corner = [corner[0] - 1, corner[1] - 1];
+    }
+    between_pixels(taps(coefficients, &corners), fractions)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! known slopes at the nodes. For a Gaussian dÎ/dV is half the Laplacian (heat equation); for any other kernel it is a
 //! layer beside each node. Kernels are centred (`src/base/kernel.rs`): the caller moves x by the kernel's mean.
 
-use super::spline::{self, Jet, Number, Raster};
+use super::spline::{self, Jet, Number, Raster, Real};
 use crate::base::Kernel;
 use crate::engine::filter::{self, Terms};
 
@@ -169,13 +169,40 @@ pub fn read_near<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2], shi
     between(v, stack.len(), |k| spline::near(&stack[k], x, y).moved(shift).node())
 }
 
-/// Cubic Hermite interpolation between the two nodes around v.
+impl<R: Real> Blurred<R> {
+    /// The first if `sign` is 0 or more, else the second.
+    #[inline(always)]
+    pub(super) fn choose(sign: R, if_positive: Self, otherwise: Self) -> Self {
+        Self {
+            value: sign.choose(if_positive.value, otherwise.value),
+            slope: sign.choose(if_positive.slope, otherwise.slope),
+            dx: sign.choose(if_positive.dx, otherwise.dx),
+            dy: sign.choose(if_positive.dy, otherwise.dy),
+        }
+    }
+}
+
+/// Cubic Hermite interpolation between the two nodes around v >= 0.
 #[inline(always)]
-pub(super) fn between<R: Number>(v: R, count: usize, node: impl Fn(usize) -> (Jet<R>, R)) -> Blurred<R> {
-    let k = node_below(v.into(), count);
+pub(super) fn between<R: Real>(v: R, count: usize, node: impl Fn(usize) -> (Jet<R>, R)) -> Blurred<R> {
+    let [least, most] = v.range();
+    let [first, last] = [node_below(least, count), node_below(most, count)];
+    let (lower, upper) = (node(first), node(first + 1));
+    let (mut blurred, mut lower) = (between_nodes(v, first, lower, upper), upper);
+    // Where several numbers are not all between the same nodes.
+    for k in first + 1..=last {
+        let upper = node(k + 1);
+        blurred = Blurred::choose(v - R::of(NODES[k]), between_nodes(v, k, lower, upper), blurred);
+        lower = upper;
+    }
+    blurred
+}
+
+/// The interpolation from node k to the next.
+#[inline(always)]
+fn between_nodes<R: Real>(v: R, k: usize, (p, m): (Jet<R>, R), (q, n): (Jet<R>, R)) -> Blurred<R> {
     let (v0, h) = (R::of(NODES[k]), R::of(NODES[k + 1] - NODES[k]));
-    let ((p, m), (q, n)) = (node(k), node(k + 1));
-    let [one, two, three, four, six] = [1.0, 2.0, 3.0, 4.0, 6.0].map(R::of);
+    let [one, two, three, four, six] = R::all([1.0, 2.0, 3.0, 4.0, 6.0]);
     // Beyond the last node the value is constant.
     let (whole, m, n) = ((v - v0) / h, h * m, h * n);
     let t = whole.min(one);
@@ -184,7 +211,7 @@ pub(super) fn between<R: Number>(v: R, count: usize, node: impl Fn(usize) -> (Je
     let slope = six * (t - t2) * rise + (three * t2 - four * t + one) * m + (three * t2 - two * t) * n;
     Blurred {
         value: p.value + (three * t2 - two * t3) * rise + (t3 - two * t2 + t) * m + (t3 - t2) * n,
-        slope: if whole > one { R::default() } else { slope / h },
+        slope: (one - whole).choose(slope / h, R::default()),
         dx: p.dx + t * (q.dx - p.dx),
         dy: p.dy + t * (q.dy - p.dy),
     }

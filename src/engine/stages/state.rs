@@ -4,6 +4,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::{Number, Real};
 use crate::base::{Homography, Photometric, Shading};
 use crate::engine::shaders;
 
@@ -301,9 +302,26 @@ impl Registration {
     }
 
     /// `T x - x` on a level whose pixels are `factor` wide.
+    #[inline(always)]
     pub fn displacement(&self, x: usize, y: usize, factor: f64, centre: [f64; 2]) -> [f64; 2] {
         let p = [factor * (x as f64 - centre[0]), factor * (y as f64 - centre[1])];
-        self.transform.displacement(p).map(|d| d / factor)
+        let (d, over) = (self.transform.displacement(p), 1.0 / factor);
+        [over * d[0], over * d[1]]
+    }
+
+    /// The displacements of the pixels of a row from (x, y) on.
+    #[inline(always)]
+    pub(super) fn displacements<N: Number>(
+        &self,
+        [x, y]: [usize; 2],
+        factor: f64,
+        centre: [f64; 2],
+        [dx, dy]: [&mut [N]; 2],
+    ) {
+        for (n, (dx, dy)) in dx.iter_mut().zip(dy).enumerate() {
+            let d = self.displacement(x + n, y, factor, centre);
+            (*dx, *dy) = (N::of(d[0]), N::of(d[1]));
+        }
     }
 }
 
@@ -314,13 +332,19 @@ pub fn from_centre(place: [f64; 2], centre: [f64; 2]) -> [f64; 2] {
 
 /// Whether the window of three σ lies inside both images: at (x, y) in I1, and at (x, y) + d in I2, where it is `scale`
 /// times as wide.
-pub fn inside([x, y]: [usize; 2], d: [f64; 2], [width, height]: [usize; 2], v: f64, scale: f64) -> bool {
-    let reach = 3.0 * v.abs().sqrt();
-    let within = |p: f64, size: usize, reach: f64| p >= reach && size as f64 - 1.0 - p >= reach;
-    within(x as f64, width, reach)
-        && within(y as f64, height, reach)
-        && within(x as f64 + d[0], width, reach * scale)
-        && within(y as f64 + d[1], height, reach * scale)
+#[inline(always)]
+pub fn inside([x, y]: [usize; 2], d: [f64; 2], size: [usize; 2], v: f64, scale: f64) -> bool {
+    margin([x as f64, y as f64], d, size, v, scale) >= 0.0
+}
+
+/// How far the windows of [`inside`] are inside, pixels; negative if they are not.
+#[inline(always)]
+pub(super) fn margin<R: Real>([x, y]: [R; 2], d: [R; 2], [width, height]: [usize; 2], v: R, scale: f64) -> R {
+    let reach = R::of(3.0) * v.abs().sqrt();
+    let within = |p: R, size: usize, reach: R| p.min(R::of(size as f64 - 1.0) - p) - reach;
+    let reach2 = R::of(scale) * reach;
+    let first = within(x, width, reach).min(within(y, height, reach));
+    first.min(within(x + d[0], width, reach2)).min(within(y + d[1], height, reach2))
 }
 
 #[cfg(test)]

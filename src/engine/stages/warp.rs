@@ -5,9 +5,10 @@
 //! The blur of a warped image is the warped blur, with a variance in I1's pixels. T may still move a little:
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
+use super::lanes::{LANES, Lanes, vectorised};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::state::{Registration, from_centre};
-use super::{Number, Raster, pixels, spline};
+use super::state::Registration;
+use super::{Number, Raster, Real, pixels, spline};
 use crate::base::Shading;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -59,17 +60,42 @@ impl Pass for Bindings {
 
 /// Samples of I2 at T x times the shading, mirrored once where T leaves I2.
 pub fn cpu_reference<N: Number>(c: &Constants, r: &Registration, shading: &Shading, spline2: &Raster<N>) -> Raster<N> {
-    let centre = c.centre.map(f64::from);
-    let mirrored = |x: f64, size: usize| {
-        let last = size as f64 - 1.0;
-        let x = if x < 0.0 { -x } else { x };
-        if x > last { 2.0 * last - x } else { x }
+    let (centre, mut warped) = (c.centre.map(f64::from), Raster::zeros(spline2.width, spline2.height));
+    warped.fill_rows(|y, row| {
+        let [mut dx, mut dy] = [(); 2].map(|()| vec![N::default(); row.len().next_multiple_of(LANES)]);
+        vectorised(
+            #[inline(always)]
+            || {
+                r.displacements([0, y], c.factor.into(), centre, [&mut dx[..row.len()], &mut dy[..row.len()]]);
+                for x in (0..row.len()).step_by(LANES) {
+                    let d = [Lanes::load(&dx, x), Lanes::load(&dy, x)];
+                    resampled(shading, centre, spline2, [x, y], d).store_first(&mut row[x..]);
+                }
+            },
+        );
+    });
+    warped
+}
+
+/// I2 times the shading at the pixels from (x, y) to the right, displaced by d.
+#[inline(always)]
+pub(super) fn resampled<N: Number>(
+    shading: &Shading,
+    centre: [f64; 2],
+    spline2: &Raster<N>,
+    [x, y]: [usize; 2],
+    [dx, dy]: [Lanes<N>; 2],
+) -> Lanes<N> {
+    let place = |place: Lanes<N>, size: usize, centre: f64| {
+        let (inner, last, centre) = (place.abs(), Lanes::of(size as f64 - 1.0), Lanes::of(centre));
+        ((last - inner).choose(inner, last + last - inner) - centre) / centre
     };
-    Raster::from_fn(spline2.width, spline2.height, |x, y| {
-        let d = r.displacement(x, y, c.factor.into(), centre);
-        let (x, y) = (mirrored(x as f64 + d[0], spline2.width), mirrored(y as f64 + d[1], spline2.height));
-        shading.at(from_centre([x, y], centre)) * spline::read(spline2, x, y).value
-    })
+    let place = [
+        place(Lanes::ramp(x) + dx, spline2.width, centre[0]),
+        place(Lanes::of(y as f64) + dy, spline2.height, centre[1]),
+    ];
+    let factor = shading.factor(place, Lanes::of).max(Lanes::of(0.25)).min(Lanes::of(4.0));
+    factor * spline::read_lanes(spline2, [x, y], [dx, dy]).value
 }
 
 #[cfg(test)]
