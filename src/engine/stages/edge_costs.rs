@@ -64,6 +64,11 @@ const LINES: usize = shader::LINES as usize;
 const REACH: usize = shader::REACH as usize;
 const ROWS: usize = LINES + 2 * REACH;
 const WINDOW: usize = shader::WINDOW as usize;
+/// Places that costs are summed over on a line. All kernels stay on the line there.
+const COSTED: usize = 2 * WINDOW + 1;
+const _: () = assert!(HALF >= WINDOW + REACH);
+/// The place of the first outline.
+const FIRST: usize = HALF - BACKWARD;
 
 /// Samples of a photograph along the normal, on lines side by side.
 type Profile = [[f64; ALONG]; ROWS];
@@ -151,9 +156,44 @@ fn taps(kernel: &[f64]) -> impl Iterator<Item = (isize, f64)> {
 
 /// Blur across the normal.
 fn across(profile: &Profile, variance: f64) -> Lines {
-    let kernel = kernel(variance);
-    std::array::from_fn(|line| {
-        std::array::from_fn(|k| taps(&kernel).map(|(i, w)| w * profile[(REACH + line).wrapping_add_signed(i)][k]).sum())
+    let (kernel, mut lines) = (kernel(variance), [[0.0; ALONG]; LINES]);
+    for (line, sums) in lines.iter_mut().enumerate() {
+        for (i, w) in taps(&kernel) {
+            let row = &profile[(REACH + line).wrapping_add_signed(i)];
+            for k in 0..ALONG {
+                sums[k] += w * row[k];
+            }
+        }
+    }
+    lines
+}
+
+/// Blur along the normal, at the places that costs are summed over.
+fn along(kernel: &[f64], layer: &[f64; ALONG]) -> [f64; COSTED] {
+    let mut sums = [0.0; COSTED];
+    for (i, w) in taps(kernel) {
+        let values = &layer[(HALF - WINDOW).wrapping_add_signed(i)..][..COSTED];
+        for k in 0..COSTED {
+            sums[k] += w * values[k];
+        }
+    }
+    sums
+}
+
+/// Blur along the normal of the values inside each outline, then of all values, at each place.
+fn inside(kernel: &[f64], value: impl Fn(usize) -> f64) -> [[f64; DISPLACEMENTS + 1]; ALONG] {
+    std::array::from_fn(|k| {
+        let first = k.saturating_sub(kernel.len() - 1);
+        let (mut sums, mut sum) = ([0.0; DISPLACEMENTS + 1], 0.0);
+        for q in (first..k + kernel.len()).rev() {
+            sum += kernel[q.abs_diff(k)] * value(q);
+            if (FIRST..FIRST + DISPLACEMENTS).contains(&q) {
+                sums[q - FIRST] = sum;
+            }
+        }
+        sums[..first.saturating_sub(FIRST).min(DISPLACEMENTS)].fill(sum);
+        sums[DISPLACEMENTS] = sum;
+        sums
     })
 }
 
@@ -170,8 +210,10 @@ fn mean(kernel: &[f64], k: usize, value: impl Fn(usize) -> f64, counts: impl Fn(
     (weight > 1e-3).then_some(sum / weight)
 }
 
+/// `ln(1 + r²/s) + ½ ln(s/s₀)`.
 fn cost(residual: f64, variance: f64, least: f64) -> f64 {
-    (residual * residual / variance).ln_1p() + 0.5 * (variance / least).ln()
+    let explained = 1.0 + residual * residual / variance;
+    0.5 * (explained * explained * variance / least).ln()
 }
 
 /// What the costs of a cell share.
@@ -218,64 +260,59 @@ impl Terms {
             back_sharp[line][k] - average(mean(&of_back[1], k, |q| back[1][line][q], |q| is(q <= HALF - 2)))
         });
 
-        std::array::from_fn(|n| {
-            let outline = HALF - BACKWARD + n;
-            let inside = |kernel: &[f64], k: usize, value: &dyn Fn(usize) -> f64| -> f64 {
-                let tap = |(i, w): (isize, f64)| (k.wrapping_add_signed(i), w);
-                let inner = |(q, _): &(usize, f64)| (*q as isize) >= outline as isize;
-                taps(kernel).map(tap).filter(inner).map(|(q, w)| w * value(q.min(ALONG - 1))).sum()
-            };
-            let open: [f64; ALONG] = std::array::from_fn(|k| 1.0 - inside(&of_front, k, &|_| 1.0));
-            let weights: [f64; ALONG] = std::array::from_fn(|k| match opposite {
-                true if open[k] < shader::DIM => 0.0,
-                true => open[k] * open[k],
-                false => is(k < outline),
-            });
-            let restored = |which: usize, line: usize, k: usize| {
-                if !opposite {
-                    return back[which][line][k];
+        let last = ALONG - 1;
+        let (in_front, rims) = (inside(&of_front, |_| 1.0), inside(&of_rim, |_| 1.0));
+        let means = inside(&of_mean, |q| is(q <= last));
+        let mut totals = [0.0; DISPLACEMENTS];
+        for line in 0..LINES {
+            let near = inside(&of_mean, |q| if q <= last { near[line][q] } else { 0.0 });
+            let lit = inside(&of_front, |q| front[line][q.min(last)]);
+            let hidden = [0, 1].map(|which| inside(&of_front, |q| hiding[which][line][q.min(last)]));
+            for (n, total) in totals.iter_mut().enumerate() {
+                let outline = FIRST + n;
+                let (mut weights, mut layers) = ([0.0; ALONG], [[0.0; ALONG]; 2]);
+                for k in 0..ALONG {
+                    let open = 1.0 - in_front[k][n];
+                    weights[k] = match opposite {
+                        true if open < shader::DIM => 0.0,
+                        true => open * open,
+                        false => is(k < outline),
+                    };
+                    for which in 0..2 {
+                        let back = back[which][line][k];
+                        let restored = || ((back - hidden[which][k][n]) / open.max(shader::DIM)).clamp(-0.3, 1.3);
+                        layers[which][k] = weights[k] * if opposite { restored() } else { back };
+                    }
                 }
-                let hidden = inside(&of_front, k, &|q| hiding[which][line][q]);
-                ((back[which][line][k] - hidden) / open[k].max(shader::DIM)).clamp(-0.3, 1.3)
-            };
-            let mut total = 0.0;
-            for line in 0..LINES {
-                let layers: [[f64; ALONG]; 2] =
-                    [0, 1].map(|which| std::array::from_fn(|k| weights[k] * restored(which, line, k)));
-                for k in HALF - WINDOW..=HALF + WINDOW {
-                    // Beyond the ends of the lines the layer behind goes on.
-                    let sums = [0, 1].map(|which| {
-                        taps(&of_back[which]).fold([0.0; 2], |[value, weight], (i, w)| {
-                            let q = (k as isize + i).clamp(0, ALONG as isize - 1) as usize;
-                            [value + w * layers[which][q], weight + w * weights[q]]
-                        })
-                    });
-                    let [known, known_coarse] = sums.map(|[_, weight]| weight);
-                    let coarse = if known_coarse > 1e-3 { sums[1][0] / known_coarse } else { self.average };
-                    let fine = if known > 1e-3 { sums[0][0] / known } else { coarse };
+                let [known, known_coarse] = [0, 1].map(|which| along(&of_back[which], &weights));
+                let [fine, coarse] = [0, 1].map(|which| along(&of_back[which], &layers[which]));
+                for place in 0..COSTED {
+                    let (k, known) = (HALF - WINDOW + place, known[place]);
+                    let weighed = known_coarse[place];
+                    let coarse = if weighed > 1e-3 { coarse[place] / weighed } else { self.average };
+                    let fine = if known > 1e-3 { fine[place] / known } else { coarse };
                     let gap = shader::HIDDEN * (1.0 - known).clamp(0.0, 1.0).powi(2) * back_texture;
-                    let near_mean = average(mean(&of_mean, k, |q| near[line][q], |q| is(q >= outline)));
-                    let far_mean = average(mean(&of_mean, k, |q| near[line][q], |q| is(q < outline)));
-                    let lit = inside(&of_front, k, &|q| front[line][q]);
-                    let least = self.least;
+                    let average = |sum: f64, weight: f64| if weight > 1e-3 { sum / weight } else { self.average };
+                    let near_mean = average(near[k][n], means[k][n]);
+                    let [far, far_weight] = [&near, &means].map(|sums| sums[k][DISPLACEMENTS] - sums[k][n]);
+                    let (open, lit, least) = (1.0 - in_front[k][n], lit[k][n], self.least);
                     // The other photograph: the front's blur over the back.
                     let (behind, texture) = if opposite { (coarse, back_texture) } else { (fine, gap) };
-                    let through = open[k] * open[k];
-                    total += cost(lit + open[k] * behind - in_other[line][k], least + through * texture, least);
+                    *total += cost(lit + open * behind - in_other[line][k], least + open * open * texture, least);
                     // The sharper photograph: inside like its neighbours inside, outside like the back.
-                    let rim = inside(&of_rim, k, &|_| 1.0);
-                    total += if k >= outline {
+                    let rim = rims[k][n];
+                    *total += if k >= outline {
                         cost(in_sharper[line][k] - near_mean, least + front_texture, least)
                     } else if opposite {
                         let variance = least + rim * rim * front_texture + (1.0 - rim).powi(2) * gap;
                         cost(rim * near_mean + (1.0 - rim) * fine - in_sharper[line][k], variance, least)
                     } else {
-                        cost(in_sharper[line][k] - far_mean, least + outside_texture, least)
+                        cost(in_sharper[line][k] - average(far, far_weight), least + outside_texture, least)
                     };
                 }
             }
-            total
-        })
+        }
+        totals
     }
 
     /// The cost of V as it is: of S, and of the sharper photograph against its own local mean.
