@@ -65,12 +65,19 @@ pub(crate) fn cpu_reference<N: Number>(
     let mut results = [v.clone(), deviation.clone(), Raster::zeros(v.width, v.height)];
     let accepted: Vec<Option<(Edge, usize)>> =
         edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
-    let [columns, rows] = edge::cells(size).map(|side| side as usize);
+    let ([columns, rows], around) = (edge::cells(size).map(|side| side as usize), shader::AROUND as usize);
+    // Most pixels are far from all outlines.
+    let mut is_near = vec![false; accepted.len()];
+    for (cell, _) in edge::all_cells(size).zip(&accepted).filter(|(_, accepted)| accepted.is_some()) {
+        edge::cells_around(cell, around, size).for_each(|[x, y]| is_near[y * columns + x] = true);
+    }
     let mixed = |x: usize, y: usize, results: [&mut N; 3]| {
         let own = [(x / edge::SIDE).min(columns - 1), (y / edge::SIDE).min(rows - 1)];
+        if !is_near[own[1] * columns + own[0]] {
+            return;
+        }
         let (mut sum, mut near, mut levels, mut deviations) = (0.0, 0.0, [0.0; 2], [0.0; 2]);
         let (mut nearest, mut near_in_front) = (f64::MAX, 0.0);
-        let around = shader::AROUND as usize;
         for cell in edge::cells_around(own, around, size) {
             // Columns and rows of pixels beyond the last cell have their own cells.
             if cell[0] + around < x / edge::SIDE || cell[1] + around < y / edge::SIDE {
