@@ -114,13 +114,12 @@ impl Pass for Bindings {
         let filter = memory.numbers(self.filters)[first..first + 2 * c.radius as usize + 1].to_vec();
         let (stride, vertical, period) = (stride(variant) as usize, is_vertical(variant), c.period as usize);
         for plane in 0..c.planes {
-            let input = memory.layer(self.from, (c.from_layer + plane * c.from_step) as usize);
-            let mut filtered = cpu_reference_mirrored(input, &filter, stride, vertical, period);
-            let to = memory.layer_mut(self.to, (c.to_layer + plane * c.to_step) as usize);
-            if c.add == 1 {
-                filtered.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += *before);
-            }
-            *to = filtered;
+            let [from, to] = [c.from_layer + plane * c.from_step, c.to_layer + plane * c.to_step].map(|n| n as usize);
+            let before = memory.take_layer(self.to, to);
+            let (reused, added) = if c.add == 1 { (Raster::default(), before) } else { (before, Raster::default()) };
+            let mut filtered = filter_into(reused, memory.layer(self.from, from), &filter, stride, vertical, period);
+            filtered.data.iter_mut().zip(&added.data).for_each(|(sum, before)| *sum += *before);
+            memory.set_layer(self.to, to, filtered);
         }
     }
 }
@@ -139,7 +138,51 @@ pub fn cpu_reference_mirrored<N: Number>(
     vertical: bool,
     period: usize,
 ) -> Raster<N> {
-    if vertical { along_y(input, filter, stride, period) } else { along_x(input, filter, stride, period) }
+    filter_into(Raster::default(), input, filter, stride, vertical, period)
+}
+
+/// As [`cpu_reference_mirrored`], in the memory of a raster, which saves setting new memory to zero.
+fn filter_into<N: Number>(
+    mut result: Raster<N>,
+    input: &Raster<N>,
+    filter: &[N],
+    stride: usize,
+    vertical: bool,
+    period: usize,
+) -> Raster<N> {
+    let halved = |side: usize, along: bool| if along { side.div_ceil(stride) } else { side };
+    (result.width, result.height) = (halved(input.width, !vertical), halved(input.height, vertical));
+    result.data.resize(result.width * result.height, N::default());
+    let radius = (filter.len() / 2) as isize;
+    result.fill_rows(|y, sums| {
+        let mirrored = if vertical { Vec::new() } else { mirrored_row(input.row(y), radius, period) };
+        // Every stride-th number from the first, from the second, ...: a filter reads contiguous numbers.
+        let parts: Vec<Vec<N>> = match stride {
+            1 => vec![mirrored],
+            _ => (0..stride).map(|n| mirrored.iter().skip(n).step_by(stride).copied().collect()).collect(),
+        };
+        let rows: Vec<&[N]> = (0..filter.len())
+            .map(|n| match vertical {
+                true => input.row(fold((y * stride + n) as isize - radius, period)),
+                false => &parts[n % stride][n / stride..],
+            })
+            .collect();
+        vectorised(
+            #[inline(always)]
+            || weighted::sum(sums, filter, &rows),
+        );
+    });
+    result
+}
+
+/// A row with `radius` mirrored numbers more on either side.
+fn mirrored_row<N: Number>(row: &[N], radius: isize, period: usize) -> Vec<N> {
+    let outside = |x: isize| row[fold(x, period)];
+    let mut mirrored = Vec::with_capacity(row.len() + 2 * radius as usize);
+    mirrored.extend((-radius..0).map(outside));
+    mirrored.extend_from_slice(row);
+    mirrored.extend((row.len() as isize..).map(outside).take(radius as usize));
+    mirrored
 }
 
 /// The filters along x and along y, one after the other. With stride 2 they halve the image.
@@ -151,45 +194,6 @@ pub(crate) fn filtered<N: Number>(image: &Raster<N>, [along_x, along_y]: [&[N]; 
 pub(crate) fn smoothed<N: Number>(image: &Raster<N>, sigma: f64) -> Raster<N> {
     let filter: Vec<N> = filter::gaussian(sigma * sigma).into_iter().map(N::of).collect();
     filtered(image, [&filter; 2], 1)
-}
-
-fn along_y<N: Number>(input: &Raster<N>, filter: &[N], stride: usize, period: usize) -> Raster<N> {
-    let radius = (filter.len() / 2) as isize;
-    let mut result = Raster::zeros(input.width, input.height.div_ceil(stride));
-    result.fill_rows(|y, sums| {
-        let row = |n: usize| input.row(fold((y * stride + n) as isize - radius, period));
-        let rows: Vec<&[N]> = (0..filter.len()).map(row).collect();
-        vectorised(
-            #[inline(always)]
-            || weighted::sum(sums, filter, &rows),
-        );
-    });
-    result
-}
-
-fn along_x<N: Number>(input: &Raster<N>, filter: &[N], stride: usize, period: usize) -> Raster<N> {
-    let radius = (filter.len() / 2) as isize;
-    let mut result = Raster::zeros(input.width.div_ceil(stride), input.height);
-    result.fill_rows(|y, sums| {
-        let row = input.row(y);
-        let outside = |x: isize| row[fold(x, period)];
-        let mut mirrored = Vec::with_capacity(row.len() + filter.len());
-        mirrored.extend((-radius..0).map(outside));
-        mirrored.extend_from_slice(row);
-        mirrored.extend((row.len() as isize..).map(outside).take(radius as usize));
-        if stride == 1 {
-            let rows: Vec<&[N]> = (0..filter.len()).map(|n| &mirrored[n..]).collect();
-            vectorised(
-                #[inline(always)]
-                || weighted::sum(sums, filter, &rows),
-            );
-            return;
-        }
-        for (n, &weight) in filter.iter().enumerate() {
-            sums.iter_mut().enumerate().for_each(|(x, sum)| *sum += weight * mirrored[x * stride + n]);
-        }
-    });
-    result
 }
 
 #[cfg(test)]
