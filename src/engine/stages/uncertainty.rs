@@ -151,27 +151,20 @@ pub fn cpu_reference<N: Number>(
         (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
     };
     let spread = spread.max(f64::from(c.eta) / BROAD);
-    let deviation = Raster::from_fn(v.width, v.height, |x, y| {
-        let [curvature, b2, bend, residual] = terms.each_ref().map(|f| mean(f, x, y));
-        let largest = f64::from(c.largest);
+    let largest = f64::from(c.largest);
+    Raster::several(size, |x, y| {
+        if !valid(x, y) {
+            return [f64::NAN; 3];
+        }
+        let (v, [curvature, b2, bend, residual]) = (v.get(x, y), terms.each_ref().map(|f| mean(f, x, y)));
         let data = b2 / (f64::from(c.pixels) * curvature * curvature);
         let beyond = (residual - (NOISE * spread).powi(2)).max(0.0);
         let unexplained = beyond * residual / (b2 * (residual + f64::from(c.eta).powi(2)));
-        match (valid(x, y), curvature > 0.0 && v.get(x, y).abs() < f64::from(c.at_limit)) {
-            (false, _) => f64::NAN,
-            (true, false) => largest,
-            (true, true) => {
-                let deviation = (data + f64::from(c.bending) * bend + unexplained / f64::from(c.features)).sqrt();
-                let is_other = residual > (UNEXPLAINED * spread).powi(2) && deviation > CERTAIN;
-                if is_other { largest } else { deviation.min(largest) }
-            }
-        }
-    });
-    let or_none = |value: &(dyn Fn(usize, usize) -> f64 + Sync)| {
-        Raster::from_fn(v.width, v.height, |x, y| if valid(x, y) { value(x, y) } else { f64::NAN })
-    };
-    let residual = or_none(&|x, y| mean(&terms[uncertainty_terms::RESIDUAL], x, y).max(0.0).sqrt());
-    [or_none(&|x, y| v.get(x, y)), deviation, residual]
+        let deviation = (data + f64::from(c.bending) * bend + unexplained / f64::from(c.features)).sqrt();
+        let is_other = residual > (UNEXPLAINED * spread).powi(2) && deviation > CERTAIN;
+        let is_known = curvature > 0.0 && v.abs() < f64::from(c.at_limit) && !is_other;
+        [v, if is_known { deviation.min(largest) } else { largest }, residual.max(0.0).sqrt()]
+    })
 }
 
 #[cfg(test)]
