@@ -5,6 +5,7 @@
 //! at pixel 2i. The image is mirrored about the border pixels of the *fine* grid: for an even size, half-way between
 //! the last pixel of the coarse grid and the next.
 
+use super::lanes::vectorised;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::pixels;
 use super::spline::{Number, Raster, fold};
@@ -67,24 +68,35 @@ pub fn cpu_reference<N: Number>([width, height]: [usize; 2], coarse: &Raster<N>)
     fine.fill_rows(|y, fine| {
         let row = |n: isize| coarse.row(fold((y / 2) as isize + n, height - 1));
         let [above, here, below] = [-1, 0, 1].map(row);
-        let along_y = |x: usize| match y % 2 {
-            0 => eighth * above[x] + most * here[x] + eighth * below[x],
-            _ => half * here[x] + half * below[x],
-        };
-        let line: Vec<N> = (0..coarse.width).map(along_y).collect();
+        let (count, last) = (coarse.width, (width - 1) / 2);
+        let mut line = vec![N::default(); count];
+        vectorised(
+            #[inline(always)]
+            || {
+                let (above, here, below, line) = (&above[..count], &here[..count], &below[..count], &mut line[..count]);
+                let [outer, middle] = if y % 2 == 0 { [eighth, most] } else { [N::default(), half] };
+                let after = if y % 2 == 0 { eighth } else { half };
+                for x in 0..count {
+                    line[x] = outer * above[x] + middle * here[x] + after * below[x];
+                }
+                // Adjacent pixels from the second pair to the last but one.
+                let inner = last.max(1) - 1;
+                let (before, here) = (&line[..inner], &line[count - 1 - inner..][..inner]);
+                let behind = &line[count - inner..][..inner];
+                let pairs = &mut fine.as_chunks_mut::<2>().0[inner.min(1)..][..inner];
+                for x in 0..inner {
+                    let even = eighth * before[x] + most * here[x] + eighth * behind[x];
+                    pairs[x] = [even, half * here[x] + half * behind[x]];
+                }
+            },
+        );
         let at = |x: isize| line[fold(x, width - 1)];
-        let even = |x: usize| eighth * at(x as isize - 1) + most * line[x] + eighth * at(x as isize + 1);
-        let odd = |x: usize| half * line[x] + half * at(x as isize + 1);
-        let last = (width - 1) / 2;
-        (fine[0], fine[2 * last]) = (even(0), even(last));
-        for x in 1..last {
-            fine[2 * x] = eighth * line[x - 1] + most * line[x] + eighth * line[x + 1];
-        }
-        for x in 0..last {
-            fine[2 * x + 1] = half * line[x] + half * line[x + 1];
-        }
-        if width % 2 == 0 {
-            fine[width - 1] = odd(last);
+        for x in [0, last] {
+            let [before, here, behind] = [-1, 0, 1].map(|n| at(x as isize + n));
+            fine[2 * x] = eighth * before + most * here + eighth * behind;
+            if 2 * x + 1 < width {
+                fine[2 * x + 1] = half * here + half * behind;
+            }
         }
     });
     fine
