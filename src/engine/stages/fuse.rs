@@ -4,7 +4,7 @@
 //! reach, the result is I1.
 
 use super::blur::heaviside;
-use super::lanes::{LANES, Lanes, vectorised};
+use super::lanes::Lanes;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, from_centre, inside, margin};
 use super::{Number, Raster, Real, pixels, spline, warp};
@@ -64,25 +64,18 @@ pub fn cpu_reference<N: Number>(
     v: &Raster<N>,
 ) -> Raster<N> {
     let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
-    let mut fused = Raster::zeros(v.width, v.height);
-    fused.fill_rows(|y, row| {
-        let [mut dx, mut dy] = [(); 2].map(|()| vec![N::default(); row.len().next_multiple_of(LANES)]);
-        vectorised(
-            #[inline(always)]
-            || {
-                r.displacements([0, y], 1.0, centre, [&mut dx[..row.len()], &mut dy[..row.len()]]);
-                for x in (0..row.len()).step_by(LANES) {
-                    let d = [Lanes::load(&dx, x), Lanes::load(&dy, x)];
-                    let [i1, v] = [Lanes::first_of(&channel1.row(y)[x..]), Lanes::first_of(&v.row(y)[x..])];
-                    let i2 = warp::resampled(shading, centre, coefficients2, [x, y], d);
-                    let (h, j) = (heaviside(v, c.epsilon.into()), Lanes::of(r.gain) * i2 + Lanes::of(r.offset));
-                    let inside = margin([Lanes::ramp(x), Lanes::of(y as f64)], d, size, Lanes::default(), 1.0);
-                    inside.choose(h * i1 + (Lanes::of(1.0) - h) * j, i1).store_first(&mut row[x..]);
-                }
-            },
-        );
-    });
-    fused
+    warp::displaced(
+        size,
+        (r, 1.0, centre),
+        #[inline(always)]
+        |at @ [x, y], d| {
+            let [i1, v] = [Lanes::first_of(&channel1.row(y)[x..]), Lanes::first_of(&v.row(y)[x..])];
+            let i2 = warp::resampled(shading, centre, coefficients2, at, d);
+            let (h, j) = (heaviside(v, c.epsilon.into()), Lanes::of(r.gain) * i2 + Lanes::of(r.offset));
+            let inside = margin([Lanes::ramp(x), Lanes::of(y as f64)], d, size, Lanes::default(), 1.0);
+            inside.choose(h * i1 + (Lanes::of(1.0) - h) * j, i1)
+        },
+    )
 }
 
 /// A channel of I1 and J at a pixel, from that of I1 and the spline coefficients of I2. Where I2 does not reach, both are I1.

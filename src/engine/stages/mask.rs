@@ -106,7 +106,7 @@ pub fn counts<N: Number>(masks: Option<&Masks<N>>, [x, y]: [usize; 2], d: [f64; 
 #[inline(always)]
 pub(super) fn counts_lanes<N: Number>(masks: Option<&Masks<N>>, at: [usize; 2], d: [Lanes<N>; 2]) -> Lanes<N> {
     let Some([first, second]) = masks else { return Lanes::of(1.0) };
-    let (corners, fractions) = spline::displaced(at, d, [second.width, second.height], [0.0; 2]);
+    let (corners, fractions) = spline::displaced(at, d, [second.width, second.height], |last| [0.0, last]);
     both(Lanes::first_of(&first.row(at[1])[at[0]..]), spline::taps(second, &corners), fractions)
 }
 

@@ -377,19 +377,19 @@ fn taps_of_row<N: Number, const COUNT: usize>(raster: &Raster<N>, [x, y]: [isize
 }
 
 /// The places of the pixels from (x, y) to the right, displaced by d: columns and rows, and the fractions beyond them.
-/// Places further than `reach` px outside are moved there.
+/// Places are moved to between `bounds` of the last column or row.
 #[inline(always)]
 pub(super) fn displaced<N: Number>(
     [x, y]: [usize; 2],
     d: [Lanes<N>; 2],
     [width, height]: [usize; 2],
-    reach: [f64; 2],
+    bounds: impl Fn(f64) -> [f64; 2],
 ) -> ([[isize; 2]; LANES], [Lanes<N>; 2]) {
-    let of = |first: Lanes<N>, d: Lanes<N>, size: usize, reach: f64| {
-        let last = Lanes::of(size as f64 - 1.0 + reach);
-        d.max(-first - Lanes::of(reach)).min(last - first)
+    let of = |first: Lanes<N>, d: Lanes<N>, size: usize| {
+        let [least, most] = bounds(size as f64 - 1.0);
+        d.max(Lanes::of(least) - first).min(Lanes::of(most) - first)
     };
-    let d = [of(Lanes::ramp(x), d[0], width, reach[0]), of(Lanes::of(y as f64), d[1], height, reach[1])];
+    let d = [of(Lanes::ramp(x), d[0], width), of(Lanes::of(y as f64), d[1], height)];
     let whole = [d[0].floor(), d[1].floor()];
     let (columns, rows) = (whole[0].integers(), whole[1].integers());
     let mut corners = [[0; 2]; LANES];
@@ -431,12 +431,12 @@ pub(super) fn taps<N: Number, const COUNT: usize>(
     taps
 }
 
-/// The spline at the pixels from (x, y) to the right, displaced by d. Beyond the border it is mirrored, and as in
-/// [`read`] where it would be mirrored twice.
+/// The spline at the pixels from (x, y) to the right, displaced by d. Beyond the border it is mirrored; beyond the
+/// mirrored image it is constant.
 #[inline(always)]
 pub(super) fn read_lanes<N: Number>(coefficients: &Raster<N>, at: [usize; 2], d: [Lanes<N>; 2]) -> Jet<Lanes<N>> {
-    let (width, height) = (coefficients.width, coefficients.height);
-    let (mut corners, fractions) = displaced(at, d, [width, height], [width as f64, height as f64]);
+    let size = [coefficients.width, coefficients.height];
+    let (mut corners, fractions) = displaced(at, d, size, |last| [-2.0 * last - 1.0, 2.0 * last + 1.0]);
     for corner in &mut corners {
         *corner = [corner[0] - 1, corner[1] - 1];
     }

@@ -60,21 +60,36 @@ impl Pass for Bindings {
 
 /// Samples of I2 at T x times the shading, mirrored once where T leaves I2.
 pub fn cpu_reference<N: Number>(c: &Constants, r: &Registration, shading: &Shading, spline2: &Raster<N>) -> Raster<N> {
-    let (centre, mut warped) = (c.centre.map(f64::from), Raster::zeros(spline2.width, spline2.height));
-    warped.fill_rows(|y, row| {
-        let [mut dx, mut dy] = [(); 2].map(|()| vec![N::default(); row.len().next_multiple_of(LANES)]);
+    let centre = c.centre.map(f64::from);
+    displaced(
+        [spline2.width, spline2.height],
+        (r, c.factor.into(), centre),
+        #[inline(always)]
+        |at, d| resampled(shading, centre, spline2, at, d),
+    )
+}
+
+/// A raster of the values at the pixels from (x, y) to the right, which T displaces by d on a level whose pixels are
+/// `factor` wide.
+pub(super) fn displaced<N: Number>(
+    [width, height]: [usize; 2],
+    (r, factor, centre): (&Registration, f64, [f64; 2]),
+    values: impl Fn([usize; 2], [Lanes<N>; 2]) -> Lanes<N> + Sync,
+) -> Raster<N> {
+    let mut raster = Raster::zeros(width, height);
+    raster.fill_rows(|y, row| {
+        let [mut dx, mut dy] = [(); 2].map(|()| vec![N::default(); width.next_multiple_of(LANES)]);
         vectorised(
             #[inline(always)]
             || {
-                r.displacements([0, y], c.factor.into(), centre, [&mut dx[..row.len()], &mut dy[..row.len()]]);
-                for x in (0..row.len()).step_by(LANES) {
-                    let d = [Lanes::load(&dx, x), Lanes::load(&dy, x)];
-                    resampled(shading, centre, spline2, [x, y], d).store_first(&mut row[x..]);
+                r.displacements([0, y], factor, centre, [&mut dx, &mut dy]);
+                for x in (0..width).step_by(LANES) {
+                    values([x, y], [Lanes::load(&dx, x), Lanes::load(&dy, x)]).store_first(&mut row[x..]);
                 }
             },
         );
     });
-    warped
+    raster
 }
 
 /// I2 times the shading at the pixels from (x, y) to the right, displaced by d.
@@ -114,6 +129,7 @@ mod tests {
                 Similarity::new(2.2, -1.0, 0.5, 1.03),
                 Similarity::new(-9.0, 12.0, 3.0, 0.9),
                 Similarity::new(1e4, 0.0, 0.0, 1.0),
+                Similarity::new(-1e4, -30.0, 0.0, 1.0),
             ] {
                 let spline2 = [smooth_field(width as usize, height as usize, 1)];
                 let photometric = Photometric { gain: 0.9, offset: 0.1 };
