@@ -96,6 +96,32 @@ fn a_failed_pair_does_not_stop_the_batch() {
 }
 
 #[test]
+fn a_pair_that_cannot_be_named_or_written_fails_alone() {
+    let desk = Desk::new(&[
+        ["batch-1-of-1.json_1.png", "batch-1-of-1.json_2.png"],
+        ["c_1.png", "c_2.png"],
+        ["good_1.png", "good_2.png"],
+        ["index.html_1.png", "index.html_2.png"],
+        ["new\nline_1.png", "new\nline_2.png"],
+    ]);
+    fs::create_dir(desk.path("out")).unwrap();
+    fs::write(desk.path("out/c"), "mine").unwrap();
+    let expected = ["batch-1-of-1.json failed", "c failed", "good solved", "index.html failed", "new\nline failed"];
+    let output = desk.batch("shots", &["--shard", "1/1"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert_eq!(statuses(&serde_json::from_slice(&output.stdout).unwrap()), expected);
+    assert!(stderr.contains("4 of 5 pairs failed: batch-1-of-1.json, c, index.html, new\\nline"), "{stderr}");
+    let mut watch = desk.command();
+    watch.args(["watch", "shots", "-o", "out", "--outer-iterations", "6", "--json", "--settle", "0"]);
+    let output = watch.args(["--until-idle", "0.1"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+    let tally: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(statuses(&tally), expected.map(|row| row.replace("solved", "kept")));
+    assert!(tally["pairs"][1]["error"].as_str().unwrap().contains("c: is a file"), "{tally}");
+}
+
+#[test]
 fn pairs_of_a_manifest_may_differ_in_size_and_bit_depth() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
     for name in ["1", "2"] {
@@ -350,4 +376,50 @@ fn watch_solves_pairs_as_they_arrive() {
     let tally: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(statuses(&tally).iter().all(|row| row.ends_with(" kept")), "{tally}");
     assert_eq!(fs::read_to_string(desk.path("told")).unwrap().lines().count(), 4);
+}
+
+#[cfg(unix)]
+#[test]
+fn watch_fails_if_its_folder_is_gone_at_the_end() {
+    let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
+    let mut watch = desk.command();
+    watch.args(["watch", "shots", "-o", "out", "--outer-iterations", "6", "--no-html", "--settle", "0"]);
+    fs::write(desk.path("gone.sh"), "#!/bin/sh\nexec mv shots moved\n").unwrap();
+    fs::set_permissions(desk.path("gone.sh"), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    let output = watch.args(["--until-idle", "0.1", "--on-done", "./gone.sh"]).output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && stderr.contains("a: solved"), "{stderr}");
+    assert!(stderr.ends_with("error: shots: there is no such folder; check the path\n"), "{stderr}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_second_interrupt_ends_a_program_of_on_done_that_hangs() {
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Command, Stdio};
+
+    let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
+    // The shell starts a program of its own, which holds stdout open while it runs.
+    fs::write(desk.path("hang.sh"), "#!/bin/sh\necho begun\nsleep 600\necho ended\n").unwrap();
+    fs::set_permissions(desk.path("hang.sh"), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    let mut child = Command::new(assert_cmd::cargo::cargo_bin("parfocal"))
+        .args(["watch", "shots", "-o", "out", "--no-html", "--settle", "0", "--on-done", "./hang.sh"])
+        .env("PARFOCAL_CACHE_DIR", desk.path("cache"))
+        .current_dir(desk.0.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let (mut stdout, mut stderr) =
+        (BufReader::new(child.stdout.take().unwrap()), BufReader::new(child.stderr.take().unwrap()).lines());
+    let mut line = String::new();
+    stdout.read_line(&mut line).unwrap();
+    assert_eq!(line, "begun\n");
+    let interrupt =
+        || assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    interrupt();
+    while !stderr.next().unwrap().unwrap().starts_with("finishing") {}
+    interrupt();
+    stdout.read_to_string(&mut line).unwrap();
+    assert_eq!((child.wait().unwrap().code(), line.as_str()), (Some(130), "begun\n"));
 }

@@ -8,7 +8,7 @@ use parfocal::image_io::RawFormat;
 use parfocal::internals::bounded_read;
 use serde::Deserialize;
 
-use crate::cli::batch::summary::SUMMARY;
+use crate::cli::batch::summary::is_of_batch;
 use crate::cli::options::photographs::{self, SweepFiles, in_short, list_folder, one_series, with_format};
 use crate::cli::options::series::{self, file_name, stem};
 use crate::cli::output::failure::Failure;
@@ -20,6 +20,8 @@ pub(crate) struct Group {
     pub(crate) files: Vec<PathBuf>,
     /// Names of the photographs beside the frames of a sweep that do not belong to their series.
     pub(crate) left_out: Vec<String>,
+    /// The reason why it cannot be solved.
+    pub(crate) problem: Option<String>,
 }
 
 /// The pairs and sweeps of a folder or a manifest.
@@ -67,8 +69,8 @@ pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<
     };
     if found.groups.is_empty() {
         let problem = "holds no pair of photographs; see `parfocal batch --help` for how they are named";
-        let left_over = found.left_over.iter().map(|problem| format!("; {problem}"));
-        return Err(failed(left_over.fold(problem.to_string(), |all, one| all + &one)));
+        let problem = [&[problem.to_string()], found.left_over.as_slice()].concat();
+        return Err(failed(in_short(&problem, "; ")));
     }
     Ok(found)
 }
@@ -77,8 +79,8 @@ pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<
 /// lies beside the frames of sweeps.
 fn settled(pairs: Vec<Candidate>, mut left_over: Vec<String>, raw: Option<RawFormat>) -> Result<Grouped, String> {
     let mut groups = named_apart(pairs)?;
-    for Group { name, files, left_out } in groups.iter().filter(|group| !group.left_out.is_empty()) {
-        left_over.push(format!("{name}: {}: not named like {}", in_short(left_out), series::ends(files)));
+    for Group { name, files, left_out, .. } in groups.iter().filter(|group| !group.left_out.is_empty()) {
+        left_over.push(format!("{name}: {}: not named like {}", in_short(left_out, ", "), series::ends(files)));
     }
     for file in groups.iter_mut().flat_map(|group| &mut group.files) {
         *file = with_format(std::mem::take(file), raw);
@@ -88,19 +90,27 @@ fn settled(pairs: Vec<Candidate>, mut left_over: Vec<String>, raw: Option<RawFor
 
 fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
     let (files, folders) = list_folder(folder, raw)?;
-    let named = |folder: &Path, problem| Failure::Failed(format!("{}: {problem}", folder.display()));
     if !files.is_empty() {
-        return by_name(&files).map_err(|problem| named(folder, problem));
+        return Ok(by_name(&files));
     }
     let mut all = Grouped::default();
     for inner in folders.iter().filter(|inner| !crate::cli::same_file(inner, out)) {
         let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let files = list_folder(inner, raw)?.0;
+        let files = match list_folder(inner, raw) {
+            Ok((files, _)) => files,
+            // Removed since its folder was listed.
+            Err(_) if !inner.exists() => continue,
+            Err(failure) => {
+                let problem = Some(failure.message());
+                all.groups.push(Group { name: folder_name, problem, ..Group::default() });
+                continue;
+            }
+        };
         if let Some(SweepFiles { frames, left_out }) = one_series(&files) {
-            all.groups.push(Group { name: folder_name, files: frames, left_out });
+            all.groups.push(Group { name: folder_name, files: frames, left_out, problem: None });
             continue;
         }
-        let found = by_name(&files).map_err(|problem| named(inner, problem))?;
+        let found = by_name(&files);
         let only = found.groups.len() == 1;
         all.groups.extend(found.groups.into_iter().map(|pair| {
             let name = if only { folder_name.clone() } else { format!("{folder_name}-{}", pair.name) };
@@ -138,8 +148,9 @@ fn split(stem: &str) -> Option<(&str, Kind, u64)> {
 
 /// Pairs files by their names. Returns the files without a pair. All files of a series of odd length are returned,
 /// since it is unknown which file is missing. So are those of a series of more than two beside other files: it may be a
-/// focus sweep.
-fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
+/// focus sweep. A series in which two files have one place is one pair that cannot be solved.
+fn by_name(files: &[PathBuf]) -> Grouped {
+    let mut doubled: BTreeMap<(String, Kind), [&PathBuf; 2]> = BTreeMap::new();
     let mut series: BTreeMap<(String, Kind), BTreeMap<u64, &PathBuf>> = BTreeMap::new();
     let mut found = Grouped::default();
     for file in files {
@@ -148,16 +159,22 @@ fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
             found.left_over.push(format!("{} belongs to no pair: {ENDS}", file_name(file)));
             continue;
         };
-        if let Some(other) = series.entry((rest.to_string(), kind)).or_default().insert(order, file) {
-            return Err(format!(
-                "{} and {} have one place in their pair; move one away",
-                file_name(other),
-                file_name(file)
-            ));
+        let key = (rest.to_string(), kind);
+        if let Some(other) = series.entry(key.clone()).or_default().insert(order, file) {
+            doubled.entry(key).or_insert([other, file]);
         }
     }
-    for ((rest, _), members) in &series {
+    for (key, members) in &series {
         let members: Vec<&PathBuf> = members.values().copied().collect();
+        let trimmed = key.0.trim_end_matches(['_', '-', '.', ' ']);
+        if let Some(two) = doubled.get(key) {
+            let name = if trimmed.is_empty() { stem(two[0]) } else { trimmed.to_string() };
+            let [first, second] = two.map(|file| file_name(file));
+            let problem = Some(format!("{first} and {second} have one place in their pair; move one away"));
+            let files = two.map(PathBuf::clone).to_vec();
+            found.groups.push(Group { name, files, left_out: Vec::new(), problem });
+            continue;
+        }
         if let [first, .., last] = members[..]
             && members.len() > 2
             && members.len() < files.len()
@@ -178,13 +195,12 @@ fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
             continue;
         }
         for two in members.chunks_exact(2) {
-            let trimmed = rest.trim_end_matches(['_', '-', '.', ' ']);
             let name = if members.len() == 2 && !trimmed.is_empty() { trimmed.to_string() } else { stem(two[0]) };
             let files = two.iter().map(|file| (*file).clone()).collect();
-            found.groups.push(Group { name, files, left_out: Vec::new() });
+            found.groups.push(Group { name, files, left_out: Vec::new(), problem: None });
         }
     }
-    Ok(found)
+    found
 }
 
 const ENDS: &str = "names of a pair differ only in a number, near and far, or a and b at their end; rename it, move it \
@@ -214,7 +230,7 @@ fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Fa
         let is_given = name.is_some();
         let (SweepFiles { frames: files, left_out }, otherwise) =
             line.files(folder, raw).map_err(|problem| failed(format!("line {number}: {problem}")))?;
-        let pair = Group { name: name.unwrap_or(otherwise), files, left_out };
+        let pair = Group { name: name.unwrap_or(otherwise), files, left_out, problem: None };
         pairs.push(Candidate { pair, line: Some(number), is_given });
     }
     Ok(pairs)
@@ -230,7 +246,7 @@ pub(crate) fn reads(file: &Path) {
 fn is_folder_name(name: &str) -> bool {
     let elsewhere = name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']);
     let drive = cfg!(windows) && name.contains(':');
-    !elsewhere && !drive && !name.chars().any(char::is_control) && !name.eq_ignore_ascii_case(SUMMARY)
+    !elsewhere && !drive && !name.chars().any(char::is_control) && !is_of_batch(name)
 }
 
 /// A pair, before its name is final.
@@ -249,31 +265,45 @@ impl Candidate {
 
     /// The position of the pair, for messages.
     fn place(&self) -> String {
-        let i1 = self.pair.files[0].display();
-        self.line.map_or_else(|| i1.to_string(), |line| format!("line {line}, {i1}"))
+        let i1 = self.pair.files.first().map_or(self.pair.name.clone(), |file| file.display().to_string());
+        self.line.map_or(i1.clone(), |line| format!("line {line}, {i1}"))
     }
 }
 
-/// Adds the folder of I1 to equal names, unless they are stated. Refuses names that are still equal or that cannot be
-/// the name of a folder.
+/// Adds the folder of I1 to equal names, unless they are stated. Names that are still equal, or that cannot be the name
+/// of a folder, are errors of a manifest. In a folder, such a pair has a problem, and the others are solved.
 fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
     let mut count: HashMap<String, usize> = HashMap::new();
     pairs.iter().for_each(|Candidate { pair, .. }| *count.entry(pair.name.to_lowercase()).or_default() += 1);
     for Candidate { pair, .. } in pairs.iter_mut().filter(|c| !c.is_given && count[&c.pair.name.to_lowercase()] > 1) {
-        let folder = pair.files[0].parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+        let Some(first) = pair.files.first() else { continue };
+        let folder = first.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
         let folder = folder.filter(|name| is_folder_name(name)).map_or(String::new(), |name| format!("{name}-"));
-        pair.name = format!("{folder}{}", stem(&pair.files[0]));
+        pair.name = format!("{folder}{}", stem(first));
     }
-    let mut seen: HashMap<String, &Candidate> = HashMap::new();
-    for candidate in &pairs {
-        let (name, place) = (&candidate.pair.name, candidate.place());
-        let how = if candidate.line.is_some() { "give another name after I2" } else { "name them in a manifest" };
-        if !is_folder_name(name) {
-            return Err(format!("{place}: '{name}' cannot name a folder of results; {how}"));
+    let mut seen: HashMap<String, String> = HashMap::new();
+    for candidate in &mut pairs {
+        let (name, place) = (candidate.pair.name.clone(), candidate.place());
+        let how = match candidate.line {
+            Some(_) => "give another name after I2",
+            None => "rename the photographs, or name them in a manifest",
+        };
+        let problem = if let Some(other) = seen.get(&name.to_lowercase()) {
+            // Each row of the summary needs a name of its own.
+            let free = (2..).map(|n| format!("{name} ({n})")).find(|name| !seen.contains_key(&name.to_lowercase()));
+            candidate.pair.name = free.unwrap_or_default();
+            format!("the pairs of {other} and {place} are both called '{name}'; {how}")
+        } else if !is_folder_name(&name) {
+            format!("{place}: '{name}' cannot name a folder of results; {how}")
+        } else {
+            seen.insert(name.to_lowercase(), place);
+            continue;
+        };
+        if candidate.line.is_some() {
+            return Err(problem);
         }
-        if let Some(other) = seen.insert(name.to_lowercase(), candidate) {
-            return Err(format!("the pairs of {} and {place} are both called '{name}'; {how}", other.place()));
-        }
+        seen.insert(candidate.pair.name.to_lowercase(), place);
+        candidate.pair.problem.get_or_insert(problem);
     }
     Ok(pairs.into_iter().map(|candidate| candidate.pair).collect())
 }
@@ -395,7 +425,10 @@ mod tests {
     fn names(files: &[&str]) -> Result<Vec<String>, String> {
         let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
         let show = |p: Group| format!("{} {} {}", p.name, p.files[0].display(), p.files[1].display());
-        let found = by_name(&files)?;
+        let found = by_name(&files);
+        if let Some(problem) = found.groups.iter().find_map(|group| group.problem.clone()) {
+            return Err(problem);
+        }
         if found.left_over.is_empty() {
             return Ok(found.groups.into_iter().map(show).collect());
         }
@@ -430,6 +463,30 @@ mod tests {
             let problem = names(files).unwrap_err();
             assert!(problem.contains(part), "{problem}");
         }
+    }
+
+    #[test]
+    fn a_pair_of_a_folder_without_a_valid_name_does_not_stop_the_others() {
+        let folder = TempDir::new().unwrap();
+        let pairs = ["good", "a\\b", "tab\there", "index.html", "Batch-2-of-3.json", "batch-2-of-x.json", "x", "X"];
+        for name in pairs.iter().flat_map(|name| [format!("{name}_1.png"), format!("{name}_2.png")]) {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        fs::write(folder.path().join("doubled_1.png"), "").unwrap();
+        fs::write(folder.path().join("doubled_1.jpg"), "").unwrap();
+        let found = find(folder.path(), Path::new("out"), None).unwrap().groups;
+        let (refused, good): (Vec<_>, Vec<_>) = found.iter().partition(|group| group.problem.is_some());
+        let names = |groups: &[&Group]| groups.iter().map(|group| group.name.clone()).collect::<Vec<_>>();
+        // The names of two pairs that differ in case only begin with the name of their folder.
+        let own = file_name(folder.path());
+        let own = if is_folder_name(&own) { format!("{own}-") } else { String::new() };
+        assert_eq!(names(&good), [format!("{own}X_1"), "batch-2-of-x.json".to_string(), "good".to_string()]);
+        let twice = format!("{own}x_1 (2)");
+        assert_eq!(names(&refused), ["Batch-2-of-3.json", "a\\b", "doubled", "index.html", "tab\there", &twice]);
+        for (group, part) in refused.iter().zip(["cannot name", "cannot name", "have one place", "cannot name"]) {
+            assert!(group.problem.as_ref().unwrap().contains(part), "{group:?}");
+        }
+        assert!(refused[5].problem.as_ref().unwrap().contains("are both called"), "{:?}", refused[5]);
     }
 
     fn manifest(text: &str) -> Result<Vec<Group>, String> {

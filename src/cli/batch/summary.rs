@@ -10,6 +10,7 @@ use parfocal::page::batch_html::{Entry, batch_page};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::cli::options::photographs::in_short;
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
 
@@ -18,6 +19,19 @@ pub(crate) const SUMMARY: &str = "batch.json";
 
 /// Name of the index page, in the folder of the results.
 pub(crate) const INDEX: &str = "index.html";
+
+/// Name of the summary file of one share of `count`.
+pub(crate) fn of_share(index: usize, count: usize) -> String {
+    format!("batch-{index}-of-{count}.json")
+}
+
+/// Whether a batch writes a file of this name beside the folders of results.
+pub(crate) fn is_of_batch(name: &str) -> bool {
+    let name = name.to_ascii_lowercase();
+    let share = name.strip_prefix("batch-").and_then(|rest| rest.strip_suffix(".json")?.split_once("-of-"));
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    [SUMMARY, INDEX].contains(&name.as_str()) || share.is_some_and(|(i, n)| is_number(i) && is_number(n))
+}
 
 /// Greatest size of a report, 16 MiB.
 const MAX_REPORT: u64 = 16 << 20;
@@ -288,7 +302,7 @@ impl BatchSummary {
         let left = if self.left_over.is_empty() {
             String::new()
         } else {
-            format!("; left over: {}", self.left_over.join("; "))
+            format!("; left over: {}", in_short(&self.left_over, "; "))
         };
         let sentence = format!(
             "{solved} solved, {} of them with warnings or not converged; {} failed or not done{left}.",
@@ -346,11 +360,11 @@ impl BatchSummary {
         }
         if self.failed > 0 {
             let failed = self.pairs.iter().filter(|row| matches!(row.outcome, Outcome::Failed { .. }));
-            let names: Vec<&str> = failed.map(|row| row.name.as_str()).collect();
-            return Err(Failure::Failed(format!("{} of {all} pairs failed: {}", self.failed, names.join(", "))));
+            let names: Vec<String> = failed.map(|row| plain(&row.name)).collect();
+            return Err(Failure::Failed(format!("{} of {all} pairs failed: {}", self.failed, in_short(&names, ", "))));
         }
         if strict && !self.left_over.is_empty() {
-            let problem = format!("--strict: photographs are left over: {}", self.left_over.join("; "));
+            let problem = format!("--strict: photographs are left over: {}", in_short(&self.left_over, "; "));
             return Err(Failure::Failed(problem));
         }
         if strict && doubts > 0 {
@@ -397,6 +411,20 @@ mod tests {
         std::fs::remove_file(&file).unwrap();
         std::fs::create_dir(&file).unwrap();
         assert!(Outcome::report(folder.path()).unwrap_err().message().contains("report.json: cannot be read"));
+    }
+
+    #[test]
+    fn the_error_of_many_failed_pairs_names_the_first_ten() {
+        let failed = |n| Row::new(&format!("p{n}"), &[], Path::new(""), Outcome::Failed { error: String::new() });
+        let summary = |count| {
+            BatchSummary::new(Path::new(""), (1..=count).map(failed).collect(), Vec::new(), false, Duration::ZERO)
+        };
+        let message = |count| summary(count).check(false).unwrap_err().message();
+        assert_eq!(message(2), "2 of 2 pairs failed: p1, p2");
+        assert_eq!(
+            message(10_000),
+            "10000 of 10000 pairs failed: p1, p2, p3, p4, p5, p6, p7, p8, p9, p10 and 9990 more"
+        );
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::io::{self, IsTerminal, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -56,6 +56,8 @@ struct Device {
 pub(crate) struct Task {
     name: String,
     job: Job,
+    /// The reason why it cannot be solved or written, found before any work.
+    refused: Option<Failure>,
 }
 
 enum Job {
@@ -163,7 +165,7 @@ fn solve_pair(
 }
 
 impl Task {
-    pub(crate) fn new(out: &Path, Group { name, files, left_out }: Group) -> Self {
+    pub(crate) fn new(out: &Path, Group { name, files, left_out, problem }: Group, request: &Request) -> Self {
         let out = out.join(&name);
         let job = match <[PathBuf; 2]>::try_from(files) {
             Ok(files) => Job::Pair(PairJob { files, out }),
@@ -172,7 +174,8 @@ impl Task {
                 Job::Sweep(SweepJob { files, positions, reference: None, out })
             }
         };
-        Self { name, job }
+        let refused = problem.map(Failure::Failed).or_else(|| job.check(request).err());
+        Self { name, job, refused }
     }
 
     pub(crate) fn name(&self) -> &str {
@@ -183,12 +186,9 @@ impl Task {
         Row::new(&self.name, self.job.files(), self.job.out(), outcome)
     }
 
-    /// Refuses a task that cannot be solved or written, before any work.
-    pub(crate) fn check(&self, request: &Request) -> Result<(), Failure> {
-        match &self.job {
-            Job::Pair(job) => job.check(request),
-            Job::Sweep(job) => job.check(request),
-        }
+    /// Fails if the options do not apply to this task.
+    pub(crate) fn check_usage(&self) -> Result<(), Failure> {
+        self.refused.clone().filter(|failure| matches!(failure, Failure::Usage(_))).map_or(Ok(()), Err)
     }
 
     /// Reads, solves and writes a task; `None` if the device is lost. A panic fails only this task.
@@ -209,6 +209,9 @@ impl Task {
     fn outcome(&self, context: &Context, device: &Mutex<Device>) -> Result<Outcome, Ending> {
         if context.stop.load(Ordering::Relaxed) {
             return Err(Ending::Stopped);
+        }
+        if let Some(failure) = &self.refused {
+            return Err(Ending::Failed(failure.clone()));
         }
         let (request, first) = (&context.request, &self.job.files()[0]);
         let is_current = |inputs: &[Input]| self.job.is_current(context, inputs);
@@ -234,6 +237,13 @@ impl Task {
 }
 
 impl Job {
+    fn check(&self, request: &Request) -> Result<(), Failure> {
+        match self {
+            Self::Pair(job) => job.check(request),
+            Self::Sweep(job) => job.check(request),
+        }
+    }
+
     fn files(&self) -> &[PathBuf] {
         match self {
             Self::Pair(job) => &job.files,
@@ -270,6 +280,38 @@ impl Job {
     }
 }
 
+/// The process group of the running program of `--on-done`.
+static PROGRAM: Mutex<Option<u32>> = Mutex::new(None);
+
+/// Runs a program in a process group of its own, so that [`end_program`] also ends the programs that it started.
+fn run_program(command: &mut Command) -> io::Result<ExitStatus> {
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
+    let running = || PROGRAM.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut child = {
+        let mut running = running();
+        let child = command.spawn()?;
+        *running = Some(child.id());
+        child
+    };
+    let status = child.wait();
+    *running() = None;
+    status
+}
+
+/// Ends the running program of `--on-done`. No other one is started afterwards: the process must end.
+pub(crate) fn end_program() {
+    let running = PROGRAM.lock().unwrap_or_else(PoisonError::into_inner);
+    #[cfg(unix)]
+    if let Some(id) = running.and_then(|id| i32::try_from(id).ok()) {
+        use nix::sys::signal::{Signal, killpg};
+
+        // It fails if the program has just ended.
+        let _ = killpg(nix::unistd::Pid::from_raw(id), Signal::SIGKILL);
+    }
+    std::mem::forget(running);
+}
+
 /// The program of `--on-done`. It gets the folder of results as its argument, without a shell.
 #[derive(Debug)]
 pub(crate) struct OnDone(pub(crate) OsString);
@@ -284,7 +326,7 @@ impl OnDone {
         command.arg(&row.output).stdin(Stdio::null());
         command.env("PARFOCAL_NAME", &row.name).env("PARFOCAL_OUTPUT", &row.output);
         command.env("PARFOCAL_STATUS", row.outcome.status());
-        let problem = match command.status() {
+        let problem = match run_program(&mut command) {
             Ok(status) if status.success() => return,
             Ok(status) => status.to_string(),
             Err(error) => error.to_string(),

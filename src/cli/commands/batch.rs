@@ -10,8 +10,8 @@ use std::time::Instant;
 use parfocal::export::{FileKind, abandon};
 
 use crate::cli::batch::pairs;
-use crate::cli::batch::summary::{BatchSummary, INDEX, Outcome, SUMMARY};
-use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task};
+use crate::cli::batch::summary::{BatchSummary, INDEX, Outcome, SUMMARY, of_share};
+use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task, end_program};
 use crate::cli::help::{self, OUTPUT};
 use crate::cli::options::solve::{Request, SolveArguments};
 use crate::cli::output::destination;
@@ -60,8 +60,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let has_page = request.page && arguments.shard.is_none();
     check_output(&request, out, &file, has_page)?;
     let found = pairs::find(source, out, arguments.options.raw())?;
-    let tasks: Vec<_> = shard.of(found.groups).map(|group| Arc::new(Task::new(out, group))).collect();
-    tasks.iter().try_for_each(|task| task.check(&request))?;
+    let tasks: Vec<_> = shard.of(found.groups).map(|group| Arc::new(Task::new(out, group, &request))).collect();
+    tasks.iter().try_for_each(|task| task.check_usage())?;
     let stop = stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
     let context = Arc::new(Context { request, resume: arguments.resume, device: devices.least()?, stop });
@@ -94,12 +94,14 @@ pub(crate) fn check_output(request: &Request, out: &Path, summary: &str, has_pag
     Ok(())
 }
 
-/// A flag that the first Ctrl-C or SIGTERM sets. The second signal removes temporary files and ends the program.
+/// A flag that the first Ctrl-C or SIGTERM sets. The second signal removes temporary files, ends the program of
+/// `--on-done`, and ends this program.
 pub(crate) fn stop_on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     crate::cli::listen(move |status| {
         if flag.swap(true, Ordering::Relaxed) {
+            end_program();
             abandon();
             std::process::exit(status);
         }
@@ -139,7 +141,7 @@ impl Shard {
 
     /// The file of the summary.
     fn summary(self) -> String {
-        format!("batch-{}-of-{}.json", self.index, self.count)
+        of_share(self.index, self.count)
     }
 }
 

@@ -304,7 +304,7 @@ fn frames_in_words(report: &Report) -> String {
     let files: Vec<PathBuf> = report.frames.iter().map(|frame| PathBuf::from(&frame.file)).collect();
     let left_out = match &report.left_out[..] {
         [] => String::new(),
-        names => format!("; left out: {}", photographs::in_short(names)),
+        names => format!("; left out: {}", photographs::in_short(names, ", ")),
     };
     format!("{}, {}{left_out}", files.len(), series::ends(&files))
 }

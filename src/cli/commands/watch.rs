@@ -53,8 +53,9 @@ fn after_help() -> String {
     format!(
         "{}\n\nA folder for each pair is the safest: in a series of numbered names, a missing photograph shifts all pairs after it.\n\
          Complete results of the same photographs and options are kept; a pair whose files change is solved again.\n\
-         A pair that fails is reported, and tried again when its files change. Ctrl-C finishes the current pairs.\n\n\
-         Exit status: 0 all that arrived was solved, 1 a pair failed, 2 wrong usage.\n\n\
+         A pair that fails is reported, and tried again when its files change. Ctrl-C finishes the current pairs and the\n\
+         program of --on-done; a second Ctrl-C ends both at once.\n\n\
+         Exit status: 0 all that arrived was solved, 1 a pair failed or FOLDER is gone, 2 wrong usage, 130 ended at once.\n\n\
          Examples:\n  parfocal watch incoming -o results\n  parfocal watch incoming -o results --on-done ./judge.sh --until-idle 600",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
@@ -84,27 +85,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         BatchSummary::new(folder, rows, watched.left_over.clone(), false, started.elapsed())
     };
     loop {
-        let mut new = Vec::new();
         if context.stop.load(Ordering::Relaxed) {
             waiting.clear();
         } else {
             let is_busy = |name: &str| waiting.iter().chain(&in_flight).any(|task: &Arc<Task>| task.name() == name);
-            for task in watched.settled(is_busy).into_iter().map(|group| Task::new(out, group)) {
-                match task.check(request) {
-                    Ok(()) => waiting.push_back(Arc::new(task)),
-                    Err(failure) => new.push(task.row(Outcome::Failed { error: failure.message() })),
-                }
-            }
+            let settled = watched.settled(is_busy).into_iter();
+            waiting.extend(settled.map(|group| Arc::new(Task::new(out, group, request))));
         }
         while waiting.front().is_some_and(|task| stream.push(Arc::clone(task), Duration::ZERO).is_ok()) {
             in_flight.extend(waiting.pop_front());
         }
         let is_at_end = context.stop.load(Ordering::Relaxed) || watched.is_idle();
-        if is_at_end && new.is_empty() && in_flight.is_empty() && waiting.is_empty() {
+        if is_at_end && in_flight.is_empty() && waiting.is_empty() {
             break;
         }
         // Reads all other available results, after the first.
-        let mut limit = if new.is_empty() { interval } else { Duration::ZERO };
+        let (mut new, mut limit) = (Vec::new(), interval);
         while let Some(result) = stream.next(limit).transpose() {
             in_flight.pop_front();
             match result {
@@ -131,7 +127,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let summary = summary(rows, &watched);
     request.run.report.print(&summary.table(&out.join(SUMMARY)), || summary.to_json())?;
     devices.check()?;
-    summary.check(request.run.strict)
+    summary.check(request.run.strict)?;
+    watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))
 }
 
 /// Size and modification time of the files of a pair.
@@ -154,7 +151,7 @@ struct WatchedFolder<'a> {
     until_idle: Option<Duration>,
     arrivals: HashMap<String, Arrival>,
     left_over: Vec<String>,
-    /// The last error of listing the folder.
+    /// The error of the last listing of the folder, with which the program fails at its end.
     problem: Option<String>,
     /// The time of the last change of a file, or of the last result.
     changed: Instant,
@@ -181,8 +178,8 @@ impl<'a> WatchedFolder<'a> {
         self.until_idle.is_some_and(|limit| !is_waiting && self.changed.elapsed() >= limit)
     }
 
-    /// Takes the pairs that are not `is_busy` and have files without recent changes. If names contradict each other, or
-    /// the folder cannot be listed, takes none and warns once.
+    /// Takes the pairs that are not `is_busy` and have files without recent changes. If the folder cannot be listed,
+    /// takes none and warns once.
     fn settled(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<Group> {
         let found = pairs::so_far(self.folder, self.out, self.raw).map_err(|failure| failure.message());
         let problem = found.as_ref().err().cloned();

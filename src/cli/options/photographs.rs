@@ -1,6 +1,7 @@
 //! The photographs of a pair or a sweep: their files, their order, and their focus positions.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{Nearer, SIMULATED_FILES, result_files};
@@ -88,19 +89,20 @@ pub(crate) struct SweepFiles {
 impl SweepFiles {
     /// A line that lists the photographs that were left out.
     pub(crate) fn note(&self) -> Option<String> {
-        let note =
-            || format!("note: left out: {}, not named like {}", in_short(&self.left_out), series::ends(&self.frames));
+        let note = || {
+            format!("note: left out: {}, not named like {}", in_short(&self.left_out, ", "), series::ends(&self.frames))
+        };
         (!self.left_out.is_empty()).then(note)
     }
 }
 
 /// The most names in a message.
-const MOST_NAMES: usize = 8;
+const MOST_NAMES: usize = 10;
 
-/// Lists names for a message, the first of many.
-pub(crate) fn in_short(names: &[String]) -> String {
+/// Lists names for a message, the first of many, and the number of the others.
+pub(crate) fn in_short(names: &[String], separator: &str) -> String {
     let more = names.len().saturating_sub(MOST_NAMES);
-    let shown = names[..names.len() - more].join(", ");
+    let shown = names[..names.len() - more].join(separator);
     if more > 0 { format!("{shown} and {more} more") } else { shown }
 }
 
@@ -142,7 +144,7 @@ fn of_folder(folder: &Path, mut files: Vec<PathBuf>) -> Result<SweepFiles, Failu
     let several = series::find(&files);
     if several.len() > 1 {
         let listed: Vec<_> = several.iter().map(|one| format!("{} ({})", series::ends(one), one.len())).collect();
-        let problem = format!("{} series of photographs: {}", several.len(), in_short(&listed));
+        let problem = format!("{} series of photographs: {}", several.len(), in_short(&listed, ", "));
         return Err(refused(format!("{problem}; name the frames of one, or move the others away")));
     }
     let extension = |file: &PathBuf| file.extension().map(|extension| extension.to_ascii_lowercase());
@@ -156,13 +158,19 @@ fn of_folder(folder: &Path, mut files: Vec<PathBuf>) -> Result<SweepFiles, Failu
         "{} photographs and no series of three or more, whose names differ in a number only ({}); name the frames in \
          the order of their focus",
         files.len(),
-        in_short(&names)
+        in_short(&names, ", ")
     )))
 }
 
 /// The photographs and the folders in a folder, sorted, without hidden files and results.
 pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
-    let failed = |e| Failure::Failed(format!("{}: cannot be listed ({e}); check its permissions", folder.display()));
+    let failed = |e: std::io::Error| {
+        let problem = match e.kind() {
+            ErrorKind::NotFound => "there is no such folder; check the path".to_string(),
+            _ => format!("cannot be listed ({e}); check its permissions"),
+        };
+        Failure::Failed(format!("{}: {problem}", folder.display()))
+    };
     let (mut files, mut folders) = (Vec::new(), Vec::new());
     for entry in fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();

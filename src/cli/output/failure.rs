@@ -9,7 +9,7 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use parfocal::{Error, Settings, image_io};
 
 /// The reason why a subcommand failed.
-#[derive(Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Failure {
     /// Wrong usage: status 2.
     Usage(String),
