@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Error, ErrorKind, Read, Result};
+use std::io::{Error, ErrorKind, Read, Result, Seek};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -31,13 +31,41 @@ pub fn open(path: &Path) -> Result<File> {
 /// Reads the bytes of a regular file.
 ///
 /// # Errors
-/// Those of [`open`], and [`ErrorKind::FileTooLarge`] for more than `most` bytes.
+/// Those of [`open`] and [`read_open`].
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    open(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most {
-        return Err(Error::new(ErrorKind::FileTooLarge, format!("longer than {most} bytes")));
+    read_open(&open(path)?, most)
+}
+
+/// Reads the bytes of an open file. The length of the file is checked first, so that a longer one is not read.
+///
+/// # Errors
+/// [`ErrorKind::FileTooLarge`] for more than `most` bytes, [`ErrorKind::OutOfMemory`] if there is no memory for them,
+/// and [`ErrorKind::ResourceBusy`] if the file grows.
+pub fn read_open(file: &File, most: u64) -> Result<Vec<u8>> {
+    let length = file.metadata()?.len();
+    if length > most {
+        return Err(Error::new(ErrorKind::FileTooLarge, format!("{length} bytes, and the most is {most}")));
     }
+    let bytes = read_start(file, length + 1)?;
+    if bytes.len() as u64 > length {
+        return Err(Error::new(ErrorKind::ResourceBusy, "it grew while it was read; try again"));
+    }
+    Ok(bytes)
+}
+
+/// Reads the first bytes of an open file, at most `count`.
+///
+/// # Errors
+/// [`ErrorKind::OutOfMemory`] if there is no memory for them.
+pub fn read_start(mut file: &File, count: u64) -> Result<Vec<u8>> {
+    file.rewind()?;
+    let mut bytes = Vec::new();
+    let all = usize::try_from(count.min(file.metadata()?.len() + 1)).unwrap_or(usize::MAX);
+    // All memory is taken here, since growing aborts the program where it fails.
+    bytes
+        .try_reserve_exact(all)
+        .map_err(|_| Error::new(ErrorKind::OutOfMemory, format!("no memory for {all} bytes")))?;
+    file.take(all as u64).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 
@@ -116,6 +144,10 @@ mod tests {
         std::fs::write(&file, "abc").unwrap();
         assert_eq!(text(&file, 3).unwrap(), "abc");
         assert_eq!(read(&file, 2).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        assert_eq!(read_start(&open(&file).unwrap(), 2).unwrap(), b"ab");
+        // A file that is longer than any memory takes no space on the disk, and is not read.
+        File::create(&file).unwrap().set_len(1 << 40).unwrap();
+        assert_eq!(read(&file, 1 << 32).unwrap_err().kind(), ErrorKind::FileTooLarge);
         std::fs::write(&file, b"\xff").unwrap();
         assert_eq!(text(&file, 3).unwrap_err().kind(), ErrorKind::InvalidData);
     }

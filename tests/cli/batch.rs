@@ -121,6 +121,31 @@ fn a_pair_that_cannot_be_named_or_written_fails_alone() {
     assert!(tally["pairs"][1]["error"].as_str().unwrap().contains("c: is a file"), "{tally}");
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_batch_under_a_memory_limit_survives_long_files() {
+    let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]);
+    // These files take almost no space on the disk. A TIFF may be of 4 GiB, and has its header anywhere.
+    for (name, start, length) in [("b_1.png", &b""[..], 64 << 30), ("c_1.png", b"II*\0", 3 << 30)] {
+        fs::write(desk.path("shots").join(name), start).unwrap();
+        fs::File::options().write(true).open(desk.path("shots").join(name)).unwrap().set_len(length).unwrap();
+    }
+    let batch = "ulimit -v 2500000; exec \"$0\" batch shots -o out --device cpu --outer-iterations 6 --json";
+    let output = std::process::Command::new("sh")
+        .args(["-c", batch])
+        .arg(assert_cmd::cargo::cargo_bin("parfocal"))
+        .current_dir(desk.0.path())
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    let tally: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(statuses(&tally), ["a solved", "b failed", "c failed"]);
+    for (row, part) in [(1, "b_1.png: is too long (68719476736 bytes"), (2, "c_1.png: is too long (no memory for")] {
+        assert!(tally["pairs"][row]["error"].as_str().unwrap().contains(part), "{tally}");
+    }
+}
+
 #[test]
 fn pairs_of_a_manifest_may_differ_in_size_and_bit_depth() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"]]);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::io::{ErrorKind, Read};
+use std::io::ErrorKind;
 use std::path::Path;
 
 use serde_json::Value;
@@ -277,9 +277,7 @@ fn begins(path: &Path, magic: &[u8], words: &[u8]) -> bool {
 }
 
 fn read(path: &Path, most: u64) -> Option<Vec<u8>> {
-    let mut bytes = Vec::new();
-    bounded_read::open(path).ok()?.take(most).read_to_end(&mut bytes).ok()?;
-    Some(bytes)
+    bounded_read::read_start(&bounded_read::open(path).ok()?, most).ok()
 }
 
 #[cfg(test)]

@@ -17,7 +17,6 @@ mod source;
 mod tests;
 mod tiff_page;
 
-use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage};
@@ -31,7 +30,6 @@ pub use source::split_page;
 use crate::base::color::LUMINANCE;
 use crate::base::{Aperture, Channels, Decode, Depth, Error, Frame, Kernel, Samples};
 use crate::engine::stages::ingest;
-use crate::files::bounded_read;
 
 /// Greatest number of pixels that are decoded, 2^28. Common camera sensors have at most 150 million. A float channel of
 /// this size takes 1 GiB.
@@ -143,38 +141,6 @@ const CONVERT: &str = "convert it to PNG, TIFF, JPEG, BMP, WebP, PNM, PFM or EXR
 
 /// Similarity of file names (Jaro and Winkler) above which one may be a misspelling of the other.
 const SIMILAR: f64 = 0.9;
-
-/// Greatest number of bytes of a file that are read, 4 GiB: the limit of classic TIFF, and the size of the largest
-/// picture with four floats per pixel.
-const MAX_BYTES: u64 = 1 << 32;
-
-/// Reads the whole of a regular file that is not empty.
-fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
-    let file = bounded_read::open(path).map_err(|e| match e.kind() {
-        ErrorKind::NotFound => match similar_file(path) {
-            Some(other) => format!("there is no such file; did you mean '{}'?", other.display()),
-            None => "there is no such file; check the path".to_string(),
-        },
-        ErrorKind::PermissionDenied => "may not be read; check its permissions".to_string(),
-        ErrorKind::InvalidInput if path.is_dir() => "is a folder; give the image file in it".to_string(),
-        ErrorKind::InvalidInput => "is not a regular file; copy the image to a file on disk".to_string(),
-        _ => format!("cannot be opened ({e})"),
-    })?;
-    let unreadable = |e: std::io::Error| format!("cannot be read ({e})");
-    let stated = file.metadata().map_err(unreadable)?.len();
-    let mut bytes = Vec::new();
-    let too_large = |e| format!("is of {} bytes, for which there is no memory ({e}); reduce it", stated);
-    bytes.try_reserve_exact(stated.min(MAX_BYTES) as usize).map_err(too_large)?;
-    // The file may grow while it is read.
-    file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
-    match bytes.len() as u64 {
-        0 => Err("is empty; copy or save it again".to_string()),
-        length if length > MAX_BYTES => {
-            Err(format!("is larger than {MAX_BYTES} bytes, the most that is read; save its pages as files"))
-        }
-        _ => Ok(bytes),
-    }
-}
 
 /// The file with the most similar name in the folder of a missing file, if one is similar.
 pub fn similar_file(missing: &Path) -> Option<PathBuf> {

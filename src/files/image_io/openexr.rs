@@ -60,6 +60,15 @@ impl<'a> Exr<'a> {
         Ok(Self { header, reader, names })
     }
 
+    /// The number of bytes of all layers without compression, each with its smaller copies.
+    pub(super) fn length(&self) -> u64 {
+        let of_layer = |header: &LayerHeader| {
+            let pixels = (header.layer_size.x() as u64).saturating_mul(header.layer_size.y() as u64);
+            pixels.saturating_mul(2 * header.channels.bytes_per_pixel as u64)
+        };
+        self.reader.headers().iter().map(of_layer).fold(0, u64::saturating_add)
+    }
+
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
         let (width, height) = self.header.size;

@@ -1,14 +1,19 @@
 //! A photograph file in memory. Hash, description and pixels come from the same bytes.
 
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
 use super::plain::camera_raw_problem;
+use super::raster::check_end;
 use super::source::{Selected, Source};
-use super::{DAMAGED, Header, Input, check_size, read_bytes};
+use super::tiff_page::is_tiff;
+use super::{DAMAGED, Header, Input, check_size, similar_file};
 use crate::base::{Depth, Error, Format, Frame, workers};
+use crate::files::bounded_read;
 
 /// A photograph file in memory. Its description and its pixels come from the same bytes, even if the file changes. The
 /// photograph and its clones share these bytes until they are decoded or dropped.
@@ -30,7 +35,7 @@ impl Photograph {
     pub fn open(path: &Path) -> Result<Self, Error> {
         let wrap = |problem| Error::file(path, problem);
         let selected = Selected::of(path).map_err(wrap)?;
-        let bytes = read_bytes(&selected.file).map_err(wrap)?;
+        let bytes = read_bytes(&selected).map_err(wrap)?;
         Self::of(path, selected, Arc::new(bytes))
     }
 
@@ -62,6 +67,7 @@ impl Photograph {
         let wrap = |problem| Error::file(path, problem);
         if selected.raw.is_none() {
             camera_raw_problem(&selected.file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
+            check_end(&bytes).map_err(wrap)?;
         }
         let header = guarded(|| Ok(Source::open(&bytes, &selected)?.header().clone())).map_err(wrap)?;
         check_size(header.size).map_err(wrap)?;
@@ -118,6 +124,7 @@ impl Photograph {
     /// [`Error::File`].
     pub fn decode(self) -> Result<Frame, Error> {
         let source = self.source()?;
+        self.check_memory().map_err(|problem| Error::file(&self.path, problem))?;
         guarded(|| source.decode()).map_err(|problem| Error::file(&self.path, problem))
     }
 
@@ -147,9 +154,82 @@ impl Photograph {
         Ok((width, height, guarded(|| exr.decode_field()).map_err(wrap)?))
     }
 
+    /// Refuses pixels for which there is no memory. The decoders would abort the program.
+    fn check_memory(&self) -> Result<(), String> {
+        let (width, height) = self.header.size;
+        // The decoder's pixels, with alpha, and those of the frame.
+        let pixel = 2 * 4 * self.header.depth.bytes();
+        let needed = usize::try_from(u64::from(width) * u64::from(height) * u64::from(pixel)).unwrap_or(usize::MAX);
+        let taken = Vec::<u8>::new().try_reserve_exact(needed);
+        taken.map_err(|_| format!("is {width}x{height}, for which there is no memory; crop or reduce it"))
+    }
+
     fn source(&self) -> Result<Source<'_>, Error> {
         guarded(|| Source::open(&self.bytes, &self.selected)).map_err(|problem| Error::file(&self.path, problem))
     }
+}
+
+/// Greatest number of bytes of a file that are read, 4 GiB: the limit of classic TIFF, and the size of the largest
+/// picture with four floats per pixel.
+const MAX_BYTES: u64 = 1 << 32;
+
+/// Length of a file, 64 MiB, above which its header must state a picture of this length. Metadata may take as much.
+const UNCHECKED_BYTES: u64 = 1 << 26;
+
+/// Greatest number of bytes that a file without pages has for each pixel: 16-bit RGB as text, with white space.
+const MOST_BYTES_PER_PIXEL: u64 = 32;
+
+/// Reads the whole of a regular file that is not empty, if its length fits its header.
+fn read_bytes(selected: &Selected) -> Result<Vec<u8>, String> {
+    let path = selected.file.as_path();
+    let file = bounded_read::open(path).map_err(|e| match e.kind() {
+        ErrorKind::NotFound => match similar_file(path) {
+            Some(other) => format!("there is no such file; did you mean '{}'?", other.display()),
+            None => "there is no such file; check the path".to_string(),
+        },
+        ErrorKind::PermissionDenied => "may not be read; check its permissions".to_string(),
+        ErrorKind::InvalidInput if path.is_dir() => "is a folder; give the image file in it".to_string(),
+        ErrorKind::InvalidInput => "is not a regular file; copy the image to a file on disk".to_string(),
+        _ => format!("cannot be opened ({e})"),
+    })?;
+    let unreadable = |e: std::io::Error| match e.kind() {
+        ErrorKind::FileTooLarge => format!("is too long ({e}); save its pages as files"),
+        ErrorKind::OutOfMemory => format!("is too long ({e}); reduce it"),
+        _ => format!("cannot be read ({e})"),
+    };
+    check_length(&file, selected, unreadable)?;
+    let bytes = bounded_read::read_open(&file, MAX_BYTES).map_err(unreadable)?;
+    if bytes.is_empty() {
+        return Err("is empty; copy or save it again".to_string());
+    }
+    Ok(bytes)
+}
+
+/// Refuses a file that is longer than the picture of its header, before it is read. A TIFF may have its header at its
+/// end, and is limited by [`MAX_BYTES`] alone.
+fn check_length(file: &File, selected: &Selected, unreadable: impl Fn(std::io::Error) -> String) -> Result<(), String> {
+    let length = file.metadata().map_err(&unreadable)?.len();
+    if let Some(raw) = selected.raw {
+        return raw.check_length(length);
+    }
+    if length <= UNCHECKED_BYTES || length > MAX_BYTES {
+        return Ok(());
+    }
+    let start = bounded_read::read_start(file, UNCHECKED_BYTES).map_err(unreadable)?;
+    if is_tiff(&start) {
+        return Ok(());
+    }
+    let (header, of_layers) = guarded(|| Source::open(&start, selected).map(|source| source.header_and_length()))?;
+    let (width, height) = header.size;
+    let of_pixels = (u64::from(width) * u64::from(height)).saturating_mul(MOST_BYTES_PER_PIXEL);
+    let most = UNCHECKED_BYTES + of_layers.unwrap_or(of_pixels);
+    if length > most {
+        let format = header.format;
+        return Err(format!(
+            "is of {length} bytes, and {width}x{height} pixels in {format} have at most {most}; copy or save it again"
+        ));
+    }
+    Ok(())
 }
 
 /// Converts a panic of a decoder into an error of the file. The data of the decoder is not used again.
@@ -189,6 +269,45 @@ mod tests {
 
     use super::*;
     use crate::base::Samples;
+
+    #[test]
+    fn a_file_longer_than_its_header_allows_is_refused_before_it_is_read() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("long");
+        // Files of these lengths take almost no space on the disk.
+        let problem = |start: &[u8], length: u64, after: &str| {
+            fs::write(&path, start).unwrap();
+            fs::File::options().write(true).open(&path).unwrap().set_len(length).unwrap();
+            let named = PathBuf::from(format!("{}{after}", path.display()));
+            Photograph::open(&named).err().map(|e| e.to_string()).unwrap_or_default()
+        };
+        let mut png = Vec::new();
+        let encoder = image::codecs::png::PngEncoder::new(&mut png);
+        image::ImageEncoder::write_image(encoder, &[7; 4], 2, 2, image::ExtendedColorType::L8).unwrap();
+        let mut jpeg = Vec::new();
+        image::codecs::jpeg::JpegEncoder::new(&mut jpeg).encode(&[7; 4], 2, 2, image::ExtendedColorType::L8).unwrap();
+        let exr = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hostile/b44_overflow.exr")).unwrap();
+        let long = UNCHECKED_BYTES + (1 << 20);
+        for (format, start) in [
+            ("PNG", png.as_slice()),
+            ("JPEG", &jpeg),
+            ("PNM", b"P5 2 2 255 abcd"),
+            ("PFM", b"Pf 2 2 -1 abcdefghijklmnop"),
+            ("EXR", &exr),
+        ] {
+            let problem = problem(start, long, "");
+            let [begins, ends] = [format!("is of {long} bytes, and "), format!(" pixels in {format} have at most")];
+            assert!(problem.contains(&begins) && problem.contains(&ends), "{format}: {problem}");
+        }
+        assert!(problem(&[], long, "").contains("no image format"));
+        assert!(problem(b"P5 2 2 255 abcd", UNCHECKED_BYTES, "").is_empty(), "what follows a short picture is ignored");
+        for start in [&b""[..], b"II*\0", b"P5 2 2 255 abcd"] {
+            assert!(
+                problem(start, 1 << 40, "").contains("is too long (1099511627776 bytes, and the most is 4294967296)")
+            );
+        }
+        assert!(problem(&[], 1 << 40, "#Mono8:16x16").contains("is of 1099511627776 bytes, and Mono8:16x16 takes 256"));
+    }
 
     #[test]
     fn pages_of_one_file_share_the_bytes_that_were_read() {

@@ -111,6 +111,19 @@ impl RawFormat {
         Raw::open(bytes, self)?.decode()
     }
 
+    /// Refuses a number of bytes that a frame does not have.
+    pub(super) fn check_length(self, found: u64) -> Result<(), String> {
+        let expected = self.format.bytes(self.size);
+        if found == expected {
+            return Ok(());
+        }
+        let hint = match self.fitting(found).as_slice() {
+            [] => "state another size, or take off a header".to_string(),
+            fitting => format!("of this size it may be {}", fitting.join(" or ")),
+        };
+        Err(format!("is of {found} bytes, and {self} takes {expected}; {hint}"))
+    }
+
     /// The formats in which a frame of this size has `length` bytes: one for each number of bits, and one for all
     /// mosaic patterns.
     fn fitting(&self, length: u64) -> Vec<String> {
@@ -131,18 +144,11 @@ pub(super) struct Raw<'a> {
 impl<'a> Raw<'a> {
     /// Checks the length of the bytes.
     pub(super) fn open(bytes: &'a [u8], raw: RawFormat) -> Result<Self, String> {
-        let (found, expected) = (bytes.len() as u64, raw.format.bytes(raw.size));
-        if found == expected {
-            let Format { channels, depth } = raw.format.format();
-            let (bits, alpha) = (raw.format.bits, raw.format.samples_per_pixel() == 4);
-            let header = Header { format: "raw", size: raw.size.into(), depth, bits, channels, alpha, pages: 1 };
-            return Ok(Self { header, bytes, raw });
-        }
-        let hint = match raw.fitting(found).as_slice() {
-            [] => "state another size, or take off a header".to_string(),
-            fitting => format!("of this size it may be {}", fitting.join(" or ")),
-        };
-        Err(format!("is of {found} bytes, and {raw} takes {expected}; {hint}"))
+        raw.check_length(bytes.len() as u64)?;
+        let Format { channels, depth } = raw.format.format();
+        let (bits, alpha) = (raw.format.bits, raw.format.samples_per_pixel() == 4);
+        let header = Header { format: "raw", size: raw.size.into(), depth, bits, channels, alpha, pages: 1 };
+        Ok(Self { header, bytes, raw })
     }
 
     /// Makes the frame.

@@ -38,9 +38,6 @@ impl<'a> Raster<'a> {
         let Some(&(_, format)) = READ.iter().find(|(read, _)| *read == found) else {
             return Err(format!("is in a format that parfocal does not read ({found:?}); {CONVERT}"));
         };
-        if found == ImageFormat::Jpeg && !jpeg_has_end(bytes) {
-            return Err(format!("the JPEG breaks off before its end; {DAMAGED}"));
-        }
         let mut limits = Limits::no_limits();
         limits.max_alloc = Some(MAX_HEADER);
         let mut reader = ImageReader::with_format(Cursor::new(bytes), found);
@@ -90,6 +87,14 @@ fn frame(image: DynamicImage) -> Result<Frame, String> {
         other => return Err(format!("holds {:?} samples, which are not read; {CONVERT}", other.color())),
     };
     Frame::new(width, height, channels, samples)
+}
+
+/// Refuses a JPEG without an end.
+pub(super) fn check_end(bytes: &[u8]) -> Result<(), String> {
+    match image::guess_format(bytes) {
+        Ok(ImageFormat::Jpeg) if !jpeg_has_end(bytes) => Err(format!("the JPEG breaks off before its end; {DAMAGED}")),
+        _ => Ok(()),
+    }
 }
 
 /// Whether the scan of a JPEG ends with an end-of-image marker.

@@ -50,6 +50,14 @@ pub fn split_page(path: &Path) -> (PathBuf, Option<usize>) {
 /// Largest TIFF from which EXIF is read, 1 GiB, since it is copied.
 const MAX_TIFF: usize = 1 << 30;
 
+/// A copy; `None` if there is no memory for it.
+fn copied(bytes: &[u8]) -> Option<Vec<u8>> {
+    let mut copy = Vec::new();
+    copy.try_reserve_exact(bytes.len()).ok()?;
+    copy.extend_from_slice(bytes);
+    Some(copy)
+}
+
 /// A reader of one format with a parsed header.
 pub(super) enum Source<'a> {
     Raster(Raster<'a>),
@@ -92,6 +100,11 @@ impl<'a> Source<'a> {
         }
     }
 
+    /// The header, and the number of bytes that all layers of an EXR take without compression.
+    pub(super) fn header_and_length(&self) -> (Header, Option<u64>) {
+        (self.header().clone(), if let Self::Exr(s) = self { Some(s.length()) } else { None })
+    }
+
     /// Transfer curve and EXIF that the file states. `bytes` is the whole file.
     pub(super) fn encoding_and_exif(&mut self, bytes: &[u8]) -> (Option<String>, Option<Exif>) {
         let (data, profile) = match self {
@@ -99,7 +112,7 @@ impl<'a> Source<'a> {
             Self::Raw(_) => return (None, None),
             Self::Raster(s) => s.metadata(),
             // EXIF is a TIFF structure.
-            Self::Tiff(s) => ((bytes.len() <= MAX_TIFF).then(|| bytes.to_vec()), s.profile()),
+            Self::Tiff(s) => (if bytes.len() <= MAX_TIFF { copied(bytes) } else { None }, s.profile()),
         };
         let (exif, is_srgb) = data.map_or((None, false), parse_exif);
         let by_exif = is_srgb.then(|| SRGB.to_string());

@@ -1,14 +1,13 @@
 //! The report of a benchmark, as JSON.
 
 use std::fmt;
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::{Input, Options};
 use crate::base::{DeviceInfo, Error, Settings};
+use crate::files::bounded_read;
 use crate::files::export::{self, Destination, FileKind, Kind};
 
 /// Greatest size of a report that is read, 64 MiB. A thousand runs with a thousand repeats take less.
@@ -236,15 +235,11 @@ impl Report {
     /// # Errors
     /// [`Error::File`] if the file cannot be read or is not a report of a benchmark.
     pub fn read(file: &Path) -> Result<Self, Error> {
-        let mut text = String::new();
-        let read = File::open(file).and_then(|f| f.take(MAX_BYTES + 1).read_to_string(&mut text));
-        match read {
-            Err(e) => Err(Error::file(file, format!("cannot be read as a report ({e}); check the path"))),
-            Ok(bytes) if bytes as u64 > MAX_BYTES => Err(Error::file(file, "is too long for a report of a bench")),
-            Ok(_) => serde_json::from_str(&text).map_err(|e| {
-                Error::file(file, format!("is no report of a bench ({e}); give a file that parfocal bench -o wrote"))
-            }),
-        }
+        let text = bounded_read::text(file, MAX_BYTES)
+            .map_err(|e| Error::file(file, format!("cannot be read as a report ({e}); check the path")))?;
+        serde_json::from_str(&text).map_err(|e| {
+            Error::file(file, format!("is no report of a bench ({e}); give a file that parfocal bench -o wrote"))
+        })
     }
 }
 
