@@ -221,7 +221,9 @@ fn measurements_on_the_page_match_the_measure_command() {
     }
     let command = browser.evaluate("document.getElementById('command').textContent");
     let command = command.as_str().unwrap().to_string();
-    assert_eq!(command, "parfocal measure out --step 30,40,40,60 150,40,50,60 --profile 20,80,40,80");
+    let out = results().join("out").canonicalize().unwrap();
+    let expected = format!("parfocal measure {} --step 30,40,40,60 150,40,50,60 --profile 20,80,40,80", out.display());
+    assert_eq!(command, expected);
     let text = browser.evaluate("document.getElementById('measured-text').textContent");
     let text = text.as_str().unwrap().replace('−', "-");
 

@@ -115,6 +115,20 @@ fn the_focus_curve_shows_the_frames_and_marks_the_sharpest() {
     assert!(note.starts_with("At 40, 100: ") && note.contains("is the sharpest. In focus at"), "{note}");
     assert_eq!(browser.evaluate("document.querySelectorAll('#focus-curve circle').length"), FRAMES.len());
     assert_eq!(browser.evaluate("document.querySelectorAll('#focus-curve .wins, #focus-curve .model').length"), 2);
+    // One scene as a whole picture, as of the reference, and reduced to a quarter, as of the other frames of long sweeps.
+    let ratio = "(() => {
+        const whole = canvasOf(grid.width, grid.height), reduced = canvasOf(grid.width / 4, grid.height / 4);
+        const context = whole.getContext('2d');
+        for (let i = 0; i < grid.width * grid.height / 64; i++) {
+            context.fillStyle = `hsl(0 0% ${(i * 37) % 100}%)`;
+            context.fillRect(8 * (i % (grid.width / 8)), 8 * Math.floor(i / (grid.width / 8)), 8, 8);
+        }
+        Object.assign(reduced.getContext('2d'), { imageSmoothingQuality: 'high' }).drawImage(whole, 0, 0, reduced.width, reduced.height);
+        const curve = new FocusCurve([whole, reduced]);
+        return curve.sharpness(whole, 60, 60) / curve.sharpness(reduced, 60, 60);
+    })()";
+    let ratio = browser.evaluate(ratio).as_f64().unwrap();
+    assert!((0.5..2.0).contains(&ratio), "{ratio}");
     assert_eq!(browser.complaints(), Vec::<String>::new());
 }
 

@@ -189,6 +189,7 @@ impl Row {
             facts: ["median", "valid", "time"]
                 .iter()
                 .zip(&cells[3..])
+                .filter(|(_, cell)| !cell.is_empty())
                 .map(|(name, cell)| format!("{name} {cell}"))
                 .collect(),
             warnings: warnings.into_iter().chain(error).collect(),
@@ -411,6 +412,13 @@ mod tests {
         std::fs::remove_file(&file).unwrap();
         std::fs::create_dir(&file).unwrap();
         assert!(Outcome::report(folder.path()).unwrap_err().message().contains("report.json: cannot be read"));
+    }
+
+    #[test]
+    fn the_card_of_a_failed_pair_has_no_empty_facts() {
+        let failed = Outcome::Failed { error: "no picture".to_string() };
+        let entry = Row::new("a", &[], Path::new("out/a"), failed).entry(Path::new("out"));
+        assert!(entry.facts.is_empty() && entry.warnings == ["no picture"], "{entry:?}");
     }
 
     #[test]

@@ -128,8 +128,8 @@ impl<'a> Readout<'a> {
     /// V, px², on the scale of `depth.png`.
     pub(super) fn relative_blur(values: &'a [f32], nearer: Nearer) -> Self {
         Self::new("relative_blur", "Relative blur", "V", values).unit("px²").near_and_far(Scale::of(values, nearer)).note(
-            "V, the difference of the blurs’ variances: positive where I2 is the more blurred. Not drawn where it is not \
-             valid.",
+            "V is the difference of the variances of both blurs. It is positive where I2 is more blurred. Pixels without a \
+             valid value are not drawn.",
         )
     }
 
@@ -138,8 +138,8 @@ impl<'a> Readout<'a> {
         let (low, high) = span(values);
         let digits = digits_of(values, high - low, DIGITS);
         Self::new("focus", "Focus", "focus", values).digits(digits).near_and_far(Scale { low, high, nearer }).note(
-            "The setting at which each pixel is in focus, in the units of the frames’ settings. Not drawn where no pair of \
-             frames determines it.",
+            "Each pixel has the setting at which it is in focus, in the unit of the frames’ settings. Pixels that no pair \
+             of frames determines are not drawn.",
         )
     }
 
@@ -153,10 +153,10 @@ impl<'a> Readout<'a> {
             .unit("mm")
             .digits(digits_of(values, high - low, METRIC_DIGITS))
             .near_and_far(scale)
-            .note("Depth in mm. Not drawn where it is not valid, or outside the range in which the lens can tell.");
+            .note("Each pixel has its depth in mm. Pixels that are not valid, or out of the range of the lens, are not drawn.");
         let sigma = Self::deviation("depth_deviation", &depth, ["σ of depth", "σ"], deviation).note(
-            "The standard deviation of depth, mm, that comes of the images; what the stated optics are off by is not in it. On \
-             a logarithmic scale.",
+            "σ is the standard deviation of depth, mm, from the images. It leaves out errors of the stated optics. The scale \
+             is logarithmic.",
         );
         [depth, sigma]
     }
@@ -174,8 +174,8 @@ impl<'a> Readout<'a> {
     /// The residual: the difference that neither blur nor registration explains.
     pub(super) fn residual(values: &'a [f32]) -> Self {
         Self::new("residual", "Residual", "residual", values).digits(5).logarithmic().ends(["explained", "not"]).note(
-            "What neither blur nor registration explains around each pixel, in intensities with white at 1: large where \
-             something moved between the photographs or shone differently. On a logarithmic scale.",
+            "The residual is what neither blur nor registration explains around each pixel, in intensities with white at 1. \
+             It is large where something moved between the photographs or shone differently. The scale is logarithmic.",
         )
     }
 
@@ -185,7 +185,8 @@ impl<'a> Readout<'a> {
             .digits(5)
             .logarithmic()
             .ends(["unsure", "sure"])
-            .note("1/(1 + σ²), σ the standard deviation of V in px²: ½ where V is known to 1 px². On a logarithmic scale.")
+            .note("The confidence is 1/(1 + σ²), where σ is the standard deviation of V in px²: ½ where V is known to 1 px². \
+                   The scale is logarithmic.")
     }
 
     /// Whether two values differ.

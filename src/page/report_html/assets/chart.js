@@ -61,22 +61,28 @@ function energyPlot(width) {
 class FocusCurve {
   constructor(pictures) {
     this.frames = pictures.slice(0, data.frames);
+    // The scale of the smallest picture. The pictures of a long sweep are reduced, but not that of the reference.
+    this.factor = Math.min(...this.frames.map((picture) => picture.width)) / grid.width;
     this.plot = byId('focus-curve');
   }
 
-  // The window has about 13 x 13 px of the largest picture.
+  // The window has 13 x 13 px, or at least 7 x 7 px of the smallest picture. All pictures are drawn at its scale, since
+  // what is sharp in a reduced picture is not as sharp in a whole one.
   sharpness(picture, x, y) {
-    const factor = picture.width / grid.width;
+    const { factor } = this;
     const reach = Math.max(3, Math.round(6 * factor));
     const side = 2 * reach + 3;
+    const ratio = picture.width / (grid.width * factor);
     const context = canvasOf(side, side).getContext('2d', { willReadFrequently: true });
-    context.drawImage(picture, Math.round(x * factor) - reach - 1, Math.round(y * factor) - reach - 1, side, side, 0, 0, side, side);
+    context.imageSmoothingQuality = 'high';
+    const corner = [x, y].map((v) => ratio * (Math.round(v * factor) - reach - 1));
+    context.drawImage(picture, ...corner, ratio * side, ratio * side, 0, 0, side, side);
     const { data: bytes } = context.getImageData(0, 0, side, side);
     const gray = (i, j) => bytes[4 * (j * side + i)] + bytes[4 * (j * side + i) + 1] + bytes[4 * (j * side + i) + 2];
     const found = [];
     for (let j = 1; j < side - 1; j++) for (let i = 1; i < side - 1; i++) found.push(4 * gray(i, j) - gray(i - 1, j) - gray(i + 1, j) - gray(i, j - 1) - gray(i, j + 1));
     const mean = found.reduce((sum, v) => sum + v, 0) / found.length;
-    return found.reduce((sum, v) => sum + (v - mean) ** 2, 0) / found.length / factor ** 2;
+    return found.reduce((sum, v) => sum + (v - mean) ** 2, 0) / found.length;
   }
 
   show(at) {

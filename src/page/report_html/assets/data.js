@@ -218,12 +218,14 @@ function measuredShare() {
 
 // A number with a typographic minus sign.
 function plain(value, digits) {
-  return (value < 0 ? '−' : '') + Math.abs(value).toFixed(digits);
+  const text = Math.abs(value).toFixed(digits);
+  return (value < 0 && Number(text) ? '−' : '') + text;
 }
 
 // A number with a sign in any case.
 function signed(value, digits) {
-  return (value < 0 ? '−' : '+') + Math.abs(value).toFixed(digits);
+  const text = Math.abs(value).toFixed(digits);
+  return (value < 0 && Number(text) ? '−' : '+') + text;
 }
 
 // Ticks at round values between two, about `count` of them.

@@ -174,8 +174,11 @@ const tool = {
   // In pixels of the results, for the command line.
   command() {
     const px = (sample) => pixelOf(sample);
-    const out = decodeURIComponent(location.pathname.split('/').slice(-2, -1)[0] || 'OUT');
-    const quoted = /^[\w.-]+$/.test(out) ? out : `'${out.replaceAll("'", "'\\''")}'`;
+    // The whole path, so that the command runs in any folder. A page from a server has no path here.
+    const folders = decodeURIComponent(location.pathname).split('/').slice(0, -1);
+    const path = location.protocol === 'file:' ? folders.join('/').replace(/^\/(?=[A-Za-z]:)/, '') : folders.at(-1);
+    const out = path || 'OUT';
+    const quoted = /^[\w./-]+$/.test(out) ? out : `'${out.replaceAll("'", "'\\''")}'`;
     const parts = [`parfocal measure ${quoted}`];
     if (this.rectangles.length === 2) parts.push(`--step ${this.rectangles.map(([x, y, w, h]) => [px(x) - grid.first, px(y) - grid.first, w * grid.step, h * grid.step].join(',')).join(' ')}`);
     if (this.line) parts.push(`--profile ${this.line.map(px).join(',')}`);

@@ -1,7 +1,7 @@
 // The numbers of the report, each with its unit.
 
 const missing = 'none';
-const number = (value, digits) => (value === null ? missing : (value < 0 ? '−' : '') + Math.abs(value).toFixed(digits));
+const number = (value, digits) => (value === null ? missing : plain(value, digits));
 const plus = (value, digits) => (value === null ? missing : signed(value, digits));
 const percent = (fraction, digits = 1) => (fraction === null ? missing : `${(100 * fraction).toFixed(digits)} %`);
 const time = (ms) => (ms >= 10000 ? `${(ms / 1000).toFixed(1)} s` : ms >= 100 ? `${ms.toFixed(0)} ms` : `${ms.toFixed(1)} ms`);
