@@ -69,7 +69,7 @@ const VALIDATE: &str = "PARFOCAL_VALIDATE";
 
 /// Depth from defocus on the GPU: relative blur and registration of two photographs, recovered together.
 #[derive(Debug, Parser)]
-#[command(version, about, after_long_help = help::AFTER_HELP)]
+#[command(version, propagate_version = true, about, after_long_help = help::AFTER_HELP)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

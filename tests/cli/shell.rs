@@ -98,4 +98,19 @@ fn without_a_driver_the_list_holds_the_processor() {
     let devices: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(output.status.success());
     assert_eq!((devices.as_array().unwrap().len(), devices[0]["name"].as_str()), (1, Some("cpu")), "{devices}");
+    let mut names = Command::cargo_bin("parfocal").unwrap();
+    for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+        names.env(name, desk.path("no-driver.json"));
+    }
+    names.args(["devices", "-q"]).assert().success().stdout("cpu\n");
+}
+
+#[test]
+fn each_subcommand_states_the_version() {
+    let desk = Desk::new();
+    for arguments in [&["--version"][..], &["solve", "--version"], &["devices", "-V"]] {
+        let output = desk.run(arguments);
+        assert!(output.status.success(), "{arguments:?}");
+        assert!(String::from_utf8_lossy(&output.stdout).trim_end().ends_with(env!("CARGO_PKG_VERSION")), "{output:?}");
+    }
 }

@@ -273,7 +273,7 @@ impl Job {
             report["inputs"][i]["sha256"].as_str() == Some(&input.sha256) && page == input.page
         };
         let count = report["inputs"].as_array().map_or(0, Vec::len);
-        Ok(report["request"].as_str() == Some(&digest)
+        Ok(report["request_sha256"].as_str() == Some(&digest)
             && count == inputs.len()
             && inputs.iter().enumerate().all(is_same)
             && is_whole(self.out(), REPORT_FILE, &report))

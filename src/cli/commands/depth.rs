@@ -93,12 +93,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// The range of depth and the number of pixels beyond it.
 pub(crate) fn summary(report: &DepthReport) -> String {
     let (range, out) = (&report.range, report.out_of_range);
-    let beyond = if report.lens.is_some() { "out of the range of the lens" } else { "beyond infinity" };
+    let beyond = match (report.lens.is_some(), out) {
+        // A stage reaches no infinity.
+        (false, 0) => String::new(),
+        (false, _) => format!("; beyond infinity: {out} px"),
+        (true, _) => format!("; out of the range of the lens: {out} px"),
+    };
     let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
-        return format!("of no pixel; {beyond}: {out} px");
+        return format!("of no pixel{beyond}");
     };
     let digits = decimals(f64::from(max - min) / 100.0);
-    format!("{min:.digits$} to {max:.digits$} mm, median {median:.digits$}; {beyond}: {out} px")
+    format!("{min:.digits$} to {max:.digits$} mm, median {median:.digits$}{beyond}")
 }
 
 /// Number of decimals for a number with this error: two digits of the error.

@@ -9,6 +9,7 @@ use crate::cli::options::part::MeasureArguments;
 use crate::cli::options::run::ResultsArguments;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
+use crate::cli::output::summary::signed;
 
 /// Measure step heights and profiles in the results of a solve or a sweep.
 #[derive(clap::Args, Debug)]
@@ -62,9 +63,11 @@ pub(crate) fn rows(measured: &Measurements) -> Vec<(&'static str, String)> {
 fn height(step: &StepReport) -> String {
     let number = |Estimate { value, standard_error }, unit: &str| {
         let digits = decimals(standard_error);
-        format!("{value:+.digits$} ± {standard_error:.digits$} {unit}")
+        format!("{} ± {standard_error:.digits$} {unit}", signed(value, digits))
     };
     let unit = step.unit.as_str();
+    // The focus of a sweep may be in mm already.
+    let depth = step.depth_mm.filter(|_| unit != "mm" || step.difference.is_none());
     let blur = step.difference.map_or("too few valid pixels".to_string(), |estimate| number(estimate, unit));
-    step.depth_mm.map_or(blur.clone(), |estimate| format!("{}, {blur}", number(estimate, "mm")))
+    depth.map_or(blur.clone(), |estimate| format!("{}, {blur}", number(estimate, "mm")))
 }

@@ -17,7 +17,7 @@ use crate::cli::options::series;
 use crate::cli::options::settings::SettingsArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
-use crate::cli::output::summary::registration_summary;
+use crate::cli::output::summary::{registration_summary, signed};
 
 /// Register two photographs of one scene or a focus sweep, in position and exposure
 #[derive(clap::Args, Debug)]
@@ -115,7 +115,8 @@ fn sweep_summary(found: &Report, file: Option<&Path>) -> String {
         let (rotation, scale, gain) = (t.rotation_deg(), t.scale(), frame.photometric.gain);
         let note = if n == found.reference { "  (reference)" } else { "" };
         let name = series::file_name(Path::new(&frame.file));
-        format!("{name}  {x:+.3} {y:+.3} px, {rotation:+.4}°, scale {scale:.5}, gain {gain:.4}{note}")
+        let [x, y, rotation] = [(x, 3), (y, 3), (rotation, 4)].map(|(value, digits)| signed(value, digits));
+        format!("{name}  {x} {y} px, {rotation}°, scale {scale:.5}, gain {gain:.4}{note}")
     };
     let mut lines: Vec<String> = found.frames.iter().enumerate().map(frame).collect();
     lines.extend(found.warnings.iter().map(|warning| format!("warning    {warning}")));

@@ -22,6 +22,9 @@ pub(crate) struct Devices {
     /// Print the list as JSON
     #[arg(long)]
     json: bool,
+    /// Print the names of the usable devices only, one a line
+    #[arg(short, long, conflicts_with = "json")]
+    quiet: bool,
 }
 
 /// A device as the JSON list states it.
@@ -49,6 +52,10 @@ pub(crate) fn devices(arguments: &Devices) -> Result<(), Failure> {
         let entries: Vec<_> = devices.iter().map(entry).collect();
         let text = serde_json::to_string_pretty(&entries).map_err(|e| Failure::Failed(e.to_string()))?;
         return print(&text);
+    }
+    if arguments.quiet {
+        let usable = devices.iter().filter(|info| info.unusable.is_none());
+        return print(&usable.map(|info| info.name.clone()).collect::<Vec<_>>().join("\n"));
     }
     print(&devices.iter().map(describe).collect::<Vec<_>>().join("\n"))
 }
@@ -118,19 +125,21 @@ fn text(subcommand: &str) -> String {
 }
 
 fn comment(option: &Arg) -> String {
-    let mut words = option.get_long_help().or(option.get_help()).map(ToString::to_string).unwrap_or_default();
-    let values: Vec<_> = option.get_possible_values().iter().map(in_words).collect();
-    if !values.is_empty() && !is_bool(option) {
-        words = format!("{words} ({})", values.join("; "));
-    }
-    let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
-    wrapped(&words, WIDTH).lines().map(|line| format!("# {line}\n")).collect()
+    let words = option.get_long_help().or(option.get_help()).map(ToString::to_string).unwrap_or_default();
+    let sentences: Vec<String> = words
+        .split("\n\n")
+        .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
+        .map(|paragraph| if paragraph.ends_with('.') { paragraph } else { paragraph + "." })
+        .collect();
+    let lines = wrapped(&sentences.join(" "), WIDTH);
+    // A line for each value that has a meaning.
+    let values: Vec<_> = option.get_possible_values().iter().filter_map(in_words).collect();
+    lines.lines().map(str::to_string).chain(values).map(|line| format!("# {line}\n")).collect()
 }
 
 /// A value with its meaning.
-fn in_words(value: &PossibleValue) -> String {
-    let name = value.get_name();
-    value.get_help().map_or_else(|| name.to_string(), |help| format!("{name}: {help}"))
+fn in_words(value: &PossibleValue) -> Option<String> {
+    value.get_help().map(|help| format!("  {}: {help}", value.get_name()))
 }
 
 /// The key with its default. Without a default it is a comment with a placeholder.
@@ -139,7 +148,13 @@ fn line(option: &Arg) -> String {
     let values: Vec<String> =
         option.get_default_values().iter().map(|v| literal(option, &v.to_string_lossy())).collect();
     match values.as_slice() {
-        [] => format!("# {key} = {}", literal(option, &placeholder(option))),
+        [] => match option.get_value_names().unwrap_or_default() {
+            names @ [_, _, ..] => {
+                let all: Vec<_> = names.iter().map(|name| literal(option, name)).collect();
+                format!("# {key} = [{}]", all.join(", "))
+            }
+            _ => format!("# {key} = {}", literal(option, &placeholder(option))),
+        },
         [value] => format!("{key} = {value}"),
         _ => format!("{key} = [{}]", values.join(", ")),
     }
@@ -148,10 +163,18 @@ fn line(option: &Arg) -> String {
 fn placeholder(option: &Arg) -> String {
     let name = option.get_value_names().and_then(|names| names.first()).map(ToString::to_string);
     match (is_number(option), is_bool(option)) {
-        (true, _) => "0".to_string(),
+        (true, _) => least(option).unwrap_or("1".to_string()),
         (_, true) => "false".to_string(),
         _ => name.unwrap_or_default(),
     }
+}
+
+/// The least number of an option, from the range "(2 to 65536)" or "(px, 0.5 to 8)" of its help.
+fn least(option: &Arg) -> Option<String> {
+    let help = option.get_help()?.to_string();
+    let (before, _) = help.split_once(" to ").filter(|(_, after)| after.contains(')'))?;
+    let number = before.rsplit([' ', '(']).next()?;
+    number.parse::<f64>().is_ok().then(|| number.to_string())
 }
 
 fn literal(option: &Arg, value: &str) -> String {
@@ -261,7 +284,7 @@ mod tests {
 
     #[test]
     fn each_option_is_printed_with_a_comment() {
-        assert!(text("stack").contains("\n# focus-at = 0\n"), "{}", text("stack"));
+        assert!(text("stack").contains("\n# focus-at = 1\n"), "{}", text("stack"));
         assert!(text("batch").contains("\nresume = false\n"), "{}", text("batch"));
         let text = text("solve");
         for part in [
@@ -270,7 +293,11 @@ mod tests {
             "\nover-relaxation = 1.3\n",
             "\nhold = false\n",
             "\n# transform = \"FILE\"\n",
-            "(unified: Registration together with the blur",
+            "\n# Registration method.\n#   unified: Registration together with the blur",
+            "by the focus distances of the lens]. Determines which",
+            "\n# gain = 0.001\n",
+            "\nedges = \"on\"\n",
+            "\n# step = [\"X,Y,W,H\", \"X,Y,W,H\"]\n",
         ] {
             assert!(text.contains(part), "{part:?} is missing in\n{text}");
         }
@@ -278,13 +305,24 @@ mod tests {
     }
 
     #[test]
-    fn commented_keys_are_valid_toml() {
-        let given: String = text("solve")
-            .lines()
-            .filter_map(|line| line.strip_prefix("# "))
-            .filter(|l| l.contains(" = "))
-            .map(|l| format!("{l}\n"))
-            .collect();
-        assert!(toml::from_str::<toml::Table>(&given).is_ok(), "{given}");
+    fn commented_keys_are_valid_toml_and_their_numbers_are_in_range() {
+        let command = crate::cli::command();
+        for (name, files) in [("solve", &["a", "b"][..]), ("batch", &["a"]), ("stack", &["a", "b", "c"])] {
+            let text = text(name);
+            let given = text.lines().filter_map(|line| line.strip_prefix("# ")).filter(|line| line.contains(" = "));
+            for line in given {
+                let table = toml::from_str::<toml::Table>(line).unwrap();
+                let (key, value) = table.iter().next().unwrap();
+                if value.is_str() || value.is_array() {
+                    continue;
+                }
+                let flag = format!("--{key}={value}");
+                let all = [&["parfocal", name], files, &["-o", "out", &flag]].concat();
+                // Some options need others beside them.
+                if let Err(error) = command.clone().try_get_matches_from(all) {
+                    assert_ne!(error.kind(), clap::error::ErrorKind::ValueValidation, "{line}: {error}");
+                }
+            }
+        }
     }
 }

@@ -124,7 +124,7 @@ impl PairJob {
         report.values = photographs.values;
         report.set_inputs(photographs.inputs.clone(), crate::cli::is_validation_requested());
         report.flattened = photographs.scope.flat.is_some();
-        report.request = request.digest(&[])?;
+        report.request_sha256 = request.digest(&[])?;
         if request.nearer.is_some() {
             report.nearer_by = Some(NearerBy::Stated);
         }

@@ -13,7 +13,7 @@ use parfocal::{
     settings::{DeviceInfo, Method},
 };
 
-use crate::cli::commands::depth::decimals;
+use crate::cli::commands::depth::{self, decimals};
 use crate::cli::commands::measure::rows;
 use crate::cli::commands::solve::{check_inputs, check_results, fitting, write_results};
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT};
@@ -185,7 +185,7 @@ impl SweepJob {
             (Some(_), None) => NearerBy::Distances,
             (None, None) => NearerBy::Assumed,
         });
-        report.request = self.digest(request)?;
+        report.request_sha256 = self.digest(request)?;
         let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
         let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
         let names = sweep.order.iter().map(|n| series::file_name(&self.files.frames[*n])).collect();
@@ -288,10 +288,7 @@ fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> S
     ];
     lines.extend(most_clipped(report));
     lines.extend(never_in_focus(report));
-    lines.extend(report.depth.as_ref().map(|depth| {
-        let range = in_words(&depth.range, "mm");
-        format!("depth      {range}; beyond infinity: {} px", depth.out_of_range)
-    }));
+    lines.extend(report.depth.as_ref().map(|report| format!("depth      {}", depth::summary(report))));
     lines.push(format!("depth.png  {}", near_and_far(report, palette)));
     lines.extend(report.measurements.iter().flat_map(rows).map(|(label, text)| format!("{label:<10} {text}")));
     lines.extend(report.warnings.iter().map(|warning| format!("warning    {warning}")));

@@ -207,11 +207,14 @@ fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
     };
     let each = option.get_num_args().map_or(1, |n| n.max_values());
     let repeated = matches!(option.get_action(), ArgAction::Append);
-    if each == 1 && option.get_value_delimiter().is_none() && !repeated {
+    // One value that is written with commas, such as a region X,Y,W,H.
+    let is_list = option.get_value_names().is_some_and(|names| names.len() == 1 && names[0].contains(','));
+    let is_joined = option.get_value_delimiter().is_none() && !repeated && is_list;
+    if each == 1 && option.get_value_delimiter().is_none() && !repeated && !is_list {
         return Err(format!("{key} must be a single value, and is an array"));
     }
     let texts: Vec<String> = values.iter().map(|v| scalar(option, key, v)).collect::<Result<_, _>>()?;
-    if let Some(delimiter) = option.get_value_delimiter() {
+    if let Some(delimiter) = option.get_value_delimiter().or(is_joined.then_some(',')) {
         let all = texts.join(&delimiter.to_string());
         return Ok(if texts.is_empty() { Vec::new() } else { vec![format!("--{key}={all}").into()] });
     }
@@ -227,6 +230,11 @@ fn scalar(option: &Arg, key: &str, value: &Value) -> Result<String, String> {
     match value {
         Value::Integer(n) => Ok(n.to_string()),
         Value::Float(x) => Ok(x.to_string()),
+        Value::Boolean(is)
+            if option.get_possible_values().iter().any(|value| value.matches(&is.to_string(), false)) =>
+        {
+            Ok(is.to_string())
+        }
         Value::String(text) if !is_number(option) => Ok(text.clone()),
         other => {
             let wanted = if is_number(option) { "a number" } else { "a string or a number" };
@@ -316,6 +324,18 @@ mod tests {
         assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8', '8,8,8,8']", &[]), Ok(4));
         assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9']", &["--step", "1,1,2,2", "3,3,4,4"]), Ok(2));
         assert!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8']", &[]).unwrap_err().starts_with(":2: "));
+    }
+
+    #[test]
+    fn a_value_with_commas_may_be_an_array() {
+        let region = |text: &str| {
+            solve(&format!("output = 'out'\n{text}"), &[])
+                .map(|found| found.get_raw("roi").unwrap().next().unwrap().to_string_lossy().into_owned())
+        };
+        assert_eq!(region("roi = [8, 9, 40, 30]"), Ok("8,9,40,30".to_string()));
+        assert_eq!(region("roi = '8,9,40,30'"), Ok("8,9,40,30".to_string()));
+        assert!(solve("output = 'out'\nedges = false\n", &[]).is_ok());
+        assert!(region("roi = [8, 9, 40]").unwrap_err().starts_with(":2: invalid value '8,9,40'"));
     }
 
     #[test]

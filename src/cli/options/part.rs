@@ -99,7 +99,7 @@ impl Part {
             return Err(Failure::Failed(format!("{}: {problem}", path.display())));
         }
         of_size(&self.flat, scope.flat.as_ref().map(FieldCurvature::size))?;
-        let outside = |e| Failure::Failed(format!("--roi: {e}"));
+        let outside = |e| Failure::Usage(format!("--roi: {e}"));
         scope.check(size).map_err(outside)?;
         Ok(scope)
     }

@@ -65,7 +65,13 @@ const BENCH: [&str; 3] = ["max_relative_blur", "outer_iterations", "relaxation_s
 
 /// The long option and the default of each row of the table.
 static TEXTS: LazyLock<Vec<[String; 2]>> = LazyLock::new(|| {
-    Settings::TABLE.iter().map(|setting| [setting.name.replace('_', "-"), (setting.default)()]).collect()
+    let default = |setting: &Setting| match (setting.default)().as_str() {
+        // As the placeholder of a switch has it.
+        "true" => "on".to_string(),
+        "false" => "off".to_string(),
+        other => other.to_string(),
+    };
+    Settings::TABLE.iter().map(|setting| [setting.name.replace('_', "-"), default(setting)]).collect()
 });
 
 impl<const IS_BENCH: bool> TableArguments<IS_BENCH> {

@@ -170,8 +170,8 @@ pub(crate) fn plain(text: &str) -> String {
 
 /// The name that is most similar to a misspelt one, if any is similar.
 pub(crate) fn nearest<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let scored = names.map(|other| (strsim::jaro_winkler(name, other), other));
-    scored.filter(|(score, _)| *score > 0.8).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, other)| other)
+    let scored = names.map(|other| (strsim::normalized_damerau_levenshtein(name, other), other));
+    scored.filter(|(score, _)| *score > 0.7).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, other)| other)
 }
 
 /// The text "; did you mean 'x'?" if the folder of a missing file has a file with a similar name, else "".
@@ -214,6 +214,7 @@ mod tests {
     fn only_a_similar_name_is_suggested() {
         assert_eq!(nearest("sweps", ["levels", "sweeps"].into_iter()), Some("sweeps"));
         assert_eq!(nearest("zzz", ["levels", "sweeps"].into_iter()), None);
+        assert_eq!(nearest("exposure", ["export", "resume"].into_iter()), None);
     }
 
     #[test]

@@ -71,14 +71,19 @@ fn clipped(frames: &[FrameReport]) -> Option<Row> {
 fn registration(frame: &FrameReport) -> [Row; 2] {
     let (t, Photometric { gain, offset }) = (&frame.transform, frame.photometric);
     let [right, down] = t.translation();
-    let transform =
-        format!("{right:+.3} px right, {down:+.3} px down, rotation {:+.4}°, scale {:.5}", t.rotation_deg(), t.scale());
+    let transform = format!(
+        "{} px right, {} px down, rotation {}°, scale {:.5}",
+        signed(right, 3),
+        signed(down, 3),
+        signed(t.rotation_deg(), 4),
+        t.scale()
+    );
     let [low, high] = frame.shading.range.map(|factor| 100.0 * (factor - 1.0));
     let shading = match frame.shading.is_significant() {
-        true => format!(", shading {low:+.0} to {high:+.0} %"),
+        true => format!(", shading {} to {} %", signed(low, 0), signed(high, 0)),
         false => String::new(),
     };
-    [("transform", transform), ("exposure", format!("gain {gain:.4}, offset {offset:+.4}{shading}"))]
+    [("transform", transform), ("exposure", format!("gain {gain:.4}, offset {}{shading}", signed(offset, 4)))]
 }
 
 /// The estimated shape of the kernel.
@@ -86,6 +91,15 @@ fn kernel(shape: f64) -> String {
     match shape {
         0.0 => "a Gaussian, found".to_string(),
         _ => format!("{shape:.2} of the way from a Gaussian to a disk, found"),
+    }
+}
+
+/// A number with its sign. What rounds to zero is positive, since "-0.000" looks like a defect.
+pub(crate) fn signed(value: f64, digits: usize) -> String {
+    let text = format!("{value:+.digits$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|byte| b"0.".contains(&byte)) => format!("+{zero}"),
+        _ => text,
     }
 }
 
@@ -149,7 +163,10 @@ fn blur(report: &Report) -> String {
     let marked = report.texture.map_or(0.0, |texture| texture.marked_fraction);
     let valid = report.valid_fraction.unwrap_or(0.0);
     format!(
-        "{min:+.2} to {max:+.2} px², median {median:+.2}; {:.1} % of the pixels measured ({:.1} % valid, {:.1} % at the limit)",
+        "{} to {} px², median {}; {:.1} % of the pixels measured ({:.1} % valid, {:.1} % at the limit)",
+        signed(min.into(), 2),
+        signed(max.into(), 2),
+        signed(median.into(), 2),
         100.0 * (valid - marked),
         100.0 * valid,
         100.0 * valid * report.saturated_fraction.unwrap_or(0.0)
@@ -239,6 +256,12 @@ mod tests {
             assert!(text.contains(part), "{part} is missing in {text}");
         }
         assert!(text.contains("converged      no\nwarning        something to know"), "{text}");
+    }
+
+    #[test]
+    fn what_rounds_to_zero_is_positive() {
+        assert_eq!([-0.0004, -0.0, -0.0006, 1.0].map(|x| signed(x, 3)), ["+0.000", "+0.000", "-0.001", "+1.000"]);
+        assert_eq!(signed(-0.4, 0), "+0");
     }
 
     #[test]

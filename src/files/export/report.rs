@@ -200,7 +200,7 @@ pub struct Report {
     pub validated: bool,
     /// SHA-256 of version, settings and flags, which `batch --resume` compares; empty if the caller did not set it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub request: String,
+    pub request_sha256: String,
     /// The photographs' files; empty if the frames did not come from files.
     pub inputs: Vec<Input>,
     /// The files of the results, including the report. A later run replaces or removes only these files.

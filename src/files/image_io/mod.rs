@@ -139,8 +139,21 @@ const DAMAGED: &str = "the file is damaged or incomplete; copy or save it again"
 /// Advice for an unsupported format.
 const CONVERT: &str = "convert it to PNG, TIFF, JPEG, BMP, WebP, PNM, PFM or EXR; of a frame without a header state format and size (--raw)";
 
-/// Similarity of file names (Jaro and Winkler) above which one may be a misspelling of the other.
-const SIMILAR: f64 = 0.9;
+/// Similarity of file names (1 less the share of letters that differ) above which one may be a misspelling of the other.
+const SIMILAR: f64 = 0.74;
+
+/// Whether a name may be a misspelling of another. Other numbers are other files: `frame_09` is not `frame_01`.
+fn similarity(name: &str, other: &str) -> Option<f64> {
+    let [name, other] = [name, other].map(str::to_lowercase);
+    let numbers = |text: &str| -> Vec<String> {
+        let words = text.split(|c: char| !c.is_ascii_digit()).filter(|digits| !digits.is_empty());
+        words.map(|digits| digits.trim_start_matches('0').to_string()).collect()
+    };
+    let stem = |text: &str| text.rsplit_once('.').map_or(text.to_string(), |(stem, _)| stem.to_string());
+    let score = strsim::normalized_damerau_levenshtein(&name, &other);
+    let is_similar = score > SIMILAR || stem(&name) == stem(&other);
+    (is_similar && numbers(&name) == numbers(&other)).then_some(score)
+}
 
 /// The file with the most similar name in the folder of a missing file, if one is similar.
 pub fn similar_file(missing: &Path) -> Option<PathBuf> {
@@ -149,8 +162,7 @@ pub fn similar_file(missing: &Path) -> Option<PathBuf> {
     let beside = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
     let scored = beside.filter_map(Result::ok).filter_map(|entry| {
         let name = entry.file_name().into_string().ok()?;
-        let score = strsim::jaro_winkler(&wanted.to_lowercase(), &name.to_lowercase());
-        (score > SIMILAR).then_some((score, name))
+        Some((similarity(wanted, &name)?, name))
     });
     // Names of equal score are ordered, since folders list files in no fixed order.
     let (_, name) = scored.max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(&a.1)))?;

@@ -445,3 +445,15 @@ fn the_greatest_size_is_allowed_and_one_row_more_is_not() {
     assert!(check_size((u32::MAX, u32::MAX)).is_err());
     assert!(check_size((0, 5)).is_err());
 }
+
+#[test]
+fn a_name_with_other_numbers_is_no_misspelling() {
+    for (name, other) in
+        [("naer.png", "near.png"), ("i1.jpg", "i1.png"), ("Frame_1.png", "frame_01.png"), ("shot", "shots")]
+    {
+        assert!(similarity(name, other).is_some(), "{name} {other}");
+    }
+    for (name, other) in [("frame_09.png", "frame_01.png"), ("i3.png", "i1.png"), ("depth.png", "report.png")] {
+        assert_eq!(similarity(name, other), None, "{name} {other}");
+    }
+}
