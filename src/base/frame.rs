@@ -1,5 +1,6 @@
 //! Photographs with their stored samples.
 
+use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::base::color::srgb_to_linear;
@@ -43,6 +44,18 @@ impl Depth {
             Depth::U16 => 2,
             Depth::F32 => 4,
         }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let channels = if self.channels == Channels::Gray { "grey" } else { "colour" };
+        let depth = match self.depth {
+            Depth::U8 => "8 bits",
+            Depth::U16 => "16 bits",
+            Depth::F32 => "floats",
+        };
+        write!(f, "{channels}, {depth}")
     }
 }
 

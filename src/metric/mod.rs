@@ -74,7 +74,7 @@ impl MetricDepth {
         let out = self.out_of_range as f64 / valid.max(1) as f64;
         let pitch = self.lens.pixel_pitch;
         let hint = match pitch >= IMPLAUSIBLE_PITCH {
-            true => format!("did you mean --pixel-pitch {}? It is in mm, and µm were given", (1e6 * pitch).round() / 1e9),
+            true => format!("did you mean a pixel pitch of {} mm? µm were given", (1e6 * pitch).round() / 1e9),
             false => "the stated lens did not take these photographs: see to its focus distances, f-number, and the pixel pitch \
                       if they were resized; parfocal calibrate finds them"
                 .to_string(),
@@ -134,7 +134,7 @@ mod tests {
             |lens: &Lens, blur: &[f32]| MetricDepth::new(lens, s, 1e9, 10, blur, &[0.1; 100]).doubt(s, 1e9, blur);
         assert_eq!(doubt(&lens, &blur), None);
         let warning = doubt(&Lens { pixel_pitch: 7.5, ..lens }, &blur).unwrap();
-        assert!(warning.contains("did you mean --pixel-pitch 0.0075?"), "{warning}");
+        assert!(warning.contains("did you mean a pixel pitch of 0.0075 mm?"), "{warning}");
         blur[..4].fill(-1e6);
         assert_eq!(doubt(&lens, &blur), None, "a few pixels are not many");
         blur[..9].fill(-1e6);

@@ -177,7 +177,7 @@ fn a_pixel_pitch_in_micrometres_gets_a_suggestion() {
         (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
     let (done, stderr) = pitch("--pixel-pitch=3.45");
-    assert!(!done && stderr.contains("did you mean --pixel-pitch 0.00345?"), "{stderr}");
+    assert!(!done && stderr.contains("did you mean a pixel pitch of 0.00345 mm?"), "{stderr}");
     let (done, stderr) = pitch("--pixel-pitch=0.00345");
     assert!(done && !stderr.contains("did you mean"), "{stderr}");
     // The `depth` command warns as well. A later run with a plausible lens removes the warning.

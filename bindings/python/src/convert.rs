@@ -24,7 +24,7 @@ pub(crate) fn frame(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Frame> {
     let kind =
         array.getattr("dtype").and_then(|dtype| dtype.str()).map_or_else(|_| "no numbers".into(), |s| s.to_string());
     Err(PyTypeError::new_err(format!(
-        "{name} holds {kind}: convert it to uint8, uint16 or float32, whose white is 255, 65535 or 1"
+        "{name} holds {kind}: convert it to uint8, uint16 or floats, whose white is 255, 65535 or 1"
     )))
 }
 
@@ -39,7 +39,8 @@ fn typed_frame<T: Element + Copy>(
         [height, width, 3] => (height, width, Channels::Rgb),
         [_, _, 2 | 4] => return Err(wrong("remove the alpha channel: image[..., :-1]".to_string())),
         ref shape => {
-            return Err(wrong(format!("its shape is {shape:?}; give (height, width) or (height, width, 3)")));
+            let shape = shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            return Err(wrong(format!("its shape is ({shape}); give (height, width) or (height, width, 3)")));
         }
     };
     let side = |n: usize| u32::try_from(n).map_err(|_| wrong(format!("{width}x{height} pixels are too many")));

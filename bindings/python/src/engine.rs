@@ -29,7 +29,7 @@ const RETRY: Duration = Duration::from_millis(1);
 
 /// A Vulkan device. Calls from several threads run one after another.
 ///
-/// device: index, part of the name, or UUID; None selects the most capable device.
+/// device: index, part of the name, UUID, "cpu" or "vulkan"; None selects the most capable device.
 /// timeout: time limit of one solve, seconds.
 #[pyclass(frozen, module = "parfocal")]
 pub(crate) struct Engine {
@@ -37,6 +37,22 @@ pub(crate) struct Engine {
     inner: Option<Mutex<Inner>>,
     name: String,
     process: u32,
+}
+
+/// A device as Python names it.
+#[derive(FromPyObject)]
+pub(crate) enum DeviceName {
+    Index(u32),
+    Text(String),
+}
+
+impl DeviceName {
+    pub(crate) fn text(self) -> String {
+        match self {
+            Self::Index(index) => index.to_string(),
+            Self::Text(text) => text,
+        }
+    }
 }
 
 struct Inner {
@@ -56,7 +72,8 @@ impl Drop for Engine {
 impl Engine {
     #[new]
     #[pyo3(signature = (device=None, *, timeout=600.0, validation=false))]
-    fn new(py: Python<'_>, device: Option<String>, timeout: f64, validation: bool) -> PyResult<Self> {
+    fn new(py: Python<'_>, device: Option<DeviceName>, timeout: f64, validation: bool) -> PyResult<Self> {
+        let device = device.map(DeviceName::text);
         let options = EngineOptions { device, validation, timeout: time_limit(timeout)?, ..EngineOptions::default() };
         let engine = py.detach(|| parfocal::Engine::new(&options)).map_err(exception)?;
         let name = engine.info().name.clone();
@@ -150,7 +167,7 @@ impl Engine {
             (Some(p), "settings") => Positions::Settings(p),
             (Some(p), "distances") => Positions::Distances(p),
             (Some(p), "stage") => Positions::Stage(p),
-            _ => return Err(PyValueError::new_err(format!("unit={unit:?}: give settings, distances or stage"))),
+            _ => return Err(PyValueError::new_err(format!("unit='{unit}': give settings, distances or stage"))),
         };
         let settings = read_settings(settings, &frames.iter().collect::<Vec<_>>())?;
         let watch = Watch::new(progress, cancel);
@@ -264,6 +281,25 @@ pub(crate) fn apply(
     array_of(py, &resampled.map_err(PyValueError::new_err)?)
 }
 
+/// The optics of a lens: focal length in mm, f-number, pixel pitch in mm.
+type Optics = (f64, f64, f64);
+
+/// Raises ValueError for a lens that cannot exist.
+#[pyfunction]
+pub(crate) fn check_lens(optics: Optics, focus: [f64; 2], kappa: f64, telecentric: bool) -> PyResult<()> {
+    lens(optics, focus, kappa, telecentric).map(drop)
+}
+
+fn lens(
+    (focal_length, f_number, pixel_pitch): Optics,
+    focus: [f64; 2],
+    kappa: f64,
+    telecentric: bool,
+) -> PyResult<Lens> {
+    let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric };
+    lens.check().map(|()| lens).map_err(exception)
+}
+
 /// Depth and its standard deviation, mm; number of pixels out of range; a warning about the lens.
 type Depth = (Py<PyAny>, Py<PyAny>, usize, Option<String>);
 
@@ -276,14 +312,12 @@ pub(crate) fn depth(
     uncertainty: PyReadonlyArray2<'_, f32>,
     scale: f64,
     limit: f64,
-    optics: (f64, f64, f64),
+    optics: Optics,
     focus: [f64; 2],
     kappa: f64,
     telecentric: bool,
 ) -> PyResult<Depth> {
-    let (focal_length, f_number, pixel_pitch) = optics;
-    let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric };
-    lens.check().map_err(exception)?;
+    let lens = lens(optics, focus, kappa, telecentric)?;
     let [blur, sigma] = [blur, uncertainty].map(|field| field.as_array().to_owned());
     if blur.dim() != sigma.dim() {
         return Err(PyValueError::new_err("relative blur and uncertainty differ in shape"));

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use parfocal::PixelFormat;
 use parfocal::image_io::{self, RawFormat};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::convert::array_of;
@@ -13,7 +13,11 @@ use crate::exception;
 /// Reads a photograph as an array.
 #[pyfunction]
 pub(crate) fn read(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyAny>> {
-    let frame = py.detach(|| image_io::read(&path)).map_err(exception)?;
+    let frame = py.detach(|| image_io::read(&path)).map_err(|error| {
+        // What follows # names a page or a format.
+        let is_missing = !path.exists() && !image_io::split_page(&path).0.exists();
+        if is_missing { PyFileNotFoundError::new_err(error.to_string()) } else { exception(error) }
+    })?;
     array_of(py, &frame)
 }
 

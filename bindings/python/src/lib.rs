@@ -44,10 +44,10 @@ mod _native {
     #[pymodule_export]
     use super::{
         Cancelled, DeviceError, Engine,
-        engine::{apply, depth, devices},
+        engine::{apply, check_lens, depth, devices},
         files::{format_name, read, unpack},
         measure::{level, profile, step},
-        settings::setting_names,
+        settings::setting_table,
         stream::Stream,
         watch::CancellationToken,
     };

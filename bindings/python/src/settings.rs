@@ -15,10 +15,16 @@ use pyo3::types::PyDict;
 use crate::convert::homography;
 use crate::exception;
 
-/// The names of the settings.
+/// Name, default, unit and range, and description of each setting, for the documentation of the package.
 #[pyfunction]
-pub(crate) fn setting_names() -> Vec<&'static str> {
-    Settings::TABLE.iter().map(|setting| setting.name).collect()
+pub(crate) fn setting_table() -> Vec<(&'static str, String, String, &'static str)> {
+    let rows = Settings::TABLE.iter().map(|setting| {
+        let range = setting.range.map(|[low, high]| format!("{low} to {high}"));
+        let unit = Some(setting.unit.to_string()).filter(|unit| !unit.is_empty());
+        let limits: Vec<String> = unit.into_iter().chain(range).collect();
+        (setting.name, (setting.default)(), limits.join(", "), setting.doc)
+    });
+    rows.collect()
 }
 
 /// Reads the settings of a call and resolves `decode` for these photographs.
@@ -68,7 +74,7 @@ fn with_setting(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
 /// Sets a number or a bool through the table of settings. None stands for "auto".
 fn set_plain(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
     let Some(setting) = Settings::TABLE.iter().find(|setting| setting.name == name) else {
-        return Err(PyTypeError::new_err(format!("unknown setting; the settings are {}", setting_names().join(", "))));
+        return Err(PyTypeError::new_err("there is no such setting"));
     };
     let text = match value.extract::<bool>() {
         Ok(flag) => flag.to_string(),

@@ -1,5 +1,6 @@
 """Tests of the package on lavapipe. Its results must equal those of the program bit for bit."""
 
+import inspect
 import os
 import pickle
 import subprocess
@@ -139,6 +140,45 @@ def test_memory_layout_does_not_change_results(engine, result):
     assert same(NEAR, read_only)
 
 
+def test_files_and_other_floats_are_photographs(engine, result, tmp_path):
+    files = [tmp_path / "near.pfm", tmp_path / "far.pfm"]
+    for file, image in zip(files, (NEAR, FAR)):
+        write(file, image)
+    found = parfocal.solve(str(files[0]), files[1], engine=engine)
+    assert found.relative_blur.tobytes() == result.relative_blur.tobytes()
+    doubles = parfocal.solve(NEAR.astype(float), FAR.astype(float), engine=engine)
+    assert doubles.relative_blur.tobytes() == result.relative_blur.tobytes()
+    with pytest.raises(TypeError, match="give a list"):
+        parfocal.stack(str(tmp_path), engine=engine)
+
+
+def test_a_masked_array_is_solved_where_it_is_not_masked(engine):
+    hidden = np.zeros(SIZE[::-1], bool)
+    hidden[:, :40] = True
+    stated = parfocal.solve(NEAR, FAR, engine=engine, mask=~hidden)
+    masked = parfocal.solve(np.ma.array(NEAR, mask=hidden), FAR, engine=engine)
+    assert masked.relative_blur.tobytes() == stated.relative_blur.tobytes()
+    unknown = np.where(hidden, np.nan, NEAR)
+    both = parfocal.solve(np.ma.masked_invalid(unknown), FAR, engine=engine, mask=np.ma.array(~hidden, mask=hidden))
+    assert np.isnan(both.relative_blur[:, :40]).all() and np.isfinite(both.relative_blur[40, 60])
+
+
+def test_floats_beyond_black_and_white_are_warned_of(engine):
+    with pytest.warns(UserWarning, match="i2 has values from .* to .*, and floats have white at 1") as caught:
+        parfocal.register(np.clip(NEAR, 0, 1), 255 * FAR, engine=engine, outer_iterations=5)
+    assert len(caught) == 1 and caught[0].filename == __file__
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_the_fused_image_has_the_type_of_the_photographs(engine, dtype):
+    image = as_kind(np.clip(NEAR, 0, 1), dtype, True)
+    same = parfocal.solve(image, image, engine=engine, outer_iterations=5).fused_image
+    assert same.dtype == dtype and same.shape == image.shape
+    white = 255 if dtype == np.uint8 else 65535 if dtype == np.uint16 else 1
+    assert np.median(np.abs(same.astype(float) - image)) < 0.01 * white
+    assert parfocal.solve(image, image, engine=engine, outer_iterations=5, fused=False).fused_image is None
+
+
 def test_every_setting_is_a_keyword_argument(engine, result):
     defaults = dict(
         method="unified",
@@ -212,8 +252,10 @@ def test_depth_and_measures(result):
     assert measure.level(np.full((9, 9), np.nan), (0, 0, 5, 5)) is None
     with pytest.raises(ValueError, match="not within the image"):
         measure.level(ramp, (30, 0, 20, 5))
-    with pytest.raises(ValueError, match="focal length"):
-        result.depth(parfocal.Lens(-1, 4, 0.0075, (300, 310)))
+    for wrong, words in [((-1, 4, 0.0075, (300, 310)), "focal length"), ((50, 4, 0.0075, (30, 310)), "focal length, 50 mm")]:
+        with pytest.raises(ValueError, match=words):
+            parfocal.Lens(*wrong)
+    assert "did you mean a pixel pitch of 0.0075 mm" in result.depth(parfocal.Lens(50, 4, 7.5, (300, 310))).warning
 
 
 def test_a_result_has_html_and_can_be_pickled(result):
@@ -226,7 +268,9 @@ def test_a_result_has_html_and_can_be_pickled(result):
 @pytest.mark.parametrize(
     ("error", "words", "arguments"),
     [
-        (TypeError, "convert it to uint8, uint16 or float32", {"i1": NEAR.astype(float)}),
+        (TypeError, "convert it to uint8, uint16 or floats", {"i1": (255 * NEAR).astype(int)}),
+        (ValueError, "repeats its pixels", {"i1": np.broadcast_to(np.float64(0.5), (10**6, 10**6))}),
+        (ValueError, "i2 is masked", {"i2": np.ma.masked_less(FAR, 0.5)}),
         (ValueError, "remove the alpha channel", {"i1": np.zeros((80, 96, 4), np.uint8)}),
         (ValueError, "its shape is", {"i2": np.zeros(5, np.uint8)}),
         (ValueError, "must have the same size|96x80", {"i2": FAR[:70]}),
@@ -264,14 +308,21 @@ def test_examples_of_the_guide_run(engine, page, tmp_path, monkeypatch):
 
 
 def test_unreadable_files_are_reported(tmp_path):
-    with pytest.raises(ValueError, match="none.png"):
-        parfocal.read(tmp_path / "none.png")
+    for missing in ("none.png", "none.tif#2", "none.raw#Mono8:4x4"):
+        with pytest.raises(FileNotFoundError, match=missing.split("#")[0]):
+            parfocal.read(tmp_path / missing)
+    (tmp_path / "text.png").write_text("no picture")
+    with pytest.raises(ValueError, match="text.png"):
+        parfocal.read(tmp_path / "text.png")
 
 
 def test_devices_are_listed_and_unknown_ones_are_refused():
     assert any(reason is None for _, reason in parfocal.devices())
     with pytest.raises(parfocal.DeviceError, match="no such thing"):
         parfocal.Engine("no such thing")
+    assert parfocal.Engine(0).name == parfocal.devices()[0][0]
+    with pytest.raises(parfocal.DeviceError, match="99"):
+        parfocal.Engine(99)
 
 
 def test_other_threads_run_during_a_solve(engine):
@@ -319,4 +370,15 @@ def test_memory_does_not_grow_with_the_number_of_pairs(engine):
 
 
 def test_the_type_of_the_settings_has_every_setting():
-    assert set(parfocal._solves.Settings.__annotations__) == set(parfocal._native.setting_names())
+    assert set(parfocal._solves.Settings.__annotations__) == {name for name, *_ in parfocal._native.setting_table()}
+
+
+def test_the_settings_are_documented():
+    for text in (parfocal.Settings.__doc__, parfocal.solve.__doc__, parfocal.stack.__doc__):
+        assert "    max_relative_blur: " in text and "Range: px², 1 to 256. Default: 144." in text
+        assert "    edges: " in text and "Default: True." in text
+    for kind in (parfocal.Result, parfocal.Sweep, parfocal.Registration):
+        source = inspect.getsource(kind)
+        for name in kind.__dict__.get("__annotations__", {}):
+            after = source.split(f"    {name}: ", 1)[1].split("\n", 2)[1]
+            assert after.strip().startswith('"""'), f"{kind.__name__}.{name}"

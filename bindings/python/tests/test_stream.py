@@ -117,7 +117,7 @@ def test_a_pair_that_fails_raises_in_its_place(opened, solved):
         assert_is(result, expected)
     # An image of an unsupported type is refused and not pushed.
     with pytest.raises(TypeError, match="convert it"):
-        stream.push(PAIRS[0][0].astype(float), PAIRS[0][1])
+        stream.push(PAIRS[0][0].astype(int), PAIRS[0][1])
     assert len(stream) == 0
 
 

@@ -9,7 +9,6 @@ use parfocal::image_io::{self, Input, Photograph, Values};
 use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
     Engine, Error, Frame, Progress, Settings, SolveOptions, SweepSolver,
-    frame::{Channels, Depth, Format},
     settings::{DeviceInfo, Method},
 };
 
@@ -220,16 +219,7 @@ fn decode(
 
 /// Refuses frames of different sizes or formats.
 fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
-    let describe = |frame: &Frame| {
-        let Format { channels, depth } = frame.format();
-        let channels = if channels == Channels::Gray { "grey" } else { "colour" };
-        let depth = match depth {
-            Depth::U8 => "8 bits",
-            Depth::U16 => "16 bits",
-            Depth::F32 => "floats",
-        };
-        format!("{}x{}, {channels}, {depth}", frame.width(), frame.height())
-    };
+    let describe = |frame: &Frame| format!("{}x{}, {}", frame.width(), frame.height(), frame.format());
     let kind = |frame: &Frame| (frame.width(), frame.height(), frame.format());
     let Some(n) = frames.iter().position(|frame| kind(frame) != kind(&frames[0])) else { return Ok(()) };
     Err(Failure::Failed(format!(

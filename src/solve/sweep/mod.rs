@@ -274,7 +274,7 @@ fn check(frames: &[Frame], options: &SweepOptions) -> Result<(), Error> {
     if let Some(n) = frames.iter().position(|f| (f.width(), f.height(), f.format()) != first) {
         let other = &frames[n];
         return Err(Error::Mismatch(format!(
-            "frame {} is {}x{} {:?} and the first {}x{} {:?}: a sweep's frames have one size and format",
+            "frame {} is {}x{}, {}, and the first {}x{}, {}: a sweep's frames have one size and format",
             n + 1,
             other.width(),
             other.height(),

@@ -6,15 +6,15 @@ pixel and the registration of the two. With a lens, relative blur becomes depth:
     result = parfocal.solve(near, far, max_relative_blur=36)
     result.relative_blur, result.transform, result.warnings
 
-Arrays have the shape (height, width) or (height, width, 3) and the type uint8, uint16 or float32. White is 255, 65535 or 1.
-Settings have the names and defaults of docs/method.md, section 8.
+Arrays have the shape (height, width) or (height, width, 3) and the type uint8, uint16 or floats. White is 255, 65535 or 1.
+Paths of photographs are accepted as well. `help(parfocal.Settings)` lists the settings with their defaults and ranges.
 """
 
 from __future__ import annotations
 
 from ._native import CancellationToken, Cancelled, DeviceError, Engine, __version__, devices
 from ._results import Brightness, Depth, Lens, Level, Registration, Result, Sweep
-from ._solves import apply, read, register, solve, stack, unpack
+from ._solves import Settings, apply, read, register, solve, stack, unpack
 from ._stream import Stream
 from . import measure
 
@@ -29,6 +29,7 @@ __all__ = [
     "Level",
     "Registration",
     "Result",
+    "Settings",
     "Stream",
     "Sweep",
     "__version__",

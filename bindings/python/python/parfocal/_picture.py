@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import struct
 import zlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +40,20 @@ def colormapped(field: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.where(valid[..., None], np.stack(channels, -1).round(), 255).astype(np.uint8)
 
 
+def encoded(image: NDArray[np.float32], dtype: np.dtype[Any], *, srgb: bool) -> NDArray[Any]:
+    """Converts intensities to samples of a type, with the sRGB curve or without. Integers are limited to black and white."""
+    if srgb:
+        over = np.maximum(image, 0.0031308)
+        image = np.where(image <= 0.0031308, 12.92 * image, 1.055 * over ** (1 / 2.4) - 0.055)
+    if dtype.kind == "f":
+        return image.astype(dtype)
+    white = np.iinfo(dtype).max
+    return (white * np.clip(np.nan_to_num(image), 0, 1).astype(float)).round().astype(dtype)
+
+
 def for_display(image: NDArray[np.float32], *, linear: bool) -> NDArray[np.uint8]:
     """Converts intensities to 8 bits; linear ones get the sRGB curve."""
-    image = np.clip(np.nan_to_num(image), 0, 1)
-    if linear:
-        image = np.where(image <= 0.0031308, 12.92 * image, 1.055 * image ** (1 / 2.4) - 0.055)
-    return (255 * image).round().astype(np.uint8)
+    return encoded(image, np.dtype(np.uint8), srgb=linear)
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:

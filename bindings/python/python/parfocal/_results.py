@@ -40,7 +40,15 @@ class Brightness(NamedTuple):
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens in front of the sensor, focused at `focus` mm for each of the two photographs; lengths in mm."""
+    """A lens in front of the sensor. Raises ValueError if it cannot exist.
+
+    focal_length: focal length, mm.
+    f_number: f-number, at infinity.
+    pixel_pitch: distance between pixels on the sensor, mm.
+    focus: distances from the lens at which the first and the second photograph are focused, mm.
+    kappa: standard deviation of the blur over its radius; 0.5 is a disk.
+    telecentric: whether the lens is telecentric on the image side, so that focus does not change its magnification.
+    """
 
     focal_length: float
     f_number: float
@@ -48,6 +56,9 @@ class Lens:
     focus: tuple[float, float]
     kappa: float = 0.5
     telecentric: bool = False
+
+    def __post_init__(self) -> None:
+        _native.check_lens((self.focal_length, self.f_number, self.pixel_pitch), self.focus, self.kappa, self.telecentric)
 
 
 class Depth(NamedTuple):
@@ -125,7 +136,10 @@ class Result(Registration):
     residual: Field
     """The difference that neither blur nor T explains, intensities; NaN where V is NaN."""
     fused: Field | None
-    """At each pixel the sharper photograph, intensities; (height, width) or (height, width, 3). None with fused=False."""
+    """At each pixel the sharper photograph, linear intensities with white at 1; (height, width) or (height, width, 3). None
+    with fused=False. `fused_image` has the type of the photographs."""
+    dtype: np.dtype[Any]
+    """The type of the photographs' samples."""
     scale: float
     """Scale of T at the image centre."""
     transform_deviation: tuple[float, float] | None
@@ -136,7 +150,9 @@ class Result(Registration):
     kernel_shape: float | None
     """Shape of the estimated kernel: 0 is a Gaussian, 1 a disk. None if the kernel was stated."""
     valid_fraction: float
+    """Fraction of the pixels with a valid V, 0 to 1."""
     mean_confidence: float
+    """Mean of `confidence` over the valid pixels, 0 to 1."""
     saturated_fraction: float
     """Fraction of the valid pixels at the limit of |V|."""
     unsettled_fraction: float
@@ -147,6 +163,11 @@ class Result(Registration):
     """Standard deviation of the noise in the difference of the two photographs, intensities."""
     max_relative_blur: float
     """The limit of |V|, px²."""
+
+    @property
+    def fused_image(self) -> NDArray[Any] | None:
+        """`fused` to look at and to save: with the type, white and transfer curve of the photographs. None with fused=False."""
+        return None if self.fused is None else _picture.encoded(self.fused, self.dtype, srgb=self.decode == "srgb")
 
     def depth(self, lens: Lens) -> Depth:
         """Computes depth, mm, through a lens."""
@@ -191,7 +212,10 @@ class Sweep:
     beyond: NDArray[np.int8]
     """-1 where the focus is before the first frame, 1 where it is beyond the last, else 0."""
     fused: Field
-    """The all-in-focus image, intensities; (height, width) or (height, width, 3)."""
+    """The all-in-focus image, linear intensities with white at 1; (height, width) or (height, width, 3). `fused_image` has the
+    type of the frames."""
+    dtype: np.dtype[Any]
+    """The type of the frames' samples."""
     frame: NDArray[np.uint16]
     """The frame that each pixel of `fused` comes from, counted from 1."""
     transforms: list[NDArray[np.float64]]
@@ -222,6 +246,11 @@ class Sweep:
     def __repr__(self) -> str:
         size = "x".join(map(str, self.region[2:]))
         return f"<parfocal.Sweep {size}, {len(self.transforms)} frames, {len(self.warnings)} warnings>"
+
+    @property
+    def fused_image(self) -> NDArray[Any]:
+        """`fused` to look at and to save: with the type, white and transfer curve of the frames."""
+        return _picture.encoded(self.fused, self.dtype, srgb=self.decode == "srgb")
 
     def to_xarray(self) -> xarray.Dataset:
         """Returns the fields as an xarray Dataset with units and the reference's pixel coordinates. Shares memory; needs xarray."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Union, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,12 +17,22 @@ from . import _native
 from ._results import Brightness, Level, Registration, Result, Sweep
 
 if TYPE_CHECKING:
+    from types import FrameType
+
     from typing_extensions import Unpack
 
 
-class Settings(TypedDict, total=False):
-    """The settings of a solve. docs/method.md, section 8, describes each with its range."""
+_TABLE = {name: row for name, *row in _native.setting_table()}
 
+
+def _described(name: str) -> str:
+    default, limits, description = _TABLE[name]
+    words = " ".join(description.split())
+    shown = {"true": "True", "false": "False"}.get(default, default)
+    return f"    {name}: {words} {f'Range: {limits}. ' if limits else ''}Default: {shown}."
+
+
+class Settings(TypedDict, total=False):
     method: str  # "unified", "aligned" or "appearance"
     levels: int | str | None
     outer_iterations: int
@@ -47,7 +59,28 @@ class Settings(TypedDict, total=False):
     start_photometric: tuple[float, float]  # gain, offset
 
 
-_NAMES = frozenset(_native.setting_names())
+_NAMES = frozenset(_TABLE)
+_SETTINGS = "\n".join(_described(name) for name in Settings.__annotations__)
+Settings.__doc__ = f"""The settings of a solve, as keyword arguments.
+
+{_SETTINGS}
+
+    None stands for "auto". docs/method.md, section 8, says more.
+    """
+
+# A photograph: an array, or the path of a file that `read` reads.
+Photograph = Union[ArrayLike, str, "PathLike[str]"]
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def _with_settings(function: _Function) -> _Function:
+    """Adds the settings to the documentation of a function."""
+    if function.__doc__:
+        function.__doc__ += f"\n    Settings:\n\n{_SETTINGS}\n"
+    return function
+
+
 _default: _native.Engine | None = None
 _default_lock = threading.Lock()
 
@@ -95,13 +128,62 @@ def _checked(settings: Settings) -> dict[str, Any]:
     return checked
 
 
-def _image(values: ArrayLike) -> NDArray[Any]:
-    array = np.asarray(values)
+def _image(name: str, values: Photograph) -> NDArray[Any]:
+    """Reads a file, or checks an array, and converts it to a type of the engine. A masked array loses its mask."""
+    if isinstance(values, (str, PathLike)):
+        return _native.read(values)
+    array = np.asarray(np.ma.getdata(values))
+    if any(stride == 0 and length > 1 for stride, length in zip(array.strides, array.shape)):
+        # A small array may stand for more pixels than memory has.
+        raise ValueError(f"{name} repeats its pixels (a broadcast view): give a copy of it, if that is meant")
+    if array.dtype.kind == "f":
+        hidden = np.ma.getmaskarray(values) if np.ma.is_masked(values) else None
+        _warn_of_range(name, array if hidden is None else array[~hidden])
+        if hidden is not None:
+            # What is masked is often not a number, which the engine refuses.
+            array = np.where(hidden & ~np.isfinite(array), 0, array)
+        return np.ascontiguousarray(array, np.float32)
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
-def _mask(values: ArrayLike | None) -> NDArray[np.uint8] | None:
-    return None if values is None else np.where(np.asarray(values), 255, 0).astype(np.uint8)
+def _warn_of_range(name: str, array: NDArray[Any]) -> None:
+    # The engine refuses an array without pixels, and one with a value that is not a number.
+    if not array.size or np.isnan(low := float(array.min())):
+        return
+    high = float(array.max())
+    if low < 0 or high > 1:
+        warnings.warn(
+            f"{name} has values from {low:.4g} to {high:.4g}, and floats have white at 1: divide them if theirs is not",
+            stacklevel=_depth_of_package(),
+        )
+
+
+def _depth_of_package() -> int:
+    """Returns the `stacklevel` of the first caller outside this package, seen from the caller of `warnings.warn`."""
+    depth, frame = 0, cast("FrameType | None", sys._getframe(1))
+    while frame is not None and frame.f_globals.get("__package__") == __package__:
+        depth, frame = depth + 1, frame.f_back
+    return depth + 1
+
+
+def _images(**photographs: Photograph) -> list[NDArray[Any]]:
+    """Returns the arrays of photographs where no mask is used."""
+    for name, values in photographs.items():
+        if np.ma.is_masked(values):
+            raise ValueError(f"{name} is masked, which only i1 of solve may be: fill it, or state the mask with mask=")
+    return [_image(name, values) for name, values in photographs.items()]
+
+
+def _mask(values: ArrayLike | None, photograph: Photograph | None = None) -> NDArray[np.uint8] | None:
+    """Returns 255 where a pixel counts: where `values` are not 0, and `photograph` is not masked."""
+    counts = None if values is None else np.asarray(np.ma.filled(np.ma.asanyarray(values), 0)).astype(bool)
+    if np.ma.is_masked(photograph):
+        hidden = np.ma.getmaskarray(photograph)
+        shown = ~(hidden.any(-1) if hidden.ndim == 3 else hidden)
+        if counts is not None and counts.shape != shown.shape:
+            raise ValueError(f"mask has the shape {counts.shape}, and i1 {shown.shape}")
+        counts = shown if counts is None else counts & shown
+    return None if counts is None else np.where(counts, 255, 0).astype(np.uint8)
 
 
 def _result_fields(result: dict[str, Any]) -> dict[str, Any]:
@@ -125,7 +207,7 @@ def read(path: str | PathLike[str]) -> NDArray[Any]:
     Formats: PNG, JPEG, TIFF, PNM, PFM, EXR, BMP, WebP. "FILE#N" is page N of a TIFF. "FILE#Mono12p:2448x2048" is a frame
     without a header.
 
-    Raises ValueError, with the file and what to do, if the file cannot be read.
+    Raises FileNotFoundError if there is no such file, and ValueError, with what to do, if it cannot be read.
     """
     return _native.read(path)
 
@@ -143,9 +225,10 @@ def unpack(data: bytes | bytearray | memoryview, format: str, size: tuple[int, i
     return _native.unpack(bytes(data), f"{format}:{size[0]}x{size[1]}")
 
 
+@_with_settings
 def solve(
-    i1: ArrayLike,
-    i2: ArrayLike,
+    i1: Photograph,
+    i2: Photograph,
     *,
     engine: _native.Engine | None = None,
     region: Sequence[int] | None = None,
@@ -157,6 +240,8 @@ def solve(
 ) -> Result:
     """Computes relative blur and registration of two photographs of the same size. Results have the pixels of `i1`.
 
+    i1, i2: arrays of shape (height, width) or (height, width, 3), of uint8, uint16 or floats with white at 255, 65535 or 1; or
+    the paths of files, as of `read`. float64 is computed as float32. Where `i1` is a masked array, masked pixels do not count.
     engine: the device; by default all calls share one engine on the most capable device.
     region: (x, y, width, height), the part of I1 to solve.
     mask: array of I1's size; a pixel counts where it is not 0.
@@ -170,13 +255,16 @@ def solve(
     A pair that does not converge raises nothing: check `converged` and `warnings`. Raises TypeError or ValueError for
     arrays that are no photographs, and for unknown settings or values out of range; DeviceError if the device fails.
     """
-    images, checked = (_image(i1), _image(i2)), _checked(settings)
-    return Result(**_result_fields(_run(engine, "solve", *images, checked, region, _mask(mask), crop_valid, progress, cancel)))
+    checked, counts = _checked(settings), _mask(mask, i1)
+    images = [_image("i1", i1), *_images(i2=i2)]
+    found = _run(engine, "solve", *images, checked, region, counts, crop_valid, progress, cancel)
+    return Result(**_result_fields(found), dtype=images[0].dtype)
 
 
+@_with_settings
 def register(
-    i1: ArrayLike,
-    i2: ArrayLike,
+    i1: Photograph,
+    i2: Photograph,
     *,
     engine: _native.Engine | None = None,
     progress: Callable[[float], object] | None = None,
@@ -184,11 +272,12 @@ def register(
     **settings: Unpack[Settings],
 ) -> Registration:
     """Registers the second photograph on the first, and matches its brightness. `progress`, `cancel` and errors are as in `solve`."""
-    return Registration(**_result_fields(_run(engine, "register", _image(i1), _image(i2), _checked(settings), progress, cancel)))
+    return Registration(**_result_fields(_run(engine, "register", *_images(i1=i1, i2=i2), _checked(settings), progress, cancel)))
 
 
+@_with_settings
 def stack(
-    frames: Iterable[ArrayLike],
+    frames: Iterable[Photograph],
     *,
     engine: _native.Engine | None = None,
     positions: Sequence[float] | None = None,
@@ -202,29 +291,32 @@ def stack(
 ) -> Sweep:
     """Computes where each pixel of a focus sweep is in focus.
 
-    frames: three or more arrays of the same shape and type, in the order of their focus.
+    frames: three or more arrays, or paths, of the same shape and type, in the order of their focus.
     positions: the focus position of each frame, ascending or descending; by default 0, 1, 2, ...
     unit: the unit of `positions`: "settings", evenly spaced in 1/distance; "distances" from the lens, mm; or "stage", the
     place of the plane in focus along the axis, mm.
     reference: index of the frame whose pixels the results have, from 0; by default the middle frame.
     `region`, `mask`, `progress`, `cancel` and errors are as in `solve`.
     """
-    images, checked = [_image(frame) for frame in frames], _checked(settings)
+    if isinstance(frames, (str, PathLike)):
+        raise TypeError(f"frames is one path, {frames!r}: give a list, such as sorted(glob.glob('sweep/*.png'))")
+    images = _images(**{f"frames[{n}]": frame for n, frame in enumerate(frames)})
+    checked = _checked(settings)
     stated = None if positions is None else [float(position) for position in positions]
     result = _run(engine, "stack", images, checked, stated, unit, reference, region, _mask(mask), progress, cancel)
     result["brightness"] = [_brightness(frame) for frame in result["brightness"]]
-    return Sweep(**_with_tuples(result))
+    return Sweep(**_with_tuples(result), dtype=images[0].dtype)
 
 
 def apply(
-    image: ArrayLike, result: Result | Registration | Sweep, *, frame: int | None = None, exposure: bool = False
+    image: Photograph, result: Result | Registration | Sweep, *, frame: int | None = None, exposure: bool = False
 ) -> NDArray[Any]:
     """Resamples another photograph, taken like I2 or like one frame of a sweep, onto the pixels of the results.
 
     The type of the samples stays. Pixels that the photograph does not cover are black.
     frame: index of the frame of a sweep, from 0. exposure: also match the brightness of I1.
     """
-    array = _image(image)
+    (array,) = _images(image=image)
     if (array.shape[1::-1] if array.ndim > 1 else ()) != result.photograph:
         width, height = result.photograph
         raise ValueError(f"the image has the shape {array.shape}; the registered photographs have ({height}, {width})")

@@ -7,11 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from numpy.typing import ArrayLike
-
 from . import _native
 from ._results import Result
-from ._solves import Settings, _checked, _image, _result_fields
+from ._solves import Photograph, Settings, _checked, _images, _result_fields
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -39,26 +37,29 @@ class Stream:
 
     def __init__(
         self,
-        device: str | Sequence[str] | None = None,
+        device: str | int | Sequence[str | int] | None = None,
         slots: int = 3,
         *,
         timeout: float = 600.0,
         validation: bool = False,
         **settings: Unpack[Settings],
     ) -> None:
-        devices = [device] if isinstance(device, str) else device
+        devices = [device] if isinstance(device, (str, int)) else device
         self._settings = _checked(settings)
-        self._native = _native.Stream(None if devices is None else list(devices), slots, timeout, validation)
+        self._native = _native.Stream(None if devices is None else [str(name) for name in devices], slots, timeout, validation)
 
-    def push(self, i1: ArrayLike, i2: ArrayLike, timeout: float | None = 0.0) -> None:
+    def push(self, i1: Photograph, i2: Photograph, timeout: float | None = 0.0) -> None:
         """Copies a pair into the stream.
 
         timeout: seconds to wait for room; None waits without limit, for use when another thread reads.
 
         Raises queue.Full if there is no room in time, and TypeError or ValueError as `solve`; the pair then has no result.
         """
-        if not self._native.push(_image(i1), _image(i2), self._settings, timeout):
+        images = _images(i1=i1, i2=i2)
+        if not self._native.push(*images, self._settings, timeout):
             raise queue.Full("the stream is full: read a result before the next push, or use map()")
+        # All pairs have the type of the first.
+        self._dtype = images[0].dtype
 
     def next(self, timeout: float | None = None) -> Result | None:
         """Returns the result of the oldest pair that has not been read.
@@ -67,7 +68,7 @@ class Stream:
         once all results have been read. Raises the error of a pair that failed.
         """
         result = self._native.next(timeout)
-        return None if result is None else Result(**_result_fields(result))
+        return None if result is None else Result(**_result_fields(result), dtype=self._dtype)
 
     def finish(self) -> None:
         """Marks the end of input: iteration ends after the result of the last pair. A later push reopens the stream."""
@@ -78,7 +79,7 @@ class Stream:
         while (result := self.next()) is not None:
             yield result
 
-    def map(self, pairs: Iterable[tuple[ArrayLike, ArrayLike]]) -> Iterator[Result]:
+    def map(self, pairs: Iterable[tuple[Photograph, Photograph]]) -> Iterator[Result]:
         """Yields the results of `pairs`, after those of pairs pushed before. Pairs are drawn as there is room.
 
         If a pair raises, call `map` again with the same iterator to continue after it. No other thread may read meanwhile.
