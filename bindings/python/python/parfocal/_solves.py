@@ -24,16 +24,28 @@ if TYPE_CHECKING:
 
 _TABLE = {name: row for name, *row in _native.setting_table()}
 
+# The values of settings that are no numbers.
+_VALUES = {
+    "method": '"unified", "aligned", "appearance"',
+    "kernel": '"auto", "gaussian", "pillbox", "half-gaussian", or an array of samples',
+    "motion": '"translation", "similarity", "affine", "homography"',
+    "registration_step": '"gauss-newton", "gradient-descent"',
+    "decode": '"auto" (uint8 as sRGB, other types as linear), "none", "srgb"',
+    "start": "a 3x3 array",
+    "start_photometric": "gain, offset",
+}
+
 
 def _described(name: str) -> str:
     default, limits, description = _TABLE[name]
     words = " ".join(description.split())
     shown = {"true": "True", "false": "False"}.get(default, default)
-    return f"    {name}: {words} {f'Range: {limits}. ' if limits else ''}Default: {shown}."
+    values = f"Values: {_VALUES[name]}. " if name in _VALUES else f"Range: {limits}. " if limits else ""
+    return f"    {name}: {words} {values}Default: {shown}."
 
 
 class Settings(TypedDict, total=False):
-    method: str  # "unified", "aligned" or "appearance"
+    method: str
     levels: int | str | None
     outer_iterations: int
     relaxation_sweeps: int
@@ -45,18 +57,18 @@ class Settings(TypedDict, total=False):
     heaviside_epsilon: float
     max_relative_blur: float
     largest_step: float
-    kernel: str | ArrayLike  # "auto", "gaussian", "pillbox", "half-gaussian", or the kernel's samples
-    motion: str  # "translation", "similarity", "affine" or "homography"
-    registration_step: str  # "gauss-newton" or "gradient-descent"
+    kernel: str | ArrayLike
+    motion: str
+    registration_step: str
     photometric: bool
-    edges: bool  # depth edges of a pair as sharp as the scene's
-    fused: bool  # also compute the fused image of a pair
-    keep_frames: bool  # keep the frames of a sweep that do not show the scene of the others
-    decode: str  # "auto": uint8 is read as sRGB, other types as linear; "none"; "srgb"
+    edges: bool
+    fused: bool
+    keep_frames: bool
+    decode: str
     black_level: float | None
     white_level: float | None
-    start: ArrayLike  # 3x3
-    start_photometric: tuple[float, float]  # gain, offset
+    start: ArrayLike
+    start_photometric: tuple[float, float]
 
 
 _NAMES = frozenset(_TABLE)
