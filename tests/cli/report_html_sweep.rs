@@ -115,7 +115,8 @@ fn the_focus_curve_shows_the_frames_and_marks_the_sharpest() {
     assert!(note.starts_with("At 40, 100: ") && note.contains("is the sharpest. In focus at"), "{note}");
     assert_eq!(browser.evaluate("document.querySelectorAll('#focus-curve circle').length"), FRAMES.len());
     assert_eq!(browser.evaluate("document.querySelectorAll('#focus-curve .wins, #focus-curve .model').length"), 2);
-    // One scene as a whole picture, as of the reference, and reduced to a quarter, as of the other frames of long sweeps.
+    // One scene as a whole picture, as of the reference, and reduced to a quarter, as of the other frames of a long
+    // sweep.
     let ratio = "(() => {
         const whole = canvasOf(grid.width, grid.height), reduced = canvasOf(grid.width / 4, grid.height / 4);
         const context = whole.getContext('2d');
@@ -123,7 +124,8 @@ fn the_focus_curve_shows_the_frames_and_marks_the_sharpest() {
             context.fillStyle = `hsl(0 0% ${(i * 37) % 100}%)`;
             context.fillRect(8 * (i % (grid.width / 8)), 8 * Math.floor(i / (grid.width / 8)), 8, 8);
         }
-        Object.assign(reduced.getContext('2d'), { imageSmoothingQuality: 'high' }).drawImage(whole, 0, 0, reduced.width, reduced.height);
+        const small = Object.assign(reduced.getContext('2d'), { imageSmoothingQuality: 'high' });
+        small.drawImage(whole, 0, 0, reduced.width, reduced.height);
         const curve = new FocusCurve([whole, reduced]);
         return curve.sharpness(whole, 60, 60) / curve.sharpness(reduced, 60, 60);
     })()";

@@ -186,9 +186,12 @@ impl Task {
         Row::new(&self.name, self.job.files(), self.job.out(), outcome)
     }
 
-    /// Fails if the options do not apply to this task.
-    pub(crate) fn check_usage(&self) -> Result<(), Failure> {
-        self.refused.clone().filter(|failure| matches!(failure, Failure::Usage(_))).map_or(Ok(()), Err)
+    /// Fails, before a device is opened, if the options do not apply to a task, or if no task can be solved.
+    pub(crate) fn check_all(tasks: &[Arc<Self>]) -> Result<(), Failure> {
+        let refused: Vec<&Failure> = tasks.iter().filter_map(|task| task.refused.as_ref()).collect();
+        let usage = refused.iter().find(|failure| matches!(failure, Failure::Usage(_)));
+        let none = refused.first().filter(|_| refused.len() == tasks.len());
+        usage.or(none).map_or(Ok(()), |failure| Err((*failure).clone()))
     }
 
     /// Reads, solves and writes a task; `None` if the device is lost. A panic fails only this task.

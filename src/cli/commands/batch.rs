@@ -61,7 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_output(&request, out, &file, has_page)?;
     let found = pairs::find(source, out, arguments.options.raw())?;
     let tasks: Vec<_> = shard.of(found.groups).map(|group| Arc::new(Task::new(out, group, &request))).collect();
-    tasks.iter().try_for_each(|task| task.check_usage())?;
+    Task::check_all(&tasks)?;
     let stop = stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
     let context = Arc::new(Context { request, resume: arguments.resume, device: devices.least()?, stop });

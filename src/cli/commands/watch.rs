@@ -53,9 +53,10 @@ fn after_help() -> String {
     format!(
         "{}\n\nA folder for each pair is the safest: in a series of numbered names, a missing photograph shifts all pairs after it.\n\
          Complete results of the same photographs and options are kept; a pair whose files change is solved again.\n\
-         A pair that fails is reported, and tried again when its files change. Ctrl-C finishes the current pairs and the\n\
-         program of --on-done; a second Ctrl-C ends both at once.\n\n\
-         Exit status: 0 all that arrived was solved, 1 a pair failed or FOLDER is gone, 2 wrong usage, 130 ended at once.\n\n\
+         A pair that fails is reported, and tried again when its files change. Ctrl-C finishes the current pairs and\n\
+         the program of --on-done; a second Ctrl-C ends both at once.\n\n\
+         Exit status: 0 all that arrived was solved, 1 a pair failed or FOLDER is gone, 2 wrong usage,\n\
+         130 ended at once.\n\n\
          Examples:\n  parfocal watch incoming -o results\n  parfocal watch incoming -o results --on-done ./judge.sh --until-idle 600",
         help::wrapped(pairs::RULE, help::WIDTH)
     )

@@ -139,7 +139,8 @@ const DAMAGED: &str = "the file is damaged or incomplete; copy or save it again"
 /// Advice for an unsupported format.
 const CONVERT: &str = "convert it to PNG, TIFF, JPEG, BMP, WebP, PNM, PFM or EXR; of a frame without a header state format and size (--raw)";
 
-/// Similarity of file names (1 less the share of letters that differ) above which one may be a misspelling of the other.
+/// Similarity of file names, 1 less the share of letters that differ, above which one may be a misspelling of the
+/// other.
 const SIMILAR: f64 = 0.74;
 
 /// Whether a name may be a misspelling of another. Other numbers are other files: `frame_09` is not `frame_01`.

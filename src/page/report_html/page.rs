@@ -141,11 +141,12 @@ fn write(
     let principal = principal.rounded_by(&quantity.deviation);
     let sigma = match quantity.name {
         "relative_blur" => Readout::deviation("uncertainty", &principal, ["σ of V", "σ"], &quantity.deviation).note(
-            "σ is the standard deviation of V, px², by what the images show around each pixel. It is 1000 where they show \
-             nothing. The scale is logarithmic.",
+            "σ is the standard deviation of V, px², by what the images show around each pixel. It is 1000 where they \
+             show nothing. The scale is logarithmic.",
         ),
-        _ => Readout::deviation("uncertainty", &principal, ["σ of focus", "σ"], &quantity.deviation)
-            .note("σ is the standard deviation of the focus setting, by what the pairs show. The scale is logarithmic."),
+        _ => Readout::deviation("uncertainty", &principal, ["σ of focus", "σ"], &quantity.deviation).note(
+            "σ is the standard deviation of the focus setting, by what the pairs show. The scale is logarithmic.",
+        ),
     };
     let mut fields = vec![principal, sigma];
     fields.extend(confidence.as_deref().map(|values| Readout::confidence(values).computed()));

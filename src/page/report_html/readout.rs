@@ -128,8 +128,8 @@ impl<'a> Readout<'a> {
     /// V, px², on the scale of `depth.png`.
     pub(super) fn relative_blur(values: &'a [f32], nearer: Nearer) -> Self {
         Self::new("relative_blur", "Relative blur", "V", values).unit("px²").near_and_far(Scale::of(values, nearer)).note(
-            "V is the difference of the variances of both blurs. It is positive where I2 is more blurred. Pixels without a \
-             valid value are not drawn.",
+            "V is the difference of the variances of both blurs. It is positive where I2 is more blurred. Pixels without \
+             a valid value are not drawn.",
         )
     }
 
@@ -138,8 +138,8 @@ impl<'a> Readout<'a> {
         let (low, high) = span(values);
         let digits = digits_of(values, high - low, DIGITS);
         Self::new("focus", "Focus", "focus", values).digits(digits).near_and_far(Scale { low, high, nearer }).note(
-            "Each pixel has the setting at which it is in focus, in the unit of the frames’ settings. Pixels that no pair \
-             of frames determines are not drawn.",
+            "Each pixel has the setting at which it is in focus, in the unit of the frames’ settings. Pixels that no \
+             pair of frames determines are not drawn.",
         )
     }
 
@@ -153,10 +153,13 @@ impl<'a> Readout<'a> {
             .unit("mm")
             .digits(digits_of(values, high - low, METRIC_DIGITS))
             .near_and_far(scale)
-            .note("Each pixel has its depth in mm. Pixels that are not valid, or out of the range of the lens, are not drawn.");
+            .note(
+                "Each pixel has its depth in mm. Pixels that are not valid, or out of the range of the lens, are not \
+                 drawn.",
+            );
         let sigma = Self::deviation("depth_deviation", &depth, ["σ of depth", "σ"], deviation).note(
-            "σ is the standard deviation of depth, mm, from the images. It leaves out errors of the stated optics. The scale \
-             is logarithmic.",
+            "σ is the standard deviation of depth, mm, from the images. It leaves out errors of the stated optics. The \
+             scale is logarithmic.",
         );
         [depth, sigma]
     }
@@ -174,8 +177,8 @@ impl<'a> Readout<'a> {
     /// The residual: the difference that neither blur nor registration explains.
     pub(super) fn residual(values: &'a [f32]) -> Self {
         Self::new("residual", "Residual", "residual", values).digits(5).logarithmic().ends(["explained", "not"]).note(
-            "The residual is what neither blur nor registration explains around each pixel, in intensities with white at 1. \
-             It is large where something moved between the photographs or shone differently. The scale is logarithmic.",
+            "The residual is what neither blur nor registration explains around each pixel, in intensities with white \
+             at 1. It is large where something moved between the photographs or shone differently. The scale is logarithmic.",
         )
     }
 
@@ -185,8 +188,10 @@ impl<'a> Readout<'a> {
             .digits(5)
             .logarithmic()
             .ends(["unsure", "sure"])
-            .note("The confidence is 1/(1 + σ²), where σ is the standard deviation of V in px²: ½ where V is known to 1 px². \
-                   The scale is logarithmic.")
+            .note(
+                "The confidence is 1/(1 + σ²), where σ is the standard deviation of V in px²: ½ where V is known to \
+                 1 px². The scale is logarithmic.",
+            )
     }
 
     /// Whether two values differ.

@@ -6,8 +6,8 @@ pixel and the registration of the two. With a lens, relative blur becomes depth:
     result = parfocal.solve(near, far, max_relative_blur=36)
     result.relative_blur, result.transform, result.warnings
 
-Arrays have the shape (height, width) or (height, width, 3) and the type uint8, uint16 or floats. White is 255, 65535 or 1.
-Paths of photographs are accepted as well. `help(parfocal.Settings)` lists the settings with their defaults and ranges.
+Arrays have the shape (height, width) or (height, width, 3) and the type uint8, uint16 or floats. White is 255,
+65535 or 1. Paths of photographs are accepted as well. `help(parfocal.Settings)` lists the settings with their defaults and ranges.
 """
 
 from __future__ import annotations

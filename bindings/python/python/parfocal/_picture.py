@@ -41,7 +41,10 @@ def colormapped(field: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def encoded(image: NDArray[np.float32], dtype: np.dtype[Any], *, srgb: bool) -> NDArray[Any]:
-    """Converts intensities to samples of a type, with the sRGB curve or without. Integers are limited to black and white."""
+    """Converts intensities to samples of a type, with the sRGB curve or without.
+
+    Integers are limited to black and white.
+    """
     if srgb:
         over = np.maximum(image, 0.0031308)
         image = np.where(image <= 0.0031308, 12.92 * image, 1.055 * over ** (1 / 2.4) - 0.055)

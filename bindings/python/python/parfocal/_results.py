@@ -58,7 +58,8 @@ class Lens:
     telecentric: bool = False
 
     def __post_init__(self) -> None:
-        _native.check_lens((self.focal_length, self.f_number, self.pixel_pitch), self.focus, self.kappa, self.telecentric)
+        optics = (self.focal_length, self.f_number, self.pixel_pitch)
+        _native.check_lens(optics, self.focus, self.kappa, self.telecentric)
 
 
 class Depth(NamedTuple):
@@ -136,8 +137,8 @@ class Result(Registration):
     residual: Field
     """The difference that neither blur nor T explains, intensities; NaN where V is NaN."""
     fused: Field | None
-    """At each pixel the sharper photograph, linear intensities with white at 1; (height, width) or (height, width, 3). None
-    with fused=False. `fused_image` has the type of the photographs."""
+    """At each pixel the sharper photograph, linear intensities with white at 1; (height, width) or (height, width, 3).
+    None with fused=False. `fused_image` has the type of the photographs."""
     dtype: np.dtype[Any]
     """The type of the photographs' samples."""
     scale: float
@@ -166,7 +167,10 @@ class Result(Registration):
 
     @property
     def fused_image(self) -> NDArray[Any] | None:
-        """`fused` to look at and to save: with the type, white and transfer curve of the photographs. None with fused=False."""
+        """`fused` to look at and to save: with the type, white and transfer curve of the photographs.
+
+        None with fused=False.
+        """
         return None if self.fused is None else _picture.encoded(self.fused, self.dtype, srgb=self.decode == "srgb")
 
     def depth(self, lens: Lens) -> Depth:
@@ -212,8 +216,8 @@ class Sweep:
     beyond: NDArray[np.int8]
     """-1 where the focus is before the first frame, 1 where it is beyond the last, else 0."""
     fused: Field
-    """The all-in-focus image, linear intensities with white at 1; (height, width) or (height, width, 3). `fused_image` has the
-    type of the frames."""
+    """The all-in-focus image, linear intensities with white at 1; (height, width) or (height, width, 3). `fused_image`
+    has the type of the frames."""
     dtype: np.dtype[Any]
     """The type of the frames' samples."""
     frame: NDArray[np.uint16]

@@ -252,8 +252,9 @@ def solve(
 ) -> Result:
     """Computes relative blur and registration of two photographs of the same size. Results have the pixels of `i1`.
 
-    i1, i2: arrays of shape (height, width) or (height, width, 3), of uint8, uint16 or floats with white at 255, 65535 or 1; or
-    the paths of files, as of `read`. float64 is computed as float32. Where `i1` is a masked array, masked pixels do not count.
+    i1, i2: arrays of shape (height, width) or (height, width, 3), of uint8, uint16 or floats with white at 255, 65535 or
+    1; or the paths of files, as of `read`. float64 is computed as float32. Where `i1` is a masked array, masked pixels do
+    not count.
     engine: the device; by default all calls share one engine on the most capable device.
     region: (x, y, width, height), the part of I1 to solve.
     mask: array of I1's size; a pixel counts where it is not 0.
@@ -284,7 +285,8 @@ def register(
     **settings: Unpack[Settings],
 ) -> Registration:
     """Registers the second photograph on the first, and matches its brightness. `progress`, `cancel` and errors are as in `solve`."""
-    return Registration(**_result_fields(_run(engine, "register", *_images(i1=i1, i2=i2), _checked(settings), progress, cancel)))
+    found = _run(engine, "register", *_images(i1=i1, i2=i2), _checked(settings), progress, cancel)
+    return Registration(**_result_fields(found))
 
 
 @_with_settings

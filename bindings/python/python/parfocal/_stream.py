@@ -46,7 +46,8 @@ class Stream:
     ) -> None:
         devices = [device] if isinstance(device, (str, int)) else device
         self._settings = _checked(settings)
-        self._native = _native.Stream(None if devices is None else [str(name) for name in devices], slots, timeout, validation)
+        names = None if devices is None else [str(name) for name in devices]
+        self._native = _native.Stream(names, slots, timeout, validation)
 
     def push(self, i1: Photograph, i2: Photograph, timeout: float | None = 0.0) -> None:
         """Copies a pair into the stream.
