@@ -111,3 +111,23 @@ pub(crate) fn decimals(error: f64) -> usize {
     // The logarithm is not finite for 0 and NaN. Six decimals are enough.
     if error > 0.0 { (1.0 - error.log10().floor()).clamp(0.0, 6.0) as usize } else { 6 }
 }
+
+/// A number with its sign. What rounds to zero is positive, since "-0.000" looks like a defect.
+pub(crate) fn signed(value: f64, digits: usize) -> String {
+    let text = format!("{value:+.digits$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|byte| b"0.".contains(&byte)) => format!("+{zero}"),
+        _ => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_rounds_to_zero_is_positive() {
+        assert_eq!([-0.0004, -0.0, -0.0006, 1.0].map(|x| signed(x, 3)), ["+0.000", "+0.000", "-0.001", "+1.000"]);
+        assert_eq!(signed(-0.4, 0), "+0");
+    }
+}

@@ -3,13 +3,12 @@
 use parfocal::export::{Measurements, Results, StepReport};
 use parfocal::metric::Estimate;
 
-use crate::cli::commands::depth::decimals;
+use crate::cli::commands::depth::{decimals, signed};
 use crate::cli::options::exports::DerivedOutputs;
 use crate::cli::options::part::MeasureArguments;
 use crate::cli::options::run::ResultsArguments;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
-use crate::cli::output::summary::signed;
 
 /// Measure step heights and profiles in the results of a solve or a sweep.
 #[derive(clap::Args, Debug)]

@@ -9,6 +9,7 @@ use parfocal::image_io::{Photograph, Values};
 use parfocal::sweep::SweepOptions;
 use parfocal::{PairSolver, Settings, SolveOptions, settings::Method};
 
+use crate::cli::commands::depth::signed;
 use crate::cli::commands::stack;
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
 use crate::cli::options::photographs;
@@ -17,7 +18,7 @@ use crate::cli::options::series;
 use crate::cli::options::settings::SettingsArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
-use crate::cli::output::summary::{registration_summary, signed};
+use crate::cli::output::summary::registration_summary;
 
 /// Register two photographs of one scene or a focus sweep, in position and exposure
 #[derive(clap::Args, Debug)]

@@ -9,7 +9,7 @@ use parfocal::{
     settings::{Decode, Photometric},
 };
 
-use crate::cli::commands::depth;
+use crate::cli::commands::depth::{self, signed};
 use crate::cli::commands::measure;
 
 /// A label with its text.
@@ -91,15 +91,6 @@ fn kernel(shape: f64) -> String {
     match shape {
         0.0 => "a Gaussian, found".to_string(),
         _ => format!("{shape:.2} of the way from a Gaussian to a disk, found"),
-    }
-}
-
-/// A number with its sign. What rounds to zero is positive, since "-0.000" looks like a defect.
-pub(crate) fn signed(value: f64, digits: usize) -> String {
-    let text = format!("{value:+.digits$}");
-    match text.strip_prefix('-') {
-        Some(zero) if zero.bytes().all(|byte| b"0.".contains(&byte)) => format!("+{zero}"),
-        _ => text,
     }
 }
 
@@ -256,12 +247,6 @@ mod tests {
             assert!(text.contains(part), "{part} is missing in {text}");
         }
         assert!(text.contains("converged      no\nwarning        something to know"), "{text}");
-    }
-
-    #[test]
-    fn what_rounds_to_zero_is_positive() {
-        assert_eq!([-0.0004, -0.0, -0.0006, 1.0].map(|x| signed(x, 3)), ["+0.000", "+0.000", "-0.001", "+1.000"]);
-        assert_eq!(signed(-0.4, 0), "+0");
     }
 
     #[test]
