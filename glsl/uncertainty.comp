@@ -7,7 +7,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 4) const bool MASKED = false;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform readonly image2DArray terms;      // on every other pixel: means of C, b², (∇²V)², S²
+layout(binding = 1, r32f) uniform readonly image2DArray terms;      // on every other pixel: means of C, b², (∇²V)², b Σb, S²
 layout(binding = 2, r32f) uniform writeonly image2DArray result;       // layers: V, its standard deviation, residual
 layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 4, std430) readonly buffer Mask { uint mask[]; };     // a byte per pixel: 0 where there are no results
@@ -29,10 +29,7 @@ const float BROAD = 4.0;
 // Beyond this many they show something else, and V is not measured where it is less certain than this, px².
 const float UNEXPLAINED = 10.0, CERTAIN = 1.0;
 
-vec4 terms_at(ivec2 h) {
-    return vec4(imageLoad(terms, ivec3(h, 0)).r, imageLoad(terms, ivec3(h, 1)).r, imageLoad(terms, ivec3(h, 2)).r,
-                imageLoad(terms, ivec3(h, 3)).r);
-}
+#include "terms.glsl"
 
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy), size = ivec2(width, height);
@@ -42,9 +39,7 @@ void main() {
     bool valid = inside(x, displacement(r, x, 1.0, vec2(centre_x, centre_y)), size, v, scale_of(r));
     uint pixel = x.y * width + x.x;
     if (MASKED) valid = valid && (mask[pixel / 4] >> 8 * (pixel & 3) & 0xffu) != 0u;
-    ivec2 low = x / 2, high = min((x + 1) / 2, (size - 1) / 2);
-    vec4 mean = 0.25 * (terms_at(low) + terms_at(ivec2(high.x, low.y)) + terms_at(ivec2(low.x, high.y))
-                        + terms_at(high));
+    vec4 mean = vec4(term(0, x, size), term(1, x, size), term(2, x, size), term(4, x, size));
     float data = mean.y / (pixels * mean.x * mean.x);
     // The mean squared slope of S follows from b² = S² slope²/ψ².
     float spread = max(state.spread, eta / BROAD), noise = NOISE * spread, beyond = max(mean.w - noise * noise, 0.0);

@@ -29,6 +29,7 @@ struct State {
     float alpha;       // of the current level
     float kernel_shape; // 0: a Gaussian, 1: a disk
     float spread;      // σ of noise in S, from adjacent pixels
+    float scale_deviation; // of V, as a share of it
     float variance;    // Σ b² / Σ D of the latest iteration
     uint moving;       // pixels that the latest step moved by more than a tenth of their standard deviation
     uint moving_far;   // and by more than half of it

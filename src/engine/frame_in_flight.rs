@@ -249,6 +249,7 @@ impl FrameInFlight {
             solved: Region { x: 0, y: 0, width, height },
             regularization: state.alpha.into(),
             kernel_shape: (settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
+            scale_deviation: state.scale_deviation.into(),
             transform_deviation: None,
             other_motion: None,
             levels: self.levels(&state, Slot::EndEnergies)?,
@@ -266,9 +267,9 @@ impl FrameInFlight {
         let maps = self.memory.pair().maps()?;
         let pixels = width as usize * height as usize;
         let [v, deviation, residual] = [0, 1, 2].map(|layer| &maps[layer * pixels..(layer + 1) * pixels]);
-        let counts = Counts::new([v, deviation, residual], findings.noise, settings.max_relative_blur);
+        let counts = Counts::new([v, deviation, residual], &findings, settings.max_relative_blur);
         findings.set_counts(&counts);
-        findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::coverage));
+        findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::coverage), counts.texture());
         if !self.shared.plan.solves_transform() {
             findings.doubt(&self.registered()?);
         } else if findings.converged || findings.is_stopped() {

@@ -216,7 +216,7 @@ pub(crate) fn solve_pair(
     let own = Settings { method: Method::Aligned, photometric: false, ..settings.clone() };
     let mut solver = PreparedSolver::new(engine, grid.side(), formats, &own, 1, None, engine.reading())?;
     empty(&mut whole, size);
-    let (all, mut alpha, mut unsettled) = (grid.count(), 0.0, 0.0);
+    let (all, mut alpha, mut unsettled, mut scale) = (grid.count(), 0.0, 0.0, 0.0);
     for (n, part) in grid.parts().enumerate() {
         let (region, transform) = matching_region(&whole.transform, part.solved, size);
         let (gain, shading) = shading_of_region(whole.photometric.gain, &whole.shading, region, size);
@@ -230,10 +230,11 @@ pub(crate) fn solve_pair(
         let solved = solver.solve([&a, &b], own)?.wait()?.to_owned();
         alpha += solved.regularization / all as f64;
         unsettled += solved.unsettled_fraction / all as f64;
+        scale += solved.scale_deviation / all as f64;
         copy_interior(&mut whole, &solved, part);
         (options.progress)(Progress::of_steps(n + 1, all));
     }
-    (whole.regularization, whole.unsettled_fraction) = (alpha, unsettled);
+    (whole.regularization, whole.unsettled_fraction, whole.scale_deviation) = (alpha, unsettled, scale);
     whole.recount(settings.max_relative_blur);
     whole.findings.warnings.extend(whole.findings.saturation(settings.max_relative_blur));
     whole.findings.warnings.extend(whole.findings.unexplained_warning());

@@ -39,6 +39,9 @@ pub struct Findings {
     pub regularization: f64,
     /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk, up to 1.5.
     pub kernel_shape: Option<f64>,
+    /// The standard deviation of the scale of V, as a share of V: a kernel that does not describe the blur makes all of V
+    /// too large or too small. [`Solution::uncertainty`] includes it. It is common to results of one lens and setup.
+    pub scale_deviation: f64,
     /// The standard deviation of T. `None` if it is not solved for, or not known: of photographs in a packed pixel format,
     /// of a solve that has not converged, and of photographs of one or two blocks of 128 x 32 px.
     pub transform_deviation: Option<TransformDeviation>,
@@ -298,7 +301,7 @@ impl Solution {
     /// Counts valid, saturated and confident pixels again. |V| is limited to `max_relative_blur` px².
     pub(crate) fn recount(&mut self, max_relative_blur: f64) {
         let maps = [&self.relative_blur[..], &self.uncertainty, &self.residual];
-        let counts = Counts::new(maps, self.findings.noise, max_relative_blur);
+        let counts = Counts::new(maps, &self.findings, max_relative_blur);
         self.findings.set_counts(&counts);
     }
 }
@@ -328,8 +331,9 @@ impl Findings {
         self.mean_confidence = counts.confidence / valid;
     }
 
-    /// Judges whether the result can be believed. A mask leaves the share `counted` of the pixels.
-    pub(crate) fn judge(&mut self, state: &State, settings: &Settings, counted: f64) {
+    /// Judges whether the result can be believed. A mask leaves the share `counted` of the pixels; `texture` is the mean
+    /// confidence without the deviation of V's scale.
+    pub(crate) fn judge(&mut self, state: &State, settings: &Settings, counted: f64, texture: f64) {
         let pixels = f64::from(self.width) * f64::from(self.height);
         let clipping = Clipping::new(state, pixels * counted, pixels * self.valid_fraction);
         self.clipped_fractions = clipping.fractions;
@@ -339,7 +343,7 @@ impl Findings {
                     "the images do not overlap: see whether they belong together, or start from a nearer transform"
                         .to_string(),
                 )
-            } else if self.mean_confidence <= LEAST_CONFIDENCE * (1.0 - self.saturated_fraction) {
+            } else if texture <= LEAST_CONFIDENCE * (1.0 - self.saturated_fraction) {
                 Some(
                     "there is too little texture, or too much blur, to measure blur by: light or focus the scene so that texture shows"
                         .to_string(),
@@ -520,6 +524,14 @@ pub(crate) struct Counts {
     unexplained: usize,
     /// Sum of the confidence of the valid pixels.
     confidence: f64,
+    /// The same without the deviation of V's scale.
+    without_scale: f64,
+}
+
+/// A standard deviation without the part of it that is by the scale of V.
+pub(crate) fn without_scale(deviation: f32, by_scale: f32) -> f32 {
+    // Below 0 by rounding only. NaN stays NaN.
+    (deviation * deviation - by_scale * by_scale).abs().sqrt()
 }
 
 /// Pixels that one thread counts at a time.
@@ -527,8 +539,13 @@ const CHUNK: usize = 1 << 16;
 
 impl Counts {
     /// Counts fields. Sums of chunks are added in order, so that they do not depend on the number of threads.
-    pub(crate) fn new([relative_blur, uncertainty, residual]: [&[f32]; 3], noise: f64, max_relative_blur: f64) -> Self {
-        let (limit, explained) = (at_limit(max_relative_blur), (UNEXPLAINED * noise) as f32);
+    pub(crate) fn new(
+        [relative_blur, uncertainty, residual]: [&[f32]; 3],
+        of: &Findings,
+        max_relative_blur: f64,
+    ) -> Self {
+        let (limit, explained) = (at_limit(max_relative_blur), (UNEXPLAINED * of.noise) as f32);
+        let scale = of.scale_deviation as f32;
         let chunk = |n: usize| {
             let part = n * CHUNK..((n + 1) * CHUNK).min(relative_blur.len());
             let mut counts = Self { pixels: part.len(), ..Self::default() };
@@ -538,6 +555,7 @@ impl Counts {
                 counts.saturated += usize::from(v.abs() >= limit);
                 counts.unexplained += usize::from(*residual > explained && *deviation >= LARGEST && v.abs() < limit);
                 counts.confidence += f64::from(confidence(*deviation));
+                counts.without_scale += f64::from(confidence(without_scale(*deviation, scale * v)));
             }
             counts
         };
@@ -547,9 +565,15 @@ impl Counts {
             saturated: sum.saturated + part.saturated,
             unexplained: sum.unexplained + part.unexplained,
             confidence: sum.confidence + part.confidence,
+            without_scale: sum.without_scale + part.without_scale,
         };
         let chunks = workers::map(relative_blur.len().div_ceil(CHUNK), chunk);
         chunks.into_iter().fold(Self::default(), add)
+    }
+
+    /// Mean confidence of the valid pixels without the deviation of V's scale: how well texture determines V.
+    pub(crate) fn texture(&self) -> f64 {
+        self.without_scale / self.valid.max(1) as f64
     }
 }
 

@@ -25,8 +25,8 @@ impl Values<'_> {
     /// centre.
     ///
     /// The standard error accounts for the correlation of adjacent pixels, estimated from the autocorrelation of the
-    /// residuals. Relief other than tilt counts as noise. Errors common to the region, of the lens or the blur model,
-    /// are not included. `None` if fewer than 16 pixels are valid.
+    /// residuals. Relief other than tilt counts as noise. Errors common to the region, of the lens or the scale of
+    /// V, are not included. `None` if fewer than 16 pixels are valid.
     ///
     /// # Errors
     /// [`Error::Region`] if the region is not within the image.

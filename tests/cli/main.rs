@@ -61,6 +61,7 @@ fn report_of_pair(size: [u32; 2], nearer: u8) -> serde_json::Value {
         solved: Region { x: 0, y: 0, width, height },
         regularization: 0.003,
         kernel_shape: None,
+        scale_deviation: 0.0,
         levels: Vec::new(),
         converged: true,
         warnings: Vec::new(),

@@ -100,6 +100,8 @@ pub struct parfocal_solution_view {
     /// Standard deviation of T at the corner that is determined worst, px, and the direction in which it is, in degrees
     /// from the rows. NaN if it is not known.
     pub transform_deviation: [f64; 2],
+    /// Standard deviation of the scale of V, as a share of V, which the uncertainty includes. NaN for a registration.
+    pub scale_deviation: f64,
 }
 
 // SAFETY: `repr(C)`, numbers and pointers, the size first.
@@ -136,6 +138,7 @@ unsafe impl Versioned for parfocal_solution_view {
             gpu_ms: nan,
             clipped_fractions: [nan; 2],
             transform_deviation: [nan; 2],
+            scale_deviation: nan,
         }
     }
 }
@@ -180,6 +183,7 @@ impl parfocal_solution {
             gpu_ms: fields.timings.gpu_ms,
             clipped_fractions: fields.clipped_fractions,
             transform_deviation: fields.transform_deviation.map_or([f64::NAN; 2], |d| [d.corner_px, d.direction_deg]),
+            scale_deviation: fields.scale_deviation,
             ..parfocal_solution_view::start()
         };
         let (photograph, region) = (fields.photograph, fields.region());

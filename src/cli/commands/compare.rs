@@ -78,7 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if size != (w, h) {
         return Err(named(format!("are of {}x{} and {w}x{h} pixels; solve the same part", size.0, size.1)));
     }
-    let mut common: Vec<[Quantity<'_>; 2]> = a.measured().into_iter().zip(b.measured()).map(Into::into).collect();
+    let mut common: Vec<[Quantity<'_>; 2]> = a.comparable().into_iter().zip(b.comparable()).map(Into::into).collect();
     common.retain(|[a, b]| (a.name, a.unit) == (b.name, b.unit));
     let Some([first, second]) = common.pop() else {
         return Err(named(

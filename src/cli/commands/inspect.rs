@@ -194,7 +194,7 @@ impl Part {
         let results = Results::read(folder)?;
         results.check_hashes()?;
         let evidence = results.evidence()?;
-        let fields = results.measured().into_iter().map(|quantity| {
+        let fields = results.comparable().into_iter().map(|quantity| {
             let sign = if quantity.nearer == Nearer::First { 1.0 } else { -1.0 };
             let towards: Vec<f32> = quantity.values.iter().map(|v| sign * v).collect();
             let heights = Heights::new(results.report.size.into(), &towards, &quantity.deviation)?;

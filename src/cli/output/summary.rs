@@ -19,6 +19,8 @@ type Row = (&'static str, String);
 pub(crate) fn summary(report: &Report, palette: Palette, out: &Path) -> String {
     let mut rows = found(report);
     rows.extend(report.kernel_shape.map(|shape| ("blur", kernel(shape))));
+    let scale = |deviation: f64| format!("of V, known to {} %", rounded(100.0 * deviation));
+    rows.extend(report.scale_deviation.map(|deviation| ("scale", scale(deviation))));
     let by = if report.settings.regularization.is_some() { "as stated" } else { "found" };
     rows.extend(report.regularization.map(|alpha| ("smoothness", format!("α {}, {by}", rounded(alpha)))));
     rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
@@ -205,6 +207,7 @@ mod tests {
             solved: Region { x: 0, y: 0, width: 2, height: 1 },
             regularization: 0.00314,
             kernel_shape: Some(0.74),
+            scale_deviation: 0.123,
             levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5] }],
             converged: false,
             warnings: vec!["something to know".to_string()],

@@ -484,7 +484,7 @@ mod tests {
     fn bytes_a_pixel() {
         let (device, _) = plan(4000, 3000).bytes();
         let per_pixel = device as f64 / 12e6;
-        assert!(per_pixel < 166.0, "{per_pixel}");
+        assert!(per_pixel < 166.5, "{per_pixel}");
     }
 
     #[test]

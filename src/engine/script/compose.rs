@@ -77,6 +77,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     if plan.settings.edges {
         s.edges();
     }
+    s.total_deviation();
     for channel in 0..plan.fused_count() {
         s.fuse(channel);
     }

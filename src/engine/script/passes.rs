@@ -11,8 +11,8 @@ use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
     NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, edge, edge_agree, edge_apply, edge_cells, edge_costs,
     edge_decide, edge_fuse, exposure, fuse, grid, halve_grid, ingest, linearise, mask, pixels, prolong, relax,
-    relax_grid, relax_level, residual, shape, shape_median, shape_windows, sums, system, uncertainty,
-    uncertainty_terms, unpack, update, update_transform,
+    relax_grid, relax_level, residual, scale_deviation, shape, shape_median, shape_windows, sums, system,
+    total_deviation, uncertainty, uncertainty_terms, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -482,6 +482,18 @@ impl Composer<'_> {
         let (plan, variant) = (self.plan, if self.masked { uncertainty::MASKED } else { NO_VARIANT });
         let constants = uncertainty::Constants::new(plan.size, plan.pyramid[0].centre, &plan.settings);
         self.over(plan.size, bindings, &constants, variant);
+    }
+
+    /// What the residuals of neighbours have in common, and the scale of V, in the standard deviation of V.
+    pub(super) fn total_deviation(&mut self) {
+        let (plan, terms) = (self.plan, slot::UNCERTAINTY_TERMS.read());
+        let bindings =
+            scale_deviation::Bindings { v: slot::relative_blur(0).read(), terms, state: slot::STATE.update() };
+        let constants = scale_deviation::Constants::new(plan.size, &plan.settings);
+        self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1; 3]));
+        let state = slot::STATE.read();
+        let bindings = total_deviation::Bindings { terms, results: slot::RESULTS.update(), state };
+        self.over(plan.size, bindings, &total_deviation::Constants::new(plan.size), NO_VARIANT);
     }
 
     /// V and its standard deviation at depth edges, by the outlines that explain the photographs best.

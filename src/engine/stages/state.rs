@@ -31,6 +31,8 @@ pub struct State {
     pub kernel_shape: f32,
     /// σ of noise in S, intensities, an M-estimate from adjacent pixels; 0 until T is steady on the finest level.
     pub spread: f32,
+    /// Standard deviation of the scale of V, as a share of V; 0 until the finest level is solved.
+    pub scale_deviation: f32,
     /// Σ b² / Σ D of the latest iteration.
     pub variance: f32,
     /// Pixels that the latest step moved by more than a tenth of their standard deviation.
@@ -122,6 +124,8 @@ pub struct DoubleState {
     pub kernel_shape: f64,
     /// σ of noise in S, intensities.
     pub spread: f64,
+    /// Standard deviation of the scale of V, as a share of V.
+    pub scale_deviation: f64,
     /// Σ b² / Σ D of the latest iteration.
     pub variance: f64,
     /// Pixels that the latest step moved by more than a tenth and by more than half of their standard deviation.
@@ -162,6 +166,7 @@ impl DoubleState {
             alpha: FIRST_ALPHA,
             kernel_shape: 0.0,
             spread: 0.0,
+            scale_deviation: 0.0,
             variance: 0.0,
             moving: [0.0; 2],
             clipped: [0; 2],
@@ -208,6 +213,7 @@ impl From<&DoubleState> for State {
             alpha: double.alpha as f32,
             kernel_shape: double.kernel_shape as f32,
             spread: double.spread as f32,
+            scale_deviation: double.scale_deviation as f32,
             variance: double.variance as f32,
             moving,
             moving_far,
@@ -237,6 +243,7 @@ impl From<&State> for DoubleState {
             alpha: single.alpha.into(),
             kernel_shape: single.kernel_shape.into(),
             spread: single.spread.into(),
+            scale_deviation: single.scale_deviation.into(),
             variance: single.variance.into(),
             moving: [single.moving, single.moving_far].map(f64::from),
             clipped: single.clipped,

@@ -104,7 +104,7 @@ pub(crate) const MASKED: Variant = [false, false, true, false];
 bindings! {
     UNCERTAINTY:
     v: Reads<RelativeBlur>,
-    /// Means of the curvature, b², (∇²V)² and of the squared residual.
+    /// Means of the curvature, b², (∇²V)², b Σb and of the squared residual.
     terms: Reads<UncertaintyTerms>,
     /// Layers: V, its standard deviation, the residual.
     results: Writes<Results>,
@@ -146,17 +146,14 @@ pub fn cpu_reference<N: Number>(
         mask.is_none_or(|mask| mask[y * v.width + x] != 0)
             && inside([x, y], r.displacement(x, y, 1.0, c.centre.map(f64::from)), size, v.get(x, y), r.scale())
     };
-    let mean = |f: &Raster<N>, x: usize, y: usize| {
-        let [right, below] = [(x.div_ceil(2)).min(f.width - 1), (y.div_ceil(2)).min(f.height - 1)];
-        (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
-    };
     let spread = spread.max(f64::from(c.eta) / BROAD);
     let largest = f64::from(c.largest);
     Raster::several(size, |x, y| {
         if !valid(x, y) {
             return [f64::NAN; 3];
         }
-        let (v, [curvature, b2, bend, residual]) = (v.get(x, y), terms.each_ref().map(|f| mean(f, x, y)));
+        let v = v.get(x, y);
+        let [curvature, b2, bend, _, residual] = terms.each_ref().map(|term| uncertainty_terms::at(term, x, y));
         let data = b2 / (f64::from(c.pixels) * curvature * curvature);
         let beyond = (residual - (NOISE * spread).powi(2)).max(0.0);
         let unexplained = beyond * residual / (b2 * (residual + f64::from(c.eta).powi(2)));
@@ -212,7 +209,7 @@ mod tests {
         // N pixels with residuals of deviation s, weight w and slope g: C = w g², b² = w² g² s², σ_V = s/(g sqrt(N)).
         let (s, g, w) = (0.02, 0.01, 40.0);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
-        let terms = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
+        let terms = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(0.0), flat(s * s)];
         let c = Constants::new([32, 32], [15.5; 2], &Settings { max_relative_blur: 25.0, ..Settings::default() });
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
         let [_, deviation, residual] = cpu_reference(&c, &r, s, &Field::zeros(32, 32), &terms, None);
@@ -235,7 +232,7 @@ mod tests {
         for s in [0.01, 0.02, 0.035] {
             let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
             let norm = f64::hypot(s, f64::from(c.eta));
-            let terms = [flat(g * g / norm), flat((g * s / norm).powi(2)), flat(0.0), flat(s * s)];
+            let terms = [flat(g * g / norm), flat((g * s / norm).powi(2)), flat(0.0), flat(0.0), flat(s * s)];
             let actual = cpu_reference(&c, &r, noise, &Field::zeros(32, 32), &terms, None)[1].get(16, 16);
             let beyond: f64 = s * s - 9.0 * noise * noise;
             let by_chance = s * s / f64::from(WINDOW_PIXELS);
@@ -246,7 +243,7 @@ mod tests {
         let (s, g) = (0.05, 0.005);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         let norm = f64::hypot(s, f64::from(c.eta));
-        let terms = [flat(g * g / norm), flat((g * s / norm).powi(2)), flat(0.0), flat(s * s)];
+        let terms = [flat(g * g / norm), flat((g * s / norm).powi(2)), flat(0.0), flat(0.0), flat(s * s)];
         let deviation = cpu_reference(&c, &r, noise, &Field::zeros(32, 32), &terms, None)[1].get(16, 16);
         assert_eq!(deviation, f64::from(LARGEST));
     }

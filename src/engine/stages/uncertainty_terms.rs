@@ -1,10 +1,13 @@
-//! Computes the terms of the uncertainty, on every other pixel: the curvature of the data term, b² and (∇²V)² after the
-//! last step.
+//! Computes the terms of the uncertainty, on every other pixel: the curvature of the data term, b², (∇²V)², and b times
+//! the sum of b around it, after the last step.
 //!
 //! Section 7 of `docs/method.md`.
 //!
 //! The curvature is D times `η²/(S² + η²)`: D has the weight `1/ψ(S)`, and the second derivative of ψ is less by this
 //! factor. S² follows from D and b, since `b²/D = S²/ψ(S)`.
+//!
+//! b² is the variance of the pull of one pixel. If residuals of neighbours are alike, b times the sum of b around it,
+//! averaged, is what counts in the variance of a mean: it includes the covariances with the neighbours.
 //!
 //! V depends on all pixels within reach of the smoothness, so that a single pixel says little. Averaged over a
 //! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
@@ -12,12 +15,16 @@
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, Raster, pixels};
 use crate::engine::filter::{self, Filter};
+use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-/// Layers: curvature, b², (∇²V)²; then the squared [residual](mod@super::residual).
-pub const LAYERS: usize = 4;
+/// Layers: curvature, b², (∇²V)², b Σb; then the squared [residual](mod@super::residual).
+pub const LAYERS: usize = 5;
 /// The layer of the residual.
-pub const RESIDUAL: usize = 3;
+pub const RESIDUAL: usize = 4;
+/// Pixels on either side over which b is summed. Noise of photographs is alike over 2 px, what a kernel leaves over a
+/// feature of the texture, some 5 px. V follows what is alike over its own window, σ 2 px.
+const REACH: usize = shaders::uncertainty_terms::REACH as usize;
 /// σ of the window in px of the image.
 pub const WINDOW: f64 = 4.0;
 /// Least standard deviation of a residual, intensities: rounding to 8 bits has 0.0011.
@@ -44,15 +51,15 @@ bindings! {
     v: Reads<RelativeBlur>,
     /// D, b.
     equations: Reads<Plane>,
-    /// The first three layers of the terms.
+    /// The layers of the terms before the residual.
     terms: Writes<UncertaintyTerms>,
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: V read; on every fourth pixel D and b read, three values written.
+    /// Compulsory traffic: V and b read; on every fourth pixel D read, four values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = size([c.width, c.height]);
-        4 * pixels(c.width, c.height) + 20 * pixels(width, height)
+        8 * pixels(c.width, c.height) + 20 * pixels(width, height)
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
@@ -67,25 +74,40 @@ pub(crate) fn size([width, height]: [u32; 2]) -> [u32; 2] {
     [width.div_ceil(2), height.div_ceil(2)]
 }
 
+/// A term at a pixel, from the term on every other pixel.
+pub(super) fn at<N: Number>(term: &Raster<N>, x: usize, y: usize) -> f64 {
+    let [right, below] = [x.div_ceil(2).min(term.width - 1), y.div_ceil(2).min(term.height - 1)];
+    (term.get(x / 2, y / 2) + term.get(right, y / 2) + term.get(x / 2, below) + term.get(right, below)) / 4.0
+}
+
 /// The filter along x and y of the window, on every other pixel.
 pub fn window() -> Filter {
     filter::gaussian((WINDOW / 2.0).powi(2))
 }
 
-/// The curvature, b² (of residuals of at least `noise`) and (∇²V)² on every other pixel. The Laplacian is the divergence of central
-/// differences, which is insensitive to noise of single pixels.
-pub fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, [d, b]: [&Raster<N>; 2]) -> [Raster<N>; 3] {
+/// The curvature, b², (∇²V)² and b Σb on every other pixel. b² and b Σb include rounding: residuals of at least `noise`
+/// that are not alike. The Laplacian is the divergence of central differences, which is insensitive to noise of single
+/// pixels.
+pub fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, [d, b]: [&Raster<N>; 2]) -> [Raster<N>; RESIDUAL] {
     let [eta, noise, least] = [c.eta, c.noise, c.least].map(f64::from);
     let of = |x: usize, y: usize| {
         let beside = [(2, 0), (-2, 0), (0, 2), (0, -2)].map(|(i, j)| v.clamped(x as isize + i, y as isize + j));
         let bend = 0.25 * beside.iter().sum::<f64>() - v.get(x, y);
-        let (d, b) = (d.get(x, y), b.get(x, y));
+        let (d, own) = (d.get(x, y), b.get(x, y));
         if d <= least {
-            return [0.0, 0.0, bend * bend];
+            return [0.0, 0.0, bend * bend, 0.0];
         }
-        let pull = b * b / d;
+        let xs = x.saturating_sub(REACH)..b.width.min(x + REACH + 1);
+        let mut around = 0.0;
+        for y in y.saturating_sub(REACH)..b.height.min(y + REACH + 1) {
+            for &b in &b.row(y)[xs.clone()] {
+                around += b.into();
+            }
+        }
+        let pull = own * own / d;
         let square = 0.5 * pull * (pull + (pull * pull + 4.0 * eta * eta).sqrt());
-        [d * eta * eta / (square + eta * eta), b * b + noise * noise / eta * d, bend * bend]
+        let (curvature, rounding) = (d * eta * eta / (square + eta * eta), noise * noise / eta * d);
+        [curvature, own * own + rounding, bend * bend, own * around + rounding]
     };
     let (width, height) = (v.width.div_ceil(2), v.height.div_ceil(2));
     Raster::several([width, height], |x, y| of(2 * x, 2 * y))
@@ -110,7 +132,8 @@ mod tests {
             let (c, v, equations) = (constants(&v), [v], [d, b]);
             let inputs = [Input::Image(&v), Input::Image(&equations), Input::Unread];
             let groups = STAGE.groups(size([c.width, c.height]));
-            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, groups).assert_within(1e-6);
+            // Sums of 49 numbers.
+            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, groups).assert_within(1e-5);
         }
     }
 
@@ -134,9 +157,12 @@ mod tests {
         let v = Field::from_fn(16, 16, |x, _| 0.3 * (x * x) as f64);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         assert_eq!(cpu_reference(&constants(&v), &v, [&flat(0.1), &flat(1.0)])[1].get(3, 3), 0.0, "of rounding");
-        let [_, b2, bend] = cpu_reference(&constants(&v), &v, [&flat(5.0), &flat(-0.2)]);
+        let [_, b2, bend, alike] = cpu_reference(&constants(&v), &v, [&flat(5.0), &flat(-0.2)]);
         // Residuals of 0.001 with weight 1/η are added.
         assert!((b2.get(3, 3) - (0.04 + 5e-4)).abs() < 1e-9, "{}", b2.get(3, 3));
+        // 49 pixels inside, 16 in a corner, are alike.
+        assert!((alike.get(3, 3) - (49.0 * 0.04 + 5e-4)).abs() < 1e-9, "{}", alike.get(3, 3));
+        assert!((alike.get(0, 0) - (16.0 * 0.04 + 5e-4)).abs() < 1e-9, "{}", alike.get(0, 0));
         assert!((bend.get(3, 3) - 0.36).abs() < 1e-12, "{}", bend.get(3, 3));
     }
 }

@@ -51,7 +51,13 @@ impl MeasurementRequest {
     pub fn measure(&self, results: &Results<'_>) -> Result<Measurements, Error> {
         let (quantity, depth, width) = (results.quantity(), results.depth(), results.report.size.width);
         let step = |quantity: &Quantity<'_>, [from, to]: [Region; 2]| {
-            Values { width, values: &quantity.values }.step(from, to)
+            let between = |values| Values { width, values }.step(from, to);
+            let mut step = between(&quantity.values)?;
+            if let (Some(step), Some(scale)) = (&mut step, results.by_scale(quantity)) {
+                // An error of V's scale is the same for both regions, so that it counts by their difference.
+                step.standard_error = step.standard_error.hypot(between(&scale)?.map_or(0.0, |error| error.value));
+            }
+            Ok::<_, Error>(step)
         };
         let steps = self.steps.iter().map(|&[from, to]| {
             Ok(StepReport {

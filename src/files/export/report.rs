@@ -136,6 +136,9 @@ pub struct Report {
     /// The estimated shape of the kernel: 0 is a Gaussian, 1 a disk. `None` if it was not estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kernel_shape: Option<f64>,
+    /// The standard deviation of the scale of V of a pair, as a share of V. The uncertainty includes it.
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
+    pub scale_deviation: Option<f64>,
     /// Range of V of a pair, px².
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relative_blur: Option<RangeReport>,
@@ -622,6 +625,7 @@ impl Report {
             other_motion: solution.other_motion,
             regularization: Some(solution.regularization),
             kernel_shape: solution.kernel_shape,
+            scale_deviation: Some(solution.scale_deviation),
             relative_blur: Some(RangeReport::of(&solution.relative_blur)),
             valid_fraction: Some(solution.valid_fraction),
             mean_confidence: Some(solution.mean_confidence),

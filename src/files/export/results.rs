@@ -17,6 +17,7 @@ use super::report::{
 use super::scale::{Nearer, Palette, Quantity, Scale};
 use crate::base::{Channels, Depth, Error, Frame, Lens, Samples};
 use crate::engine::Solution;
+use crate::engine::solution::without_scale;
 use crate::files::image_io;
 use crate::metric::{DOUBT, MetricDepth, evidence};
 use crate::solve::sweep::{Positions, Sweep};
@@ -211,6 +212,28 @@ impl<'a> Results<'a> {
     pub fn measured(&self) -> Vec<Quantity<'_>> {
         let all = std::iter::once(self.quantity()).chain(self.depth());
         all.map(|quantity| quantity.without(&self.marked)).collect()
+    }
+
+    /// [`measured`](Self::measured) with the standard deviations that remain between results of one lens and setup: without
+    /// that of V's scale, which is common to them.
+    pub fn comparable(&self) -> Vec<Quantity<'_>> {
+        let reduced = |mut quantity| {
+            if let Some(scale) = self.by_scale(&quantity) {
+                let pixels = quantity.deviation.to_mut().iter_mut().zip(scale);
+                pixels.filter(|(deviation, _)| deviation.is_finite()).for_each(|(deviation, scale)| {
+                    *deviation = without_scale(*deviation, scale);
+                });
+            }
+            quantity
+        };
+        self.measured().into_iter().map(reduced).collect()
+    }
+
+    /// The part of a quantity's standard deviation that is by the scale of V, above 0 where V is. `None` for sweeps.
+    pub(super) fn by_scale(&self, quantity: &Quantity<'_>) -> Option<Vec<f32>> {
+        let share = self.report.scale_deviation? as f32;
+        let pixels = self.values().iter().zip(self.uncertainty()).zip(&*quantity.deviation);
+        Some(pixels.map(|((v, of_v), deviation)| share * v * deviation / of_v).collect())
     }
 
     /// [`best`](Self::best) with NaN where it is not measured.

@@ -150,6 +150,8 @@ class Result(Registration):
     """Smoothness weight α of the finest level, stated or estimated."""
     kernel_shape: float | None
     """Shape of the estimated kernel: 0 is a Gaussian, 1 a disk. None if the kernel was stated."""
+    scale_deviation: float
+    """Standard deviation of the scale of V, as a share of V. The uncertainty includes it."""
     valid_fraction: float
     """Fraction of the pixels with a valid V, 0 to 1."""
     mean_confidence: float

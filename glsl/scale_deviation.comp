@@ -1,0 +1,38 @@
+#version 460
+// The standard deviation of the scale of V, by the shape of the kernel and by what the residuals of neighbours have in
+// common. One workgroup. CPU reference: src/engine/stages/scale_deviation.rs.
+
+#include "state.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 1, r32f) uniform readonly image2DArray terms;   // on every other pixel: means of C, b², (∇²V)², b Σb
+layout(binding = 2, std430) buffer StateBuffer { State state; };
+layout(push_constant) uniform Constants {
+    int width, height;               // of the terms
+    float at_limit;                  // |V| from which V is only a bound, px²
+    float shape;                     // of a stated kernel: 1 for a disk
+};
+
+// Samples along x and y.
+const int SIDE = 64;
+// σ of the scale for a disk, and for residuals that neighbours have all in common.
+const float OF_SHAPE = 0.05, OF_RESIDUALS = 0.2;
+shared vec2 sums[gl_WorkGroupSize.x * gl_WorkGroupSize.y];   // of ratios, samples
+
+void main() {
+    int first = int(gl_LocalInvocationIndex), step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    vec2 sum = vec2(0.0);
+    for (int n = first; n < SIDE * SIDE; n += step) {
+        ivec2 h = ivec2(n % SIDE * width, n / SIDE * height) / SIDE;
+        float b2 = imageLoad(terms, ivec3(h, 1)).r;
+        bool counts = b2 > 0.0 && abs(imageLoad(relative_blur, ivec3(2 * h, 0)).r) < at_limit;
+        if (counts) sum += vec2(imageLoad(terms, ivec3(h, 3)).r / b2, 1.0);
+    }
+    sums[first] = sum;
+    barrier();
+    if (first != 0) return;
+    for (int n = 1; n < step; n++) sum += sums[n];
+    float alike = 1.0 - 1.0 / max(sum.x / max(sum.y, 1.0), 1.0);
+    state.scale_deviation = length(vec2(OF_SHAPE * max(state.kernel_shape, shape), OF_RESIDUALS * alike));
+}

@@ -1,0 +1,115 @@
+//! Adds to the standard deviation of V what the residuals of neighbours have in common, and the deviation of V's
+//! [scale](mod@super::scale_deviation).
+//!
+//! The search for depth edges takes place before: it compares levels of one pair, whose scale is common to both, by what
+//! differs from pixel to pixel. Section 7 of `docs/method.md`.
+
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::uncertainty::{LARGEST, WINDOW_PIXELS};
+use super::{Number, Raster, pixels, uncertainty_terms};
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width, pixels.
+    width: u32,
+    /// Height, pixels.
+    height: u32,
+    /// Pixels of a window.
+    pixels: f32,
+    /// Standard deviation where the photographs do not determine V, px².
+    largest: f32,
+}
+
+impl Constants {
+    /// The constants of an image.
+    pub(crate) fn new([width, height]: [u32; 2]) -> Self {
+        Self { width, height, pixels: WINDOW_PIXELS, largest: LARGEST }
+    }
+}
+
+bindings! {
+    TOTAL_DEVIATION:
+    /// Means of the curvature, b², (∇²V)² and b Σb.
+    terms: Reads<UncertaintyTerms>,
+    /// Layers: V, its standard deviation.
+    results: Updates<Results>,
+    state: Reads<State>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: V and its deviation read, and on every fourth pixel three terms; the deviation written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let [width, height] = uncertainty_terms::size([c.width, c.height]);
+        12 * pixels(c.width, c.height) + 12 * pixels(width, height)
+    }
+
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+        let (scale, terms) = (memory.state(self.state).scale_deviation, memory.layers(self.terms));
+        let terms = [&terms[0], &terms[1], &terms[3]];
+        let total = cpu_reference(c, scale, [memory.layer(self.results, 0), memory.layer(self.results, 1)], terms);
+        memory.set_layer(self.results, 1, total);
+    }
+}
+
+/// The standard deviation of V, from V, its deviation so far, and the means of the curvature, b² and b Σb. `scale` is
+/// the deviation of V's scale.
+pub fn cpu_reference<N: Number>(
+    c: &Constants,
+    scale: f64,
+    [v, deviation]: [&Raster<N>; 2],
+    [curvature, b2, alike]: [&Raster<N>; 3],
+) -> Raster<N> {
+    Raster::from_fn(v.width, v.height, |x, y| {
+        let so_far = deviation.get(x, y);
+        // Also false where there is no result.
+        if !(so_far < f64::from(c.largest)) {
+            return so_far;
+        }
+        let [curvature, b2, alike] = [curvature, b2, alike].map(|term| uncertainty_terms::at(term, x, y));
+        let common = (alike - b2).max(0.0) / (f64::from(c.pixels) * curvature * curvature);
+        let common = if curvature > 0.0 { common } else { 0.0 };
+        (so_far * so_far + common + (scale * v.get(x, y)).powi(2)).sqrt().min(c.largest.into())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Field;
+    use super::super::harness::{Input, Trial, random_field};
+    use super::super::state::{DoubleState, State};
+    use super::*;
+    use crate::engine::stages::NO_VARIANT;
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        for (width, height) in [(37, 21), (64, 16), (1, 2)] {
+            let size = [width, height].map(|side| side as u32);
+            let half = uncertainty_terms::size(size).map(|side| side as usize);
+            let mut results = [1, 2].map(|seed| random_field(width, height, seed));
+            let mut terms = [3, 4, 5, 6].map(|seed| random_field(half[0], half[1], seed));
+            terms[3].data.iter_mut().for_each(|b| *b *= 3.0);
+            terms[0].data.iter_mut().step_by(7).for_each(|curvature| *curvature = 0.0);
+            results[1].data.iter_mut().step_by(9).for_each(|deviation| *deviation = f64::NAN);
+            results[1].data.iter_mut().step_by(11).for_each(|deviation| *deviation = LARGEST.into());
+            let state = State { scale_deviation: 0.2, ..State::new(&DoubleState::default().registration) };
+            let inputs = [Input::Image(&terms), Input::Image(&results), Input::State(&state)];
+            let c = Constants { pixels: 3.0, ..Constants::new(size) };
+            // Of up to 1000 px²: quotients by terms near zero.
+            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(size)).assert_within(1e-3);
+        }
+    }
+
+    /// N pixels with residuals of deviation s, weight w and slope g, alike in groups of m: `σ² = m s²/(g² N)`.
+    #[test]
+    fn residuals_that_are_alike_count_once() {
+        let (s, g, w, m, scale) = (0.02, 0.01, 40.0, 4.0, 0.1);
+        let flat = |size: usize, value: f64| Field::from_fn(size, size, |_, _| value);
+        let by_chance = s / (g * f64::from(WINDOW_PIXELS).sqrt());
+        let b2 = w * w * g * g * s * s;
+        let terms = [flat(16, w * g * g), flat(16, b2), flat(16, m * b2)];
+        let total =
+            cpu_reference(&Constants::new([32; 2]), scale, [&flat(32, -5.0), &flat(32, by_chance)], terms.each_ref());
+        let expected = (m * by_chance * by_chance + 0.25).sqrt();
+        assert!((total.get(16, 16) / expected - 1.0).abs() < 1e-6, "{} {expected}", total.get(16, 16));
+    }
+}
