@@ -351,6 +351,8 @@ typedef struct {
   // Standard deviation of T at the corner that is determined worst, px, and the direction in which it is, in degrees
   // from the rows. NaN if it is not known.
   double transform_deviation[2];
+  // Standard deviation of the scale of V, as a share of V, which the uncertainty includes. NaN for a registration.
+  double scale_deviation;
 } parfocal_solution_view;
 
 // A lens that is focused at one distance for each photograph of a pair.

@@ -61,8 +61,7 @@ pub fn cpu_reference<N: Number>(
 ) -> Raster<N> {
     Raster::from_fn(v.width, v.height, |x, y| {
         let so_far = deviation.get(x, y);
-        // Also false where there is no result.
-        if !(so_far < f64::from(c.largest)) {
+        if so_far.is_nan() || so_far >= c.largest.into() {
             return so_far;
         }
         let [curvature, b2, alike] = [curvature, b2, alike].map(|term| uncertainty_terms::at(term, x, y));
