@@ -1,6 +1,6 @@
 #version 460
-// The standard deviation of the scale of V, by the shape of the kernel and by what the residuals of neighbours have in
-// common. One workgroup. CPU reference: src/engine/stages/scale_deviation.rs.
+// The standard deviation of the scale of V, by the shape of the kernel and the correlation of neighbouring residuals.
+// One workgroup. CPU reference: src/engine/stages/scale_deviation.rs.
 
 #include "state.glsl"
 
@@ -16,8 +16,10 @@ layout(push_constant) uniform Constants {
 
 // Samples along x and y.
 const int SIDE = 64;
-// σ of the scale for a disk, and for residuals that neighbours have all in common.
+// σ of the scale for a disk, and if all residuals are correlated with their neighbours.
 const float OF_SHAPE = 0.05, OF_RESIDUALS = 0.2;
+// The variance of a window's ratio by chance.
+const float CHANCE = 1.75;
 shared vec2 sums[gl_WorkGroupSize.x * gl_WorkGroupSize.y];   // of ratios, samples
 
 void main() {
@@ -33,6 +35,7 @@ void main() {
     barrier();
     if (first != 0) return;
     for (int n = 1; n < step; n++) sum += sums[n];
-    float alike = 1.0 - 1.0 / max(sum.x / max(sum.y, 1.0), 1.0);
-    state.scale_deviation = length(vec2(OF_SHAPE * max(state.kernel_shape, shape), OF_RESIDUALS * alike));
+    float excess = max(sum.x / max(sum.y, 1.0) - 1.0, 0.0), share = excess / (1.0 + excess);
+    state.scale_deviation = length(vec2(OF_SHAPE * max(state.kernel_shape, shape), OF_RESIDUALS * share));
+    state.correlated = excess * excess / (excess * excess + CHANCE);
 }

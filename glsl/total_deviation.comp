@@ -1,5 +1,5 @@
 #version 460
-// Adds to the standard deviation of V what the residuals of neighbours have in common, and the deviation of V's scale.
+// Adds to the standard deviation of V the correlation of neighbouring residuals, and the deviation of V's scale.
 // CPU reference: src/engine/stages/total_deviation.rs.
 
 #include "state.glsl"
@@ -23,7 +23,7 @@ void main() {
     // Also false where there is no result.
     if (!(deviation < largest)) return;
     float curvature = term(0, x, size), excess = max(term(3, x, size) - term(1, x, size), 0.0);
-    float alike = curvature > 0.0 ? excess / (pixels * curvature * curvature) : 0.0;
+    float alike = curvature > 0.0 ? state.correlated * excess / (pixels * curvature * curvature) : 0.0;
     float scale = state.scale_deviation * imageLoad(results, ivec3(x, 0)).r;
     imageStore(results, ivec3(x, 1), vec4(min(sqrt(deviation * deviation + alike + scale * scale), largest)));
 }

@@ -7,7 +7,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 4) const bool MASKED = false;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform readonly image2DArray terms;      // on every other pixel: means of C, b², (∇²V)², b Σb, S²
+layout(binding = 1, r32f) uniform readonly image2DArray terms;  // on every other pixel, means: C, b², (∇²V)², b Σb, S²
 layout(binding = 2, r32f) uniform writeonly image2DArray result;       // layers: V, its standard deviation, residual
 layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 4, std430) readonly buffer Mask { uint mask[]; };     // a byte per pixel: 0 where there are no results

@@ -6,7 +6,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b
-layout(binding = 2, r32f) uniform writeonly image2DArray terms;   // half as wide and high; layers: curvature, b², (∇²V)², b Σb
+layout(binding = 2, r32f) uniform writeonly image2DArray terms;   // of half the size: curvature, b², (∇²V)², b Σb
 layout(push_constant) uniform Constants {
     int width, height;
     float eta;

@@ -30,6 +30,7 @@ struct State {
     float kernel_shape; // 0: a Gaussian, 1: a disk
     float spread;      // σ of noise in S, from adjacent pixels
     float scale_deviation; // of V, as a share of it
+    float correlated;  // by how much the correlation of neighbouring residuals in a window counts, 0 to 1
     float variance;    // Σ b² / Σ D of the latest iteration
     uint moving;       // pixels that the latest step moved by more than a tenth of their standard deviation
     uint moving_far;   // and by more than half of it

@@ -18,7 +18,7 @@ where
         first += BLOCK;
     }
     match sums.last_chunk_mut::<BLOCK>() {
-        // Computes some again.
+        // The last block overlaps the one before: those sums are computed twice.
         Some(block) if first < count => *block = block_sums(count - BLOCK, weights, rows),
         _ => (first..count).for_each(|i| [sums[i]] = block_sums(i, weights, rows)),
     }

@@ -1,5 +1,6 @@
 //! The contrast of both photographs in windows, compared whatever the noise of each. Section 5 of `docs/method.md`.
 
+use super::stages::scale_deviation::without_scale;
 use super::stages::uncertainty::LARGEST;
 
 /// The largest |V|, px², that counts as no difference of blur.
@@ -112,14 +113,16 @@ pub(crate) struct OneFocus {
 
 impl OneFocus {
     /// Whether V is the same near 0 at all measured pixels, or noise of one photograph stands for what it is off.
-    pub(crate) fn of(windows: &[Contrast], relative_blur: &[f32], uncertainty: &[f32]) -> Option<Self> {
+    ///
+    /// The deviation of V's `scale` does not count, which is the same for all pixels.
+    pub(crate) fn of(windows: &[Contrast], relative_blur: &[f32], uncertainty: &[f32], scale: f64) -> Option<Self> {
         let range = uniform_difference(windows)?;
         if 0f64.clamp(range[0], range[1]).abs() > NO_DIFFERENCE {
             return None;
         }
         let pixels = relative_blur.iter().zip(uncertainty);
         let measured = pixels.filter(|(v, deviation)| v.is_finite() && **deviation < LARGEST);
-        let measured = measured.map(|(v, deviation)| [*v, *deviation].map(f64::from));
+        let measured = measured.map(|(v, deviation)| [*v, without_scale(*deviation, scale as f32 * v)].map(f64::from));
         let (count, sum) = measured.clone().fold((0.0, 0.0), |(count, sum), [v, _]| (count + 1.0, sum + v));
         let found = Self { mean: sum / count, range };
         let differs = |[v, deviation]: &[f64; 2]| (v - found.mean).abs() > ALIKE + 3.0 * deviation;
@@ -231,7 +234,7 @@ mod tests {
     #[test]
     fn only_v_near_0_everywhere_is_no_difference() {
         let clean = [window(0.0, [0.0; 2], 1)];
-        let found = |windows: &[Contrast], v: &[f32]| OneFocus::of(windows, v, &vec![0.05; v.len()]);
+        let found = |windows: &[Contrast], v: &[f32]| OneFocus::of(windows, v, &vec![0.05; v.len()], 0.0);
         let still = found(&clean, &[0.02; 5000]).unwrap();
         assert!(!still.is_noise() && still.warning().contains("with V 0.02 px² everywhere"), "{}", still.warning());
         // The photographs do not allow V of 0.4, or V is not the same everywhere.

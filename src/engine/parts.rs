@@ -234,19 +234,19 @@ pub(crate) fn solve_pair(
         copy_interior(&mut whole, &solved, part);
         (options.progress)(Progress::of_steps(n + 1, all));
     }
-    (whole.regularization, whole.unsettled_fraction, whole.scale_deviation) = (alpha, unsettled, scale);
+    (whole.regularization, whole.unsettled_fraction) = (alpha, unsettled);
+    whole.add_scale(scale);
     whole.recount(settings.max_relative_blur);
     whole.findings.warnings.extend(whole.findings.saturation(settings.max_relative_blur));
     whole.findings.warnings.extend(whole.findings.unexplained_warning());
     Ok(whole)
 }
 
-/// Copies the interior of a part into the whole.
+/// Copies the interior of a part into the whole, with the standard deviation of V without that of V's scale.
 fn copy_interior(whole: &mut Solution, solved: &Solution, part: Part) {
     let width = whole.width as usize;
     part.copy_interior(&solved.relative_blur, &mut whole.relative_blur, width, 1);
-    part.copy_interior(&solved.uncertainty, &mut whole.uncertainty, width, 1);
-    part.copy_interior(&solved.confidence, &mut whole.confidence, width, 1);
+    part.copy_interior(&solved.uncertainty_without_scale(), &mut whole.uncertainty, width, 1);
     part.copy_interior(&solved.residual, &mut whole.residual, width, 1);
     whole.fused_channels = solved.fused_channels;
     if !solved.fused.is_empty() {

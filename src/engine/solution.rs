@@ -7,6 +7,7 @@ use super::effects::determine_v;
 use super::motion::{OtherMotion, TransformDeviation};
 use super::processing::blocks_warning;
 use super::script::MOST_MOVING;
+use super::stages::scale_deviation::without_scale;
 use super::stages::state::State;
 use super::stages::uncertainty::{LARGEST, UNEXPLAINED, at_limit};
 use super::windows::Gradients;
@@ -39,11 +40,11 @@ pub struct Findings {
     pub regularization: f64,
     /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk, up to 1.5.
     pub kernel_shape: Option<f64>,
-    /// The standard deviation of the scale of V, as a share of V: a kernel that does not describe the blur makes all of V
-    /// too large or too small. [`Solution::uncertainty`] includes it. It is common to results of one lens and setup.
+    /// The standard deviation of the scale of V, as a share of V. A kernel that does not describe the blur makes all of
+    /// V too large or too small. [`Solution::uncertainty`] includes it. Results of one lens and setup share it.
     pub scale_deviation: f64,
-    /// The standard deviation of T. `None` if it is not solved for, or not known: of photographs in a packed pixel format,
-    /// of a solve that has not converged, and of photographs of one or two blocks of 128 x 32 px.
+    /// The standard deviation of T. `None` if it is not solved for, or not known: of photographs in a packed pixel
+    /// format, of a solve that has not converged, and of photographs of one or two blocks of 128 x 32 px.
     pub transform_deviation: Option<TransformDeviation>,
     /// A motion model that explains more, or a simpler one that explains as much. Only the method unified tests for it.
     pub other_motion: Option<OtherMotion>,
@@ -59,13 +60,13 @@ pub struct Findings {
     pub mean_confidence: f64,
     /// Fraction of the valid pixels at the limit of |V|.
     pub saturated_fraction: f64,
-    /// Fraction of the pixels of I1 and of I2 that are clipped, of those that no mask excludes. For a pair that is solved
-    /// in parts, of the halved photographs.
+    /// Fraction of the pixels of I1 and of I2 that are clipped, of those that no mask excludes. For a pair that is
+    /// solved in parts, of the halved photographs.
     pub clipped_fractions: [f64; 2],
     /// Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
     pub unsettled_fraction: f64,
-    /// Fraction of the valid pixels that are not measured because the photographs differ there by more than noise and blur
-    /// explain: residuals beyond ten times `noise` and a standard deviation of V beyond 1 px².
+    /// Fraction of the valid pixels that are not measured because the photographs differ there by more than noise and
+    /// blur explain: residuals beyond ten times `noise` and a standard deviation of V beyond 1 px².
     pub unexplained_fraction: f64,
     /// Standard deviation of the noise in the difference of the two photographs, intensities: at least a quarter of η.
     pub noise: f64,
@@ -257,8 +258,8 @@ const LEAST_CONFIDENCE: f64 = 0.005;
 const LEAST_CORRELATION: f32 = 0.5;
 /// Largest share of valid pixels at the limit of |V| without a warning.
 const MOST_SATURATED: f64 = 0.1;
-/// Largest share of such pixels without a warning. Real pairs have 0.01 to 0.08, and 0.22 with highlights that move; 0.2
-/// to 0.7 if a quarter or a half of the scene moved or is another.
+/// Largest share of such pixels without a warning. Real pairs have 0.01 to 0.08, and 0.22 with highlights that move;
+/// 0.2 to 0.7 if a quarter or a half of the scene moved or is another.
 const MOST_UNEXPLAINED: f64 = 0.15;
 /// Largest standard deviation of T at a corner without a warning, px: twice the error that counts as a failed
 /// registration. Real pairs have 0.01 to 0.3, and 0.8 of 2048 px where the blur is too wide to be measured.
@@ -276,6 +277,26 @@ pub fn confidence(deviation: f32) -> f32 {
 }
 
 impl Solution {
+    /// The standard deviation of V without that of V's scale, px²: the errors that differ from place to place, and
+    /// between results of one lens and setup.
+    pub fn uncertainty_without_scale(&self) -> Vec<f32> {
+        let scale = self.scale_deviation as f32;
+        let pixels = self.uncertainty.iter().zip(&self.relative_blur);
+        pixels.map(|(deviation, v)| without_scale(*deviation, scale * v)).collect()
+    }
+
+    /// Adds the deviation of V's scale to standard deviations of V that do not include it.
+    pub(crate) fn add_scale(&mut self, scale_deviation: f64) {
+        self.findings.scale_deviation = scale_deviation;
+        let pixels = self.uncertainty.iter_mut().zip(&mut self.confidence).zip(&self.relative_blur);
+        for ((deviation, own), v) in pixels {
+            if *deviation < LARGEST {
+                *deviation = deviation.hypot(scale_deviation as f32 * v).min(LARGEST);
+            }
+            *own = confidence(*deviation);
+        }
+    }
+
     /// Crops the fields to a region, in their pixels. The judgement of the whole stays.
     ///
     /// # Errors
@@ -331,8 +352,8 @@ impl Findings {
         self.mean_confidence = counts.confidence / valid;
     }
 
-    /// Judges whether the result can be believed. A mask leaves the share `counted` of the pixels; `texture` is the mean
-    /// confidence without the deviation of V's scale.
+    /// Judges whether the result can be believed. A mask leaves the share `counted` of the pixels; `texture` is the
+    /// mean confidence without the deviation of V's scale.
     pub(crate) fn judge(&mut self, state: &State, settings: &Settings, counted: f64, texture: f64) {
         let pixels = f64::from(self.width) * f64::from(self.height);
         let clipping = Clipping::new(state, pixels * counted, pixels * self.valid_fraction);
@@ -394,7 +415,7 @@ impl Findings {
         [v, deviation]: [&[f32]; 2],
     ) {
         let unmatched = gradients.unmatched.as_ref();
-        if let Some(found) = unmatched.and_then(|windows| OneFocus::of(windows, v, deviation)) {
+        if let Some(found) = unmatched.and_then(|windows| OneFocus::of(windows, v, deviation, self.scale_deviation)) {
             self.converged &= !found.is_noise();
             self.warnings.push(found.warning());
         }
@@ -468,9 +489,9 @@ impl Registered {
 
 /// Least share of the valid pixels that count, away from clipped pixels, for T to be determined; and without a warning.
 ///
-/// Reliefs and terraces of 256 x 192 px were clipped at 5 to 90 % of their pixels: the bright ones, which are spread all
-/// over, or all around a disk. While more than 0.3 of the valid pixels counted, the corners moved by at most 0.06 px. At
-/// 0.2 to 0.3 they moved by up to 2.5 px, below by up to 24 px, half of it with the solve at rest.
+/// Reliefs and terraces of 256 x 192 px were clipped at 5 to 90 % of their pixels: the bright ones, which are spread
+/// all over, or all around a disk. While more than 0.3 of the valid pixels counted, the corners moved by at most 0.06
+/// px. At 0.2 to 0.3 they moved by up to 2.5 px, below by up to 24 px, half of it with the solve at rest.
 const LEAST_COUNTED: f64 = 0.25;
 const LEAST_COUNTED_UNWARNED: f64 = 0.5;
 /// The most pixels that a clipped one keeps from counting, itself included: it lowers the mean mask m around it by 1 in
@@ -526,12 +547,6 @@ pub(crate) struct Counts {
     confidence: f64,
     /// The same without the deviation of V's scale.
     without_scale: f64,
-}
-
-/// A standard deviation without the part of it that is by the scale of V.
-pub(crate) fn without_scale(deviation: f32, by_scale: f32) -> f32 {
-    // Below 0 by rounding only. NaN stays NaN.
-    (deviation * deviation - by_scale * by_scale).abs().sqrt()
 }
 
 /// Pixels that one thread counts at a time.

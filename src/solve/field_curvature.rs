@@ -11,8 +11,7 @@ use crate::engine::stages::uncertainty::LARGEST;
 const LEAST_PIXELS: usize = 200;
 /// The approximate number of pixels of the reference that are sampled: a smooth field needs no more.
 const SAMPLES: usize = 1 << 16;
-/// Least standard deviation of V in the weights, px²: the standard deviation in the results excludes the error of the
-/// model.
+/// Least standard deviation of V in the weights, px²: V is not more exact than this by its model.
 const LEAST_DEVIATION: f32 = 0.1;
 
 /// The field curvature of a lens and the tilt of the target: V of a flat target minus its value at the image centre.
@@ -26,7 +25,8 @@ pub struct FieldCurvature {
 }
 
 impl FieldCurvature {
-    /// Fits V of a flat target that fills the image. The weights are from its standard deviation. Both are in px².
+    /// Fits V of a flat target that fills the image. The weights are from its standard deviation without that of V's
+    /// scale. Both are in px².
     ///
     /// # Errors
     /// [`Error::Region`]: V is measured in too few pixels.
@@ -80,10 +80,14 @@ impl FieldCurvature {
 
     fn change(&self, solution: &mut Solution, change: impl Fn(f32, f32) -> f32) {
         let (width, [left, top]) = (solution.width as usize, solution.origin.map(f64::from));
+        let own = solution.uncertainty_without_scale();
         for (i, v) in solution.relative_blur.iter_mut().enumerate() {
             let place = [left + (i % width) as f64, top + (i / width) as f64];
             *v = if v.is_nan() { *v } else { change(*v, self.at(place) as f32) };
         }
+        // An error of the scale is a share of the V that is left.
+        solution.uncertainty = own;
+        solution.add_scale(solution.scale_deviation);
     }
 }
 

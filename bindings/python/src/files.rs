@@ -1,6 +1,6 @@
 //! Reading photographs from files and camera frames, with the program's reader.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use parfocal::PixelFormat;
 use parfocal::image_io::{self, RawFormat};
@@ -15,7 +15,8 @@ use crate::exception;
 pub(crate) fn read(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyAny>> {
     let frame = py.detach(|| image_io::read(&path)).map_err(|error| {
         // What follows # names a page or a format.
-        let is_missing = !path.exists() && !image_io::split_page(&path).0.exists();
+        let is_absent = |path: &Path| path.try_exists().is_ok_and(|exists| !exists);
+        let is_missing = is_absent(&path) && is_absent(&image_io::split_page(&path).0);
         if is_missing { PyFileNotFoundError::new_err(error.to_string()) } else { exception(error) }
     })?;
     array_of(py, &frame)

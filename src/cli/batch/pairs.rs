@@ -1,6 +1,6 @@
 //! The pairs and sweeps of a folder, by the names of its files, or from a manifest in CSV or JSON.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -173,6 +173,10 @@ fn by_name(files: &[PathBuf]) -> Grouped {
             let problem = Some(format!("{first} and {second} have one place in their pair; move one away"));
             let files = two.map(PathBuf::clone).to_vec();
             found.groups.push(Group { name, files, left_out: Vec::new(), problem });
+            let others = members.iter().filter(|file| !two.contains(*file));
+            found.left_over.extend(others.map(|file| {
+                format!("{} is left over: {first} and {second} of its series have one place", file_name(file))
+            }));
             continue;
         }
         if let [first, .., last] = members[..]
@@ -281,6 +285,7 @@ fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
         let folder = folder.filter(|name| is_folder_name(name)).map_or(String::new(), |name| format!("{name}-"));
         pair.name = format!("{folder}{}", stem(first));
     }
+    let all: HashSet<String> = pairs.iter().map(|candidate| candidate.pair.name.to_lowercase()).collect();
     let mut seen: HashMap<String, String> = HashMap::new();
     for candidate in &mut pairs {
         let (name, place) = (candidate.pair.name.clone(), candidate.place());
@@ -290,7 +295,10 @@ fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
         };
         let problem = if let Some(other) = seen.get(&name.to_lowercase()) {
             // Each row of the summary needs a name of its own.
-            let free = (2..).map(|n| format!("{name} ({n})")).find(|name| !seen.contains_key(&name.to_lowercase()));
+            let free = (2..).map(|n| format!("{name} ({n})")).find(|name| {
+                let name = name.to_lowercase();
+                !seen.contains_key(&name) && !all.contains(&name)
+            });
             candidate.pair.name = free.unwrap_or_default();
             format!("the pairs of {other} and {place} are both called '{name}'; {how}")
         } else if !is_folder_name(&name) {

@@ -302,9 +302,10 @@ fn run_program(command: &mut Command) -> io::Result<ExitStatus> {
     status
 }
 
-/// Ends the running program of `--on-done`. No other one is started afterwards: the process must end.
+/// Ends the running program of `--on-done` on Unix. No other one is started afterwards: the process must end.
 pub(crate) fn end_program() {
-    let running = PROGRAM.lock().unwrap_or_else(PoisonError::into_inner);
+    // A program that is just being started keeps the lock, and is not waited for.
+    let Ok(running) = PROGRAM.try_lock() else { return };
     #[cfg(unix)]
     if let Some(id) = running.and_then(|id| i32::try_from(id).ok()) {
         use nix::sys::signal::{Signal, killpg};

@@ -100,7 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Failed(format!("{}: {problem}", arguments.of.results.display())));
     }
     let blur = Values { width: solved.report.size.width, values: solved.values() };
-    let confidence = solved.field("confidence")?;
+    let confidence = solved.confidence_without_scale();
     let fit = |target: &Target| calibrate(&lens, solved.magnification(), &blur, &confidence, target, &unknowns);
     let found = fit(&target).map_err(|e| with_turned_corners(e, &target, |target| fit(target).is_ok()))?;
     if let Some(file) = &arguments.output {

@@ -22,7 +22,7 @@ pub(crate) struct Devices {
     /// Print the list as JSON
     #[arg(long)]
     json: bool,
-    /// Print the names of the usable devices only, one a line
+    /// Print the names of the usable devices only, one per line
     #[arg(short, long, conflicts_with = "json")]
     quiet: bool,
 }
@@ -129,6 +129,7 @@ fn comment(option: &Arg) -> String {
     let sentences: Vec<String> = words
         .split("\n\n")
         .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
+        .filter(|paragraph| !paragraph.is_empty())
         .map(|paragraph| if paragraph.ends_with('.') { paragraph } else { paragraph + "." })
         .collect();
     let lines = wrapped(&sentences.join(" "), WIDTH);

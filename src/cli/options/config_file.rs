@@ -210,6 +210,9 @@ fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
     // One value that is written with commas, such as a region X,Y,W,H.
     let is_list = option.get_value_names().is_some_and(|names| names.len() == 1 && names[0].contains(','));
     let is_joined = option.get_value_delimiter().is_none() && !repeated && is_list;
+    if is_joined && values.is_empty() {
+        return Err(format!("{key} must have a value, and is an empty array"));
+    }
     if each == 1 && option.get_value_delimiter().is_none() && !repeated && !is_list {
         return Err(format!("{key} must be a single value, and is an array"));
     }
@@ -334,7 +337,9 @@ mod tests {
         };
         assert_eq!(region("roi = [8, 9, 40, 30]"), Ok("8,9,40,30".to_string()));
         assert_eq!(region("roi = '8,9,40,30'"), Ok("8,9,40,30".to_string()));
-        assert!(solve("output = 'out'\nedges = false\n", &[]).is_ok());
+        let edges = solve("output = 'out'\nedges = false\n", &[]).unwrap();
+        assert_eq!(edges.get_raw("edges").unwrap().next().unwrap(), "false");
+        assert!(region("roi = []").unwrap_err().contains("is an empty array"));
         assert!(region("roi = [8, 9, 40]").unwrap_err().starts_with(":2: invalid value '8,9,40'"));
     }
 

@@ -134,7 +134,7 @@ fn flat_reference(folder: &Path) -> Result<FieldCurvature, Failure> {
         let problem = "is of a part of the photographs; solve the flat target without --roi and --crop-valid";
         return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
     }
-    FieldCurvature::of_flat_target(flat.report.photograph.into(), flat.values(), flat.uncertainty())
+    FieldCurvature::of_flat_target(flat.report.photograph.into(), flat.values(), &flat.uncertainty_without_scale())
         .map_err(|e| Failure::Failed(format!("{}: {e}", folder.display())))
 }
 

@@ -19,8 +19,11 @@ type Row = (&'static str, String);
 pub(crate) fn summary(report: &Report, palette: Palette, out: &Path) -> String {
     let mut rows = found(report);
     rows.extend(report.kernel_shape.map(|shape| ("blur", kernel(shape))));
-    let scale = |deviation: f64| format!("of V, known to {} %", rounded(100.0 * deviation));
-    rows.extend(report.scale_deviation.map(|deviation| ("scale", scale(deviation))));
+    let scale = |deviation: f64| format!("V as a whole may be off by {:.0} % (σ)", 100.0 * deviation);
+    // Below half a per cent it says nothing that V's digits do not.
+    rows.extend(
+        report.scale_deviation.filter(|deviation| *deviation >= 0.005).map(|deviation| ("scale", scale(deviation))),
+    );
     let by = if report.settings.regularization.is_some() { "as stated" } else { "found" };
     rows.extend(report.regularization.map(|alpha| ("smoothness", format!("α {}, {by}", rounded(alpha)))));
     rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);

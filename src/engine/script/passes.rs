@@ -484,7 +484,7 @@ impl Composer<'_> {
         self.over(plan.size, bindings, &constants, variant);
     }
 
-    /// What the residuals of neighbours have in common, and the scale of V, in the standard deviation of V.
+    /// Adds the correlation of neighbouring residuals and the deviation of V's scale to the standard deviation of V.
     pub(super) fn total_deviation(&mut self) {
         let (plan, terms) = (self.plan, slot::UNCERTAINTY_TERMS.read());
         let bindings =

@@ -141,7 +141,7 @@ pub fn cpu_reference_mirrored<N: Number>(
     filter_into(Raster::default(), input, filter, stride, vertical, period)
 }
 
-/// As [`cpu_reference_mirrored`], in the memory of a raster, which saves setting new memory to zero.
+/// As [`cpu_reference_mirrored`], in the memory of a raster, so that no new memory has to be zeroed.
 fn filter_into<N: Number>(
     mut result: Raster<N>,
     input: &Raster<N>,

@@ -318,8 +318,14 @@ impl Trial {
             } else if self.expected.states.contains_key(&slot(n)) {
                 let [actual, expected] = self.states(n).map(|state| {
                     let of = |r: &Registration| [&r.transform.matrix().concat()[..], &[r.gain, r.offset]].concat();
-                    let own =
-                        vec![state.correlation, state.alpha, state.kernel_shape, state.spread, state.scale_deviation];
+                    let own = vec![
+                        state.correlation,
+                        state.alpha,
+                        state.kernel_shape,
+                        state.spread,
+                        state.scale_deviation,
+                        state.correlated,
+                    ];
                     let shading = [state.shading, state.applied_shading].map(|s| s.coefficients.to_vec()).concat();
                     [of(&state.registration), of(&state.warped), own, shading].concat()
                 });

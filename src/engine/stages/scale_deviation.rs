@@ -1,20 +1,22 @@
 //! Computes the standard deviation of the scale of V, as a share of V.
 //!
 //! A kernel that does not describe the blur makes all of V too large or too small, by a factor that differs between the
-//! in-focus and the blurred parts of a scene. Two things tell of it:
+//! in-focus and the blurred parts of a scene. Two quantities indicate this error:
 //!
-//! - **The shape of the kernel.** If disks blur both photographs, their relative blur has another shape than a disk, and
-//!   V of a pair depends on how much the sharper of the two is blurred. Of planes through the focus of a lens that blurs
-//!   by disks, frames 3 and 9, 4 and 8, and 6 and 9 of 12, V is 0.94 to 1.19 times the true one: 0.05 times the shape is
-//!   its standard deviation. Gaussians have no such error.
-//! - **Residuals that neighbours have in common.** Noise differs from pixel to pixel; what the kernel leaves is alike over
-//!   a feature of the texture. The mean of b times the sum of b around, over b², is 1 for the former: 0.7 to 1.4 on
-//!   generated scenes, 3 to 11 on real pairs. Their V differs from that of their sweeps by factors of 1.1 to 1.3, with a
-//!   scatter of 0.1.
+//! - **The shape of the kernel.** If disks blur both photographs, their relative blur has another shape than a disk,
+//!   and V depends on how much the sharper of the two is blurred. On planes through the focus of a lens that blurs by
+//!   disks (frames 3 and 9, 4 and 8, and 6 and 9 of 12), V is 0.94 to 1.19 times the true one. The standard deviation
+//!   of the scale is taken as 0.05 times the shape. Gaussians have no such error.
+//! - **The correlation of neighbouring residuals.** Noise differs from pixel to pixel. What the kernel leaves is alike
+//!   over a feature of the texture. The ratio of b times the sum of b around it to b² is 1 for the former, and 3 to 11
+//!   on real pairs. Their V is 0.9 to 1.7 times that of their sweeps.
+//!
+//! `docs/experiments/noise.md` has what was tried.
 //!
 //! Section 7 of `docs/method.md`.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::uncertainty::LARGEST;
 use super::{Number, Raster, uncertainty, uncertainty_terms};
 use crate::base::{Kernel, Settings};
 use crate::engine::shaders;
@@ -53,9 +55,13 @@ bindings! {
 const SIDE: usize = shaders::scale_deviation::SIDE as usize;
 /// The standard deviation of the scale under disks.
 const OF_SHAPE: f64 = shaders::scale_deviation::OF_SHAPE;
-/// The standard deviation of the scale if residuals are alike all around. With 0.15 and 0.2, 54 to 62 and 60 to 69 % of
-/// the pixels of five real pairs are within σ of their sweeps.
+/// The standard deviation of the scale if all residuals are correlated with their neighbours. With 0.15 and 0.2, 56 to
+/// 62 and 60 to 69 % of the pixels of five real pairs are within σ of their sweeps.
 const OF_RESIDUALS: f64 = shaders::scale_deviation::OF_RESIDUALS;
+/// The variance of a window's ratio of b Σb to b² where residuals are white noise. The correlation of a window counts by
+/// the share of the squared excess that is not chance. Where residuals are not correlated, a single window would make σ
+/// too large by chance.
+const CHANCE: f64 = shaders::scale_deviation::CHANCE;
 
 impl Pass for Bindings {
     /// Compulsory traffic: V and two terms at each sample.
@@ -65,13 +71,15 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let (terms, shape) = (memory.layers(self.terms), memory.state(self.state).kernel_shape);
-        let deviation = cpu_reference(c, shape, memory.layer(self.v, 0), [&terms[1], &terms[3]]);
-        memory.state_mut(self.state).scale_deviation = deviation;
+        let found = cpu_reference(c, shape, memory.layer(self.v, 0), [&terms[1], &terms[3]]);
+        let state = memory.state_mut(self.state);
+        [state.scale_deviation, state.correlated] = found;
     }
 }
 
-/// The standard deviation of the scale, from the kernel's shape, V, and the means of b² and b Σb.
-pub fn cpu_reference<N: Number>(c: &Constants, shape: f64, v: &Raster<N>, [b2, alike]: [&Raster<N>; 2]) -> f64 {
+/// The standard deviation of the scale, and by how much the correlation of residuals in a window counts, from the
+/// kernel's shape, V, and the means of b² and b Σb.
+pub fn cpu_reference<N: Number>(c: &Constants, shape: f64, v: &Raster<N>, [b2, alike]: [&Raster<N>; 2]) -> [f64; 2] {
     let (mut sum, mut count) = (0.0, 0.0);
     for n in 0..SIDE * SIDE {
         let [x, y] = [n % SIDE * c.width as usize / SIDE, n / SIDE * c.height as usize / SIDE];
@@ -80,8 +88,15 @@ pub fn cpu_reference<N: Number>(c: &Constants, shape: f64, v: &Raster<N>, [b2, a
             count += 1.0;
         }
     }
-    let common = 1.0 - 1.0 / f64::max(sum / f64::max(count, 1.0), 1.0);
-    f64::hypot(OF_SHAPE * shape.max(c.shape.into()), OF_RESIDUALS * common)
+    let excess = (sum / f64::max(count, 1.0) - 1.0).max(0.0);
+    let scale = f64::hypot(OF_SHAPE * shape.max(c.shape.into()), OF_RESIDUALS * excess / (1.0 + excess));
+    [scale, excess * excess / (excess * excess + CHANCE)]
+}
+
+/// A standard deviation of V, px², without the part of it that comes from the scale of V. What is not measured stays
+/// so.
+pub(crate) fn without_scale(deviation: f32, by_scale: f32) -> f32 {
+    if deviation < LARGEST { (deviation * deviation - by_scale * by_scale).max(0.0).sqrt() } else { deviation }
 }
 
 #[cfg(test)]
@@ -116,11 +131,13 @@ mod tests {
         let c = Constants::new(size, &Settings::default());
         let of =
             |c: &Constants, shape, b2, alike| cpu_reference(c, shape, &Field::zeros(64, 48), [&flat(b2), &flat(alike)]);
-        assert_eq!(of(&c, 0.0, 0.02, 0.01), 0.0, "residuals of opposite signs");
-        assert_eq!(of(&c, 0.0, 0.0, 0.0), 0.0, "no data");
-        assert!((of(&c, 1.2, 0.02, 0.02) - 1.2 * OF_SHAPE).abs() < 1e-12);
-        assert!((of(&c, 0.0, 0.02, 0.08) - 0.75 * OF_RESIDUALS).abs() < 1e-12);
+        assert_eq!(of(&c, 0.0, 0.02, 0.01), [0.0; 2], "residuals of opposite signs");
+        assert_eq!(of(&c, 0.0, 0.0, 0.0), [0.0; 2], "no data");
+        assert!((of(&c, 1.2, 0.02, 0.02)[0] - 1.2 * OF_SHAPE).abs() < 1e-12);
+        let [scale, correlated] = of(&c, 0.0, 0.02, 0.08);
+        assert!((scale - 0.75 * OF_RESIDUALS).abs() < 1e-12);
+        assert!((correlated - 9.0 / (9.0 + CHANCE)).abs() < 1e-12);
         let disks = Constants::new(size, &Settings { kernel: Kernel::Pillbox, ..Settings::default() });
-        assert!((of(&disks, 0.0, 0.02, 0.02) - OF_SHAPE).abs() < 1e-12);
+        assert!((of(&disks, 0.0, 0.02, 0.02)[0] - OF_SHAPE).abs() < 1e-12);
     }
 }

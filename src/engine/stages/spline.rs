@@ -407,7 +407,8 @@ pub(super) fn taps<N: Number, const COUNT: usize>(
 ) -> [[Lanes<N>; COUNT]; COUNT] {
     let mut taps = [[Lanes::default(); COUNT]; COUNT];
     let [[x, y], [last, _]] = [corners[0], corners[LANES - 1]];
-    let mut adjacent = x >= 0 && y >= 0 && last as usize + COUNT <= raster.width && y as usize + COUNT <= raster.height;
+    let mut adjacent =
+        x >= 0 && y >= 0 && last >= x && last as usize + COUNT <= raster.width && y as usize + COUNT <= raster.height;
     for n in 0..LANES {
         adjacent &= corners[n] == [x + n as isize, y];
     }

@@ -33,6 +33,8 @@ pub struct State {
     pub spread: f32,
     /// Standard deviation of the scale of V, as a share of V; 0 until the finest level is solved.
     pub scale_deviation: f32,
+    /// By how much the correlation of neighbouring residuals in a window counts, 0 to 1.
+    pub correlated: f32,
     /// Σ b² / Σ D of the latest iteration.
     pub variance: f32,
     /// Pixels that the latest step moved by more than a tenth of their standard deviation.
@@ -126,6 +128,8 @@ pub struct DoubleState {
     pub spread: f64,
     /// Standard deviation of the scale of V, as a share of V.
     pub scale_deviation: f64,
+    /// By how much the correlation of neighbouring residuals in a window counts, 0 to 1.
+    pub correlated: f64,
     /// Σ b² / Σ D of the latest iteration.
     pub variance: f64,
     /// Pixels that the latest step moved by more than a tenth and by more than half of their standard deviation.
@@ -167,6 +171,7 @@ impl DoubleState {
             kernel_shape: 0.0,
             spread: 0.0,
             scale_deviation: 0.0,
+            correlated: 0.0,
             variance: 0.0,
             moving: [0.0; 2],
             clipped: [0; 2],
@@ -214,6 +219,7 @@ impl From<&DoubleState> for State {
             kernel_shape: double.kernel_shape as f32,
             spread: double.spread as f32,
             scale_deviation: double.scale_deviation as f32,
+            correlated: double.correlated as f32,
             variance: double.variance as f32,
             moving,
             moving_far,
@@ -244,6 +250,7 @@ impl From<&State> for DoubleState {
             kernel_shape: single.kernel_shape.into(),
             spread: single.spread.into(),
             scale_deviation: single.scale_deviation.into(),
+            correlated: single.correlated.into(),
             variance: single.variance.into(),
             moving: [single.moving, single.moving_far].map(f64::from),
             clipped: single.clipped,

@@ -1,8 +1,8 @@
-//! Adds to the standard deviation of V what the residuals of neighbours have in common, and the deviation of V's
+//! Adds to the standard deviation of V the correlation of neighbouring residuals, and the deviation of V's
 //! [scale](mod@super::scale_deviation).
 //!
-//! The search for depth edges takes place before: it compares levels of one pair, whose scale is common to both, by what
-//! differs from pixel to pixel. Section 7 of `docs/method.md`.
+//! The search for depth edges runs before this pass. It compares levels of one pair, which share the scale, so it needs
+//! only the errors that differ from pixel to pixel. Section 7 of `docs/method.md`.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::uncertainty::{LARGEST, WINDOW_PIXELS};
@@ -44,18 +44,19 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let (scale, terms) = (memory.state(self.state).scale_deviation, memory.layers(self.terms));
+        let (state, terms) = (memory.state(self.state), memory.layers(self.terms));
         let terms = [&terms[0], &terms[1], &terms[3]];
-        let total = cpu_reference(c, scale, [memory.layer(self.results, 0), memory.layer(self.results, 1)], terms);
+        let of_state = [state.scale_deviation, state.correlated];
+        let total = cpu_reference(c, of_state, [memory.layer(self.results, 0), memory.layer(self.results, 1)], terms);
         memory.set_layer(self.results, 1, total);
     }
 }
 
-/// The standard deviation of V, from V, its deviation so far, and the means of the curvature, b² and b Σb. `scale` is
-/// the deviation of V's scale.
+/// The standard deviation of V, from the deviation of V's scale, by how much the correlation of residuals counts, V, its
+/// deviation so far, and the means of the curvature, b² and b Σb.
 pub fn cpu_reference<N: Number>(
     c: &Constants,
-    scale: f64,
+    [scale, correlated]: [f64; 2],
     [v, deviation]: [&Raster<N>; 2],
     [curvature, b2, alike]: [&Raster<N>; 3],
 ) -> Raster<N> {
@@ -65,7 +66,7 @@ pub fn cpu_reference<N: Number>(
             return so_far;
         }
         let [curvature, b2, alike] = [curvature, b2, alike].map(|term| uncertainty_terms::at(term, x, y));
-        let common = (alike - b2).max(0.0) / (f64::from(c.pixels) * curvature * curvature);
+        let common = correlated * (alike - b2).max(0.0) / (f64::from(c.pixels) * curvature * curvature);
         let common = if curvature > 0.0 { common } else { 0.0 };
         (so_far * so_far + common + (scale * v.get(x, y)).powi(2)).sqrt().min(c.largest.into())
     })
@@ -90,7 +91,8 @@ mod tests {
             terms[0].data.iter_mut().step_by(7).for_each(|curvature| *curvature = 0.0);
             results[1].data.iter_mut().step_by(9).for_each(|deviation| *deviation = f64::NAN);
             results[1].data.iter_mut().step_by(11).for_each(|deviation| *deviation = LARGEST.into());
-            let state = State { scale_deviation: 0.2, ..State::new(&DoubleState::default().registration) };
+            let state =
+                State { scale_deviation: 0.2, correlated: 0.7, ..State::new(&DoubleState::default().registration) };
             let inputs = [Input::Image(&terms), Input::Image(&results), Input::State(&state)];
             let c = Constants { pixels: 3.0, ..Constants::new(size) };
             // Of up to 1000 px²: quotients by terms near zero.
@@ -101,13 +103,17 @@ mod tests {
     /// N pixels with residuals of deviation s, weight w and slope g, alike in groups of m: `σ² = m s²/(g² N)`.
     #[test]
     fn residuals_that_are_alike_count_once() {
-        let (s, g, w, m, scale) = (0.02, 0.01, 40.0, 4.0, 0.1);
+        let (s, g, w, m) = (0.02, 0.01, 40.0, 4.0);
         let flat = |size: usize, value: f64| Field::from_fn(size, size, |_, _| value);
         let by_chance = s / (g * f64::from(WINDOW_PIXELS).sqrt());
         let b2 = w * w * g * g * s * s;
         let terms = [flat(16, w * g * g), flat(16, b2), flat(16, m * b2)];
-        let total =
-            cpu_reference(&Constants::new([32; 2]), scale, [&flat(32, -5.0), &flat(32, by_chance)], terms.each_ref());
+        let total = cpu_reference(
+            &Constants::new([32; 2]),
+            [0.1, 1.0],
+            [&flat(32, -5.0), &flat(32, by_chance)],
+            terms.each_ref(),
+        );
         let expected = (m * by_chance * by_chance + 0.25).sqrt();
         assert!((total.get(16, 16) / expected - 1.0).abs() < 1e-6, "{} {expected}", total.get(16, 16));
     }

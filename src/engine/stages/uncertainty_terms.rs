@@ -6,8 +6,8 @@
 //! The curvature is D times `η²/(S² + η²)`: D has the weight `1/ψ(S)`, and the second derivative of ψ is less by this
 //! factor. S² follows from D and b, since `b²/D = S²/ψ(S)`.
 //!
-//! b² is the variance of the pull of one pixel. If residuals of neighbours are alike, b times the sum of b around it,
-//! averaged, is what counts in the variance of a mean: it includes the covariances with the neighbours.
+//! b² is the variance of the pull of one pixel. If neighbouring residuals are correlated, the variance of a mean
+//! follows from b times the sum of b around it, which includes the covariances.
 //!
 //! V depends on all pixels within reach of the smoothness, so that a single pixel says little. Averaged over a
 //! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
@@ -23,7 +23,7 @@ pub const LAYERS: usize = 5;
 /// The layer of the residual.
 pub const RESIDUAL: usize = 4;
 /// Pixels on either side over which b is summed. Noise of photographs is alike over 2 px, what a kernel leaves over a
-/// feature of the texture, some 5 px. V follows what is alike over its own window, σ 2 px.
+/// feature of the texture, some 5 px. V follows residuals that are correlated over its own window, σ 2 px.
 const REACH: usize = shaders::uncertainty_terms::REACH as usize;
 /// σ of the window in px of the image.
 pub const WINDOW: f64 = 4.0;

@@ -368,7 +368,7 @@ impl TextureReport {
             [Some(low), Some(high)] => (0.5 * (high - low)).max(Self::LEAST),
             _ => Self::LEAST,
         };
-        Self::beyond(max, &solution.uncertainty)
+        Self::beyond(max, &solution.uncertainty_without_scale())
     }
 
     /// Marks pixels with a standard deviation above this limit, px².

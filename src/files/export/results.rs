@@ -17,7 +17,8 @@ use super::report::{
 use super::scale::{Nearer, Palette, Quantity, Scale};
 use crate::base::{Channels, Depth, Error, Frame, Lens, Samples};
 use crate::engine::Solution;
-use crate::engine::solution::without_scale;
+use crate::engine::solution::confidence;
+use crate::engine::stages::scale_deviation::without_scale;
 use crate::files::image_io;
 use crate::metric::{DOUBT, MetricDepth, evidence};
 use crate::solve::sweep::{Positions, Sweep};
@@ -157,7 +158,7 @@ impl<'a> Results<'a> {
     /// Marks the pixels without a measurement.
     fn mark(&mut self) {
         self.marked = match &self.report.texture {
-            Some(texture) => texture.marked(self.uncertainty()),
+            Some(texture) => texture.marked(&self.uncertainty_without_scale()),
             None => self.values().iter().map(|value| value.is_nan()).collect(),
         };
     }
@@ -214,26 +215,47 @@ impl<'a> Results<'a> {
         all.map(|quantity| quantity.without(&self.marked)).collect()
     }
 
-    /// [`measured`](Self::measured) with the standard deviations that remain between results of one lens and setup: without
-    /// that of V's scale, which is common to them.
+    /// [`measured`](Self::measured) with the standard deviations between results of one lens and setup: without that of
+    /// V's scale, which they share.
     pub fn comparable(&self) -> Vec<Quantity<'_>> {
-        let reduced = |mut quantity| {
-            if let Some(scale) = self.by_scale(&quantity) {
-                let pixels = quantity.deviation.to_mut().iter_mut().zip(scale);
-                pixels.filter(|(deviation, _)| deviation.is_finite()).for_each(|(deviation, scale)| {
-                    *deviation = without_scale(*deviation, scale);
-                });
+        let mut quantities = self.measured();
+        if let Some(shares) = self.shares_without_scale() {
+            for quantity in &mut quantities {
+                quantity.deviation.to_mut().iter_mut().zip(&shares).for_each(|(deviation, share)| *deviation *= share);
             }
-            quantity
-        };
-        self.measured().into_iter().map(reduced).collect()
+        }
+        quantities
     }
 
-    /// The part of a quantity's standard deviation that is by the scale of V, above 0 where V is. `None` for sweeps.
+    /// Standard deviation of [`values`](Self::values) without that of V's scale.
+    pub fn uncertainty_without_scale(&self) -> Cow<'_, [f32]> {
+        match self.shares_without_scale() {
+            Some(shares) => self.uncertainty().iter().zip(shares).map(|(deviation, share)| deviation * share).collect(),
+            None => self.uncertainty().into(),
+        }
+    }
+
+    /// The confidence in V without the standard deviation of V's scale: the weight of a pixel for a fit.
+    pub fn confidence_without_scale(&self) -> Vec<f32> {
+        self.uncertainty_without_scale().iter().map(|&deviation| confidence(deviation)).collect()
+    }
+
+    /// The share of a pixel's standard deviation that remains without that of V's scale. `None` for sweeps.
+    fn shares_without_scale(&self) -> Option<Vec<f32>> {
+        let scale = self.report.scale_deviation? as f32;
+        let share = |(v, deviation): (&f32, &f32)| match *deviation > 0.0 {
+            true => without_scale(*deviation, scale * v) / deviation,
+            false => 1.0,
+        };
+        Some(self.values().iter().zip(self.uncertainty()).map(share).collect())
+    }
+
+    /// The part of a quantity's standard deviation that comes from the scale of V, with the sign of V. `None` for
+    /// sweeps.
     pub(super) fn by_scale(&self, quantity: &Quantity<'_>) -> Option<Vec<f32>> {
-        let share = self.report.scale_deviation? as f32;
+        let scale = self.report.scale_deviation? as f32;
         let pixels = self.values().iter().zip(self.uncertainty()).zip(&*quantity.deviation);
-        Some(pixels.map(|((v, of_v), deviation)| share * v * deviation / of_v).collect())
+        Some(pixels.map(|((v, of_v), deviation)| scale * v * deviation / of_v).collect())
     }
 
     /// [`best`](Self::best) with NaN where it is not measured.
@@ -251,14 +273,16 @@ impl<'a> Results<'a> {
         self.report.frames.iter().filter_map(|frame| frame.position).collect()
     }
 
-    /// Focus distances, or positions along the axis of a stage, of the frames of a sweep, mm, as far as they are stated.
+    /// Focus distances, or positions along the axis of a stage, of the frames of a sweep, mm, as far as they are
+    /// stated.
     fn planes(&self) -> Vec<f64> {
         self.report.frames.iter().filter_map(|frame| frame.focus_mm).collect()
     }
 
-    /// Sets the standard deviation of V, px², above which a pixel is marked as lacking texture.
+    /// Sets the standard deviation of V without that of its scale, px², above which a pixel is marked as lacking
+    /// texture.
     pub fn set_max_uncertainty(&mut self, limit: f32) {
-        self.report.texture = Some(TextureReport::beyond(limit, self.uncertainty()));
+        self.report.texture = Some(TextureReport::beyond(limit, &self.uncertainty_without_scale()));
         self.mark();
     }
 

@@ -154,14 +154,17 @@ impl Photograph {
         Ok((width, height, guarded(|| exr.decode_field()).map_err(wrap)?))
     }
 
-    /// Refuses pixels for which there is no memory. The decoders would abort the program.
+    /// Refuses pixels for which the system refuses memory. The decoders would abort the program.
     fn check_memory(&self) -> Result<(), String> {
         let (width, height) = self.header.size;
         // The decoder's pixels, with alpha, and those of the frame.
         let pixel = 2 * 4 * self.header.depth.bytes();
         let needed = usize::try_from(u64::from(width) * u64::from(height) * u64::from(pixel)).unwrap_or(usize::MAX);
-        let taken = Vec::<u8>::new().try_reserve_exact(needed);
-        taken.map_err(|_| format!("is {width}x{height}, for which there is no memory; crop or reduce it"))
+        let mut taken = Vec::<u8>::new();
+        let refused = taken.try_reserve_exact(needed);
+        // Otherwise memory that nothing uses need not be asked for.
+        std::hint::black_box(&taken);
+        refused.map_err(|_| format!("is {width}x{height}, for which there is no memory; crop or reduce it"))
     }
 
     fn source(&self) -> Result<Source<'_>, Error> {
@@ -222,7 +225,7 @@ fn check_length(file: &File, selected: &Selected, unreadable: impl Fn(std::io::E
     let (header, of_layers) = guarded(|| Source::open(&start, selected).map(|source| source.header_and_length()))?;
     let (width, height) = header.size;
     let of_pixels = (u64::from(width) * u64::from(height)).saturating_mul(MOST_BYTES_PER_PIXEL);
-    let most = UNCHECKED_BYTES + of_layers.unwrap_or(of_pixels);
+    let most = of_layers.unwrap_or(of_pixels).saturating_add(UNCHECKED_BYTES);
     if length > most {
         let format = header.format;
         return Err(format!(

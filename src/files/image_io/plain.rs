@@ -111,7 +111,7 @@ impl RawFormat {
         Raw::open(bytes, self)?.decode()
     }
 
-    /// Refuses a number of bytes that a frame does not have.
+    /// Checks that a frame of this format and size has this number of bytes.
     pub(super) fn check_length(self, found: u64) -> Result<(), String> {
         let expected = self.format.bytes(self.size);
         if found == expected {

@@ -165,7 +165,7 @@ def _warn_of_range(name: str, array: NDArray[Any]) -> None:
     high = float(array.max())
     if low < 0 or high > 1:
         warnings.warn(
-            f"{name} has values from {low:.4g} to {high:.4g}, and floats have white at 1: divide them if theirs is not",
+            f"{name} has values from {low:.4g} to {high:.4g}, and floats have white at 1: divide by your white level if it is another",
             stacklevel=_depth_of_package(),
         )
 
@@ -327,7 +327,7 @@ def apply(
 ) -> NDArray[Any]:
     """Resamples another photograph, taken like I2 or like one frame of a sweep, onto the pixels of the results.
 
-    The type of the samples stays. Pixels that the photograph does not cover are black.
+    The type of the samples stays, but float64 comes back as float32. Pixels that the photograph does not cover are black.
     frame: index of the frame of a sweep, from 0. exposure: also match the brightness of I1.
     """
     (array,) = _images(image=image)

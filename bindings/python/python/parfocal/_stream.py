@@ -57,10 +57,10 @@ class Stream:
         Raises queue.Full if there is no room in time, and TypeError or ValueError as `solve`; the pair then has no result.
         """
         images = _images(i1=i1, i2=i2)
+        # All pairs have the type of the first. Another thread may read the result before the push returns.
+        self._dtype = images[0].dtype
         if not self._native.push(*images, self._settings, timeout):
             raise queue.Full("the stream is full: read a result before the next push, or use map()")
-        # All pairs have the type of the first.
-        self._dtype = images[0].dtype
 
     def next(self, timeout: float | None = None) -> Result | None:
         """Returns the result of the oldest pair that has not been read.

@@ -178,7 +178,7 @@ const tool = {
     const folders = decodeURIComponent(location.pathname).split('/').slice(0, -1);
     const path = location.protocol === 'file:' ? folders.join('/').replace(/^\/(?=[A-Za-z]:)/, '') : folders.at(-1);
     const out = path || 'OUT';
-    const quoted = /^[\w./-]+$/.test(out) ? out : `'${out.replaceAll("'", "'\\''")}'`;
+    const quoted = /^[\w./:-]+$/.test(out) ? out : `'${out.replaceAll("'", "'\\''")}'`;
     const parts = [`parfocal measure ${quoted}`];
     if (this.rectangles.length === 2) parts.push(`--step ${this.rectangles.map(([x, y, w, h]) => [px(x) - grid.first, px(y) - grid.first, w * grid.step, h * grid.step].join(',')).join(' ')}`);
     if (this.line) parts.push(`--profile ${this.line.map(px).join(',')}`);
