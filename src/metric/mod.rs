@@ -1,4 +1,4 @@
-//! Metric depth from relative blur, calibration of the lens, measurements, and inspection of parts.
+//! Metric depth from relative blur, calibration of the lens, measurements, surface texture, and inspection of parts.
 
 mod calibrate;
 mod evidence;
@@ -8,6 +8,7 @@ pub mod inspect;
 pub mod measure;
 mod plane;
 mod regions;
+pub mod roughness;
 
 pub(crate) use evidence::evidence;
 
