@@ -15,6 +15,7 @@ mod commands {
     pub mod inspect;
     pub mod measure;
     pub mod register;
+    pub mod roughness;
     pub mod setup;
     pub mod simulate;
     pub mod solve;
@@ -59,7 +60,8 @@ use std::thread;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use self::commands::{
-    apply, bench, calibrate, compare, depth, inspect, measure, register, setup, simulate, solve, stack, view, watch,
+    apply, bench, calibrate, compare, depth, inspect, measure, register, roughness, setup, simulate, solve, stack,
+    view, watch,
 };
 use self::options::config_file;
 use self::output::failure::{self, Failure};
@@ -85,6 +87,7 @@ enum Command {
     Depth(depth::Arguments),
     Calibrate(Box<calibrate::Arguments>),
     Measure(measure::Arguments),
+    Roughness(roughness::Arguments),
     View(view::Arguments),
     Open(view::PageArguments),
     Compare(compare::Arguments),
@@ -134,6 +137,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Depth(arguments) => depth::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
+        Command::Roughness(arguments) => roughness::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Open(arguments) => view::open(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),

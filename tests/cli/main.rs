@@ -33,6 +33,7 @@ mod register;
 mod report_html;
 mod report_html_sweep;
 mod results;
+mod roughness;
 mod safety;
 mod scope;
 mod shading;

@@ -252,7 +252,7 @@ impl<'a> Results<'a> {
 
     /// The part of a quantity's standard deviation that comes from the scale of V, with the sign of V. `None` for
     /// sweeps.
-    pub(super) fn by_scale(&self, quantity: &Quantity<'_>) -> Option<Vec<f32>> {
+    pub fn by_scale(&self, quantity: &Quantity<'_>) -> Option<Vec<f32>> {
         let scale = self.report.scale_deviation? as f32;
         let pixels = self.values().iter().zip(self.uncertainty()).zip(&*quantity.deviation);
         Some(pixels.map(|((v, of_v), deviation)| scale * v * deviation / of_v).collect())
