@@ -41,7 +41,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "UM", help_heading = MEASUREMENTS, value_parser = length)]
     pixel_size: Option<f64>,
     /// Realizations of noise from which the standard deviations follow, 2 to 10000
-    #[arg(long, value_name = "COUNT", help_heading = MEASUREMENTS, default_value_t = 50,
+    #[arg(long, value_name = "COUNT", help_heading = MEASUREMENTS, default_value_t = 20,
           value_parser = within(2usize..=10_000, "give a number from 2 to 10000"))]
     realizations: usize,
     /// Standard deviation of the window over which a solve averages noise, px, 0 to 100 [default: 4 for a pair, 2 for a
