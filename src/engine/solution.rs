@@ -38,7 +38,7 @@ pub struct Findings {
     pub solved: Region,
     /// α of the finest level, stated or found.
     pub regularization: f64,
-    /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk, up to 1.5.
+    /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk, up to 4.
     pub kernel_shape: Option<f64>,
     /// The standard deviation of the scale of V, as a share of V. A kernel that does not describe the blur makes all of
     /// V too large or too small. [`Solution::uncertainty`] includes it. Results of one lens and setup share it.

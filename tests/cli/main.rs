@@ -5,6 +5,9 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+use std::path::Path;
+use std::process::Output;
+
 use parfocal::export::{Nearer, Report};
 use parfocal::{
     Region, Settings, Solution,
@@ -44,6 +47,22 @@ mod stack;
 mod sweep_results;
 mod trust;
 mod view;
+
+/// Writes an EXR file with one channel.
+fn write_field(file: &Path, size: (usize, usize), value: impl Fn(usize, usize) -> f32 + Sync) {
+    use exr::prelude::{Encoding, Image, Layer, LayerAttributes, SpecificChannels, Vec2, WritableImage};
+    let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(|Vec2(x, y)| (value(x, y),));
+    let layer = Layer::new(size, LayerAttributes::default(), Encoding::SMALL_FAST_LOSSLESS, channels);
+    Image::from_layer(layer).write().to_file(file).unwrap();
+}
+
+/// The program ended with this status, and its message has these parts.
+#[track_caller]
+fn assert_refused(output: &Output, status: i32, parts: &[&str]) {
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(status), "{stderr}");
+    assert!(parts.iter().all(|part| stderr.contains(part)), "{parts:?} in {stderr}");
+}
 
 /// Returns the report of a pair of this size with identity transform. `nearer` is the image focused nearer, 1 or 2.
 fn report_of_pair(size: [u32; 2], nearer: u8) -> serde_json::Value {

@@ -58,10 +58,7 @@ impl Desk {
     }
 
     fn field(&self, name: &str, size: (usize, usize), value: impl Fn(usize, usize) -> f32 + Sync) {
-        use exr::prelude::{Encoding, Image, Layer, LayerAttributes, SpecificChannels, Vec2, WritableImage};
-        let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(|Vec2(x, y)| (value(x, y),));
-        let layer = Layer::new(size, LayerAttributes::default(), Encoding::SMALL_FAST_LOSSLESS, channels);
-        Image::from_layer(layer).write().to_file(self.path(name)).unwrap();
+        crate::write_field(&self.path(name), size, value);
     }
 
     fn run(&self, arguments: &[&str]) -> Output {

@@ -41,10 +41,7 @@ impl Desk {
     }
 
     fn field(&self, name: &str, value: impl Fn(usize, usize) -> f32 + Sync) {
-        use exr::prelude::{Encoding, Image, Layer, LayerAttributes, SpecificChannels, Vec2, WritableImage};
-        let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(|Vec2(x, y)| (value(x, y),));
-        let layer = Layer::new(SIZE, LayerAttributes::default(), Encoding::SMALL_FAST_LOSSLESS, channels);
-        Image::from_layer(layer).write().to_file(self.path("out").join(name)).unwrap();
+        crate::write_field(&self.path("out").join(name), SIZE, value);
     }
 
     fn run(&self, arguments: &[&str]) -> Output {
@@ -65,10 +62,7 @@ impl Desk {
 
     #[track_caller]
     fn refuses(&self, arguments: &[&str], status: i32, parts: &[&str]) {
-        let output = self.run(arguments);
-        let stderr = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(status), "{arguments:?}: {stderr}");
-        assert!(parts.iter().all(|part| stderr.contains(part)), "{arguments:?}: {parts:?} in {stderr}");
+        crate::assert_refused(&self.run(arguments), status, parts);
     }
 }
 

@@ -2,9 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{
-    INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Report, Results, listed_in, write_inspection,
-};
+use parfocal::export::{INSPECT_FILES, InspectReport, REPORT_FILE, Report, Results, listed_in, write_inspection};
 use parfocal::metric::inspect::{Heights, Limits, Verdict, inspect};
 use parfocal::metric::{Disagreement, disagreement, golden};
 use parfocal::{
@@ -195,9 +193,7 @@ impl Part {
         results.check_hashes()?;
         let evidence = results.evidence()?;
         let fields = results.comparable().into_iter().map(|quantity| {
-            let sign = if quantity.nearer == Nearer::First { 1.0 } else { -1.0 };
-            let towards: Vec<f32> = quantity.values.iter().map(|v| sign * v).collect();
-            let heights = Heights::new(results.report.size.into(), &towards, &quantity.deviation)?;
+            let heights = quantity.heights(results.report.size.into())?;
             let heights = match &evidence {
                 Some(evidence) => heights.with_evidence(evidence.clone())?,
                 None => heights,

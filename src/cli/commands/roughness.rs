@@ -1,10 +1,11 @@
 //! `parfocal roughness`: areal and profile parameters of the surface texture of results.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use parfocal::export::{Kind, Nearer, Quantity, Results};
-use parfocal::metric::inspect::Heights;
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+use parfocal::export::{Kind, Quantity, Results};
 use parfocal::metric::measure::Line;
 use parfocal::metric::roughness::{Area, Dimension, Evaluation, Form, Parameter, Roughness, roughness};
 use parfocal::{Error, Mask, Region, image_io};
@@ -12,7 +13,7 @@ use serde::Serialize;
 
 use crate::cli::commands::depth::{decimals, signed};
 use crate::cli::help::{MEASUREMENTS, REGION};
-use crate::cli::options::part::{line, region, within};
+use crate::cli::options::part::{check_size, line, region, within};
 use crate::cli::options::run::ReportArguments;
 use crate::cli::output::failure::Failure;
 
@@ -125,7 +126,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let results = Results::read(&arguments.results)?;
     let size: [u32; 2] = results.report.size.into();
     let region = arguments.roi.unwrap_or(Region { x: 0, y: 0, width: size[0], height: size[1] });
-    let mask = arguments.mask.as_ref().map(|file| mask_of(file, size)).transpose()?;
+    let mask = arguments.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
+    let mask = mask.as_ref().map(Mask::from_image);
+    check_size(arguments.mask.as_deref(), mask.as_ref().map(Mask::size), size, "results")?;
     // Depth is last, if it is known.
     let measured = results.measured().pop();
     let (Some(measured), Some(quantity)) = (measured, results.comparable().pop()) else {
@@ -134,7 +137,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let common = results.by_scale(&measured);
     let evaluation = arguments.evaluation(&results, quantity.unit);
     evaluation.check(region, size).map_err(|e| usage(&e))?;
-    let heights = heights(&quantity, size)?;
+    let heights = quantity.heights(size)?;
     let area = Area { region, mask: mask.as_ref() };
     let found = roughness(&heights, common.as_deref(), &area, &evaluation).map_err(|e| usage(&e))?;
     let report = arguments.report(&results, &quantity, region, evaluation, &found);
@@ -144,23 +147,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// What the options and the results do not allow is wrong usage.
 fn usage(error: &Error) -> Failure {
     Failure::Usage(error.to_string())
-}
-
-fn mask_of(file: &Path, [width, height]: [u32; 2]) -> Result<Mask, Failure> {
-    let mask = Mask::from_image(&image_io::read(file)?);
-    let [w, h] = mask.size();
-    if [w, h] == [width, height] {
-        return Ok(mask);
-    }
-    let problem = format!("is of {w}x{h}, and the results are {width}x{height}; give one of their size");
-    Err(Failure::Failed(format!("{}: {problem}", file.display())))
-}
-
-/// Heights towards the camera.
-fn heights(quantity: &Quantity<'_>, size: [u32; 2]) -> Result<Heights, Failure> {
-    let sign = if quantity.nearer == Nearer::First { 1.0 } else { -1.0 };
-    let towards: Vec<f32> = quantity.values.iter().map(|v| sign * v).collect();
-    Ok(Heights::new(size, &towards, &quantity.deviation)?)
 }
 
 impl Arguments {
@@ -259,6 +245,7 @@ impl RoughnessReport {
             None => "none".to_string(),
         };
         let robust = if evaluation.robust { ", robust" } else { "" };
+        let form = evaluation.form.to_possible_value();
         let mut lines = vec![
             format!("heights        {} in {}, positive towards the camera", self.quantity, self.unit),
             format!(
@@ -266,7 +253,7 @@ impl RoughnessReport {
                 100.0 * self.missing_fraction,
                 self.area_px
             ),
-            format!("form           {}", serde_json::to_value(evaluation.form).map_or_else(|_| String::new(), plain)),
+            format!("form           {}", form.as_ref().map_or("", PossibleValue::get_name)),
             format!(
                 "filters        S {}, L {}{robust}",
                 filter(evaluation.s_filter_px),
@@ -309,11 +296,6 @@ impl RoughnessReport {
             signed(parameter.noise_bias, digits)
         )
     }
-}
-
-/// The text of a JSON string.
-fn plain(value: serde_json::Value) -> String {
-    value.as_str().unwrap_or_default().to_string()
 }
 
 /// A length without digits that rounding adds.

@@ -83,22 +83,14 @@ impl Part {
     /// Reads the files. Refuses files that do not match photographs of this size.
     pub(crate) fn fitting(&self, size: [u32; 2]) -> Result<SolveOptions, Failure> {
         let scope = self.scope()?;
-        let [width, height] = size;
-        let of_size = |path: &Option<PathBuf>, found: Option<[u32; 2]>| match (path, found) {
-            (Some(path), Some([w, h])) if [w, h] != size => Err(Failure::Failed(format!(
-                "{}: is of {w}x{h}, and the photographs are {width}x{height}; give one of their size",
-                path.display()
-            ))),
-            _ => Ok(()),
-        };
-        of_size(&self.mask, scope.mask.as_ref().map(Mask::size))?;
+        check_size(self.mask.as_deref(), scope.mask.as_ref().map(Mask::size), size, "photographs")?;
         if let (Some(path), Some(mask)) = (&self.mask, &scope.mask)
             && mask.bytes().iter().all(|counts| *counts == 0)
         {
             let problem = "leaves no pixel: it is nowhere at least half as bright as white; white is what counts";
             return Err(Failure::Failed(format!("{}: {problem}", path.display())));
         }
-        of_size(&self.flat, scope.flat.as_ref().map(FieldCurvature::size))?;
+        check_size(self.flat.as_deref(), scope.flat.as_ref().map(FieldCurvature::size), size, "photographs")?;
         let outside = |e| Failure::Usage(format!("--roi: {e}"));
         scope.check(size).map_err(outside)?;
         Ok(scope)
@@ -126,6 +118,22 @@ impl Part {
         let flat = self.flat.iter().flat_map(|folder| of_flat.map(|name| folder.join(name)));
         self.mask.iter().map(|file| image_io::split_page(file).0).chain(flat).collect()
     }
+}
+
+/// Refuses a file whose size is not that of the named photographs or results. Without a file there is no size.
+pub(crate) fn check_size(
+    path: Option<&Path>,
+    found: Option<[u32; 2]>,
+    size: [u32; 2],
+    which: &str,
+) -> Result<(), Failure> {
+    let (Some(path), Some([w, h])) = (path, found) else { return Ok(()) };
+    if [w, h] == size {
+        return Ok(());
+    }
+    let [width, height] = size;
+    let problem = format!("is of {w}x{h}, and the {which} are {width}x{height}; give one of their size");
+    Err(Failure::Failed(format!("{}: {problem}", path.display())))
 }
 
 fn flat_reference(folder: &Path) -> Result<FieldCurvature, Failure> {

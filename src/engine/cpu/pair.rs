@@ -24,9 +24,12 @@ pub(in crate::engine) struct CpuPair {
     memory: Memory<f32>,
     /// The photographs as they are uploaded.
     photographs: [Vec<u8>; 2],
-    /// Scripts for pairs without and with masked or clipped pixels, once composed.
-    scripts: [Option<Script>; 2],
+    /// The script of the latest pair.
+    script: Script,
+    /// Whether `script` is for pairs with masked or clipped pixels.
     is_masked: bool,
+    /// The script of the other kind of pair, once composed.
+    other: Option<Script>,
     results: Vec<f32>,
     /// When each dispatch of the latest run began, and when the last ended; empty if solves do not read times.
     moments: Vec<Instant>,
@@ -42,8 +45,9 @@ impl CpuPair {
             memory: Memory::with_filters(&plan.weights.banks),
             photographs: [0, 1].map(|image| vec![0; plan.packed_bytes(image) as usize]),
             shared: shared.clone(),
-            scripts: [None, None],
+            script: compose(plan, false),
             is_masked: false,
+            other: None,
             results: Vec::new(),
             moments: Vec::new(),
             cancelled: Arc::default(),
@@ -74,9 +78,12 @@ impl PairMemory for CpuPair {
             self.memory.upload_photograph(image, frame);
         }
         self.memory.upload_state(state.into());
-        self.is_masked = is_masked;
-        let script = self.scripts[usize::from(is_masked)].get_or_insert_with(|| compose(&self.shared.plan, is_masked));
-        self.memory.upload_arguments(&script.arguments);
+        if self.is_masked != is_masked {
+            let next = self.other.take().unwrap_or_else(|| compose(&self.shared.plan, is_masked));
+            self.other = Some(std::mem::replace(&mut self.script, next));
+            self.is_masked = is_masked;
+        }
+        self.memory.upload_arguments(&self.script.arguments);
         Ok(())
     }
 
@@ -86,7 +93,7 @@ impl PairMemory for CpuPair {
         deadline: Deadline,
         progress: &dyn Fn(Progress),
     ) -> Result<(), Error> {
-        let Some(script) = &self.scripts[usize::from(self.is_masked)] else { return Ok(()) };
+        let script = &self.script;
         let count = parts(script);
         let mut counter = WorkCounter::new(script, count);
         self.moments.clear();
@@ -139,7 +146,7 @@ impl PairMemory for CpuPair {
     fn times(&self) -> Result<DeviceTimes, Error> {
         let Some((first, ends)) = self.moments.split_first() else { return Ok(DeviceTimes::default()) };
         let mut times = DeviceTimes::default();
-        for (dispatch, end) in self.script().dispatches().zip(ends) {
+        for (dispatch, end) in self.script.dispatches().zip(ends) {
             let end_ms = (*end - *first).as_secs_f64() * 1e3;
             times.add(dispatch.stage.shader.name, end_ms - times.total_ms);
             times.ends_ms.push(end_ms);
@@ -149,6 +156,6 @@ impl PairMemory for CpuPair {
     }
 
     fn script(&self) -> &Script {
-        self.scripts[usize::from(self.is_masked)].as_ref().expect("a pair is prepared before its script is read")
+        &self.script
     }
 }

@@ -66,9 +66,9 @@ pub fn cpu_reference<N: Number>(
             return so_far;
         }
         let [curvature, b2, alike] = [curvature, b2, alike].map(|term| uncertainty_terms::at(term, x, y));
-        let common = correlated * (alike - b2).max(0.0) / (f64::from(c.pixels) * curvature * curvature);
-        let common = if curvature > 0.0 { common } else { 0.0 };
-        (so_far * so_far + common + (scale * v.get(x, y)).powi(2)).sqrt().min(c.largest.into())
+        let covariance = correlated * (alike - b2).max(0.0) / (f64::from(c.pixels) * curvature * curvature);
+        let covariance = if curvature > 0.0 { covariance } else { 0.0 };
+        (so_far * so_far + covariance + (scale * v.get(x, y)).powi(2)).sqrt().min(c.largest.into())
     })
 }
 

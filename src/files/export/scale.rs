@@ -4,7 +4,8 @@ use std::borrow::Cow;
 
 use serde::Serialize;
 
-use crate::base::Lens;
+use crate::base::{Error, Lens};
+use crate::metric::inspect::Heights;
 
 /// Fraction of the valid pixels at either end that may exceed the scale. It prevents outliers from compressing the
 /// scale.
@@ -95,6 +96,16 @@ impl<'a> Quantity<'a> {
             self.values.to_mut().iter_mut().zip(marked).filter(|(_, m)| **m).for_each(|(value, _)| *value = f32::NAN);
         }
         self
+    }
+
+    /// Heights towards the camera, of a field of this size.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if the size is not that of the field.
+    pub fn heights(&self, size: [u32; 2]) -> Result<Heights, Error> {
+        let sign = if self.nearer == Nearer::First { 1.0 } else { -1.0 };
+        let towards: Vec<f32> = self.values.iter().map(|v| sign * v).collect();
+        Heights::new(size, &towards, &self.deviation)
     }
 
     /// The scale of its values in pictures.
