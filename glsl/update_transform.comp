@@ -27,7 +27,8 @@ layout(push_constant) uniform Constants {
     float half_width, half_height;   // from the centre to a corner, pixels
     int finds_alpha;
     float share;                     // of the step that is taken
-    float steady;                    // or its step by less than a share of T's standard deviation: x N x over Σ b² / Σ D
+    float steady;                    // or its step by less than a share of T's standard deviation: x N x over Σ b² / Σ D,
+    float steady_by_blocks;          // or over the variance of the gradient by blocks
     float flatness;                  // a level settles only if the energy changes by no more than this share
     float most_moving;               // a level settles only if the latest step moved no more than this share of the pixels,
     float most_far;                  // and no more than this share far
@@ -52,20 +53,35 @@ const float LEAST_STEEP = 0.007, MOST_STEEP = 0.1;   // px² per pixel
 const int MOST_CHAINS = 8;
 shared float chains[MOST_CHAINS][SUMS];
 shared float totals[SUMS];
+// Of the gradient by t, over the rows, each of a block of pixels.
+shared float square_chains[MOST_CHAINS][2];
+shared float squares[2];
+// Pixels at the limit of |V| rest; shares are of the others, or of at least this share of the valid pixels.
+const float LEAST_FREE = 0.1;
+// The scatter of this many blocks or fewer says little.
+const float MOST_FEW = 12.0;
 
 void add_up() {
     int n = int(gl_LocalInvocationIndex) % SUMS, chain = int(gl_LocalInvocationIndex) / SUMS;
+    bool of_t = n >= GRADIENT && n < GRADIENT + 2;
     int count = min(int(gl_WorkGroupSize.x * gl_WorkGroupSize.y) / SUMS, MOST_CHAINS);
     if (chain < count) {
-        float sum = 0.0;
-        for (int row = chain; row < rows; row += count) sum += partials[row * SUMS + n];
+        float sum = 0.0, square = 0.0;
+        for (int row = chain; row < rows; row += count) {
+            float partial = partials[row * SUMS + n];
+            sum += partial;
+            square += partial * partial;
+        }
         chains[chain][n] = sum;
+        if (of_t) square_chains[chain][n - GRADIENT] = square;
     }
     barrier();
     if (chain == 0) {
-        float sum = 0.0;
+        float sum = 0.0, square = 0.0;
         for (int c = 0; c < count; c++) sum += chains[c][n];
         totals[n] = sum;
+        for (int c = 0; of_t && c < count; c++) square += square_chains[c][n - GRADIENT];
+        if (of_t) squares[n - GRADIENT] = square;
     }
     barrier();
 }
@@ -87,6 +103,14 @@ float gradient(int i) {
     float sum = 0.0;
     for (int c = 0; c < 2; c++) sum += float(SIGNS[i][c]) * totals[GRADIENT + 2 * monomial(powers_of(i, c)) + c];
     return sum;
+}
+
+// The variance of the gradient by t, from its scatter over the blocks, over N.
+float variance_by_blocks() {
+    float blocks = float(rows), sum = 0.0;
+    if (blocks <= MOST_FEW) return 0.0;
+    for (int c = 0; c < 2; c++) sum += max(squares[c] - totals[GRADIENT + c] * totals[GRADIENT + c] / blocks, 0.0);
+    return sum * blocks / (blocks - 1.0) / (normal(0, 0) + normal(1, 1));
 }
 
 // Cholesky of N scaled to a unit diagonal, or a step down the gradient divided by the sum of N's row. Unknowns that are
@@ -195,13 +219,16 @@ void step_once() {
     state.levels[level].valid = totals[VALID];
     state.levels[level].iterations += 1;
     energies[energy_place] = energy;
-    float moving = float(state.moving) / max(totals[VALID], 1.0);
+    float free = max(max(totals[VALID] - float(state.at_limit), LEAST_FREE * totals[VALID]), 1.0);
+    float moving = float(state.moving) / free;
     bool few = moving <= most_moving && float(state.moving_far) <= most_far * totals[VALID];
     state.moving = 0;
     state.moving_far = 0;
+    state.at_limit = 0;
     state.variance = totals[VARIANCE] / max(totals[VARIANCE + 1], 1e-30);
     state.levels[level].moving = moving;
-    bool rests = moved < still * factor || decrease < steady * state.variance;
+    bool rests = moved < still * factor || decrease < steady * state.variance ||
+                 decrease < steady_by_blocks * variance_by_blocks();
     settled = may_settle == 1 && rests && few && change <= flatness * before;
     state.levels[level].settled = uint(settled);
     // While T moves, its errors would count as noise.

@@ -34,6 +34,7 @@ struct State {
     float variance;    // Σ b² / Σ D of the latest iteration
     uint moving;       // pixels that the latest step moved by more than a tenth of their standard deviation
     uint moving_far;   // and by more than half of it
+    uint at_limit;     // pixels with data that it left at the limit of |V|
     uint clipped[2];   // clipped pixels of I1 and I2 that no mask excludes
     Registration warped;   // T when I2 was last warped onto I1's pixels
     float shading[TERMS];

@@ -1,8 +1,8 @@
 //! The protocol of indirect dispatch: recorded dispatches that run no workgroups when not needed.
 //!
-//! Each level has [`WORDS`] words of arguments: the workgroups over tiles, over one color, over all pixels, of filters
-//! along x and along y, one, and over each coarse grid; then three for each pass that warps I2 again. Before a solve they are the
-//! [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles.
+//! Each level has [`WORDS`] words of arguments: the workgroups over tiles, over one color, over all pixels, over blocks
+//! of pixels, of filters along x and along y, one, and over each coarse grid; then three for each pass that warps I2
+//! again. Before a solve they are the [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles.
 //! Before an iteration that may warp it restores the words of the warping passes, or zeroes them.
 //!
 //! After those of all levels come nine words, the workgroups of the passes over [`Edges`]: zero until
@@ -14,7 +14,7 @@ use super::stages::state::{LevelState, MAX_LEVELS};
 /// The most coarse grids that have workgroups of their own: those of a level of 65536 x 65536 pixels.
 const COARSE: usize = 11;
 /// What the dispatches of a level run over.
-const GRIDS: usize = 6 + COARSE;
+const GRIDS: usize = 7 + COARSE;
 /// Words of all grids of a level.
 const GRID_WORDS: usize = 3 * GRIDS;
 /// The most words of the passes that warp I2 again, of a level.
@@ -60,6 +60,8 @@ pub(crate) enum Over {
     Half,
     /// All pixels.
     Pixels,
+    /// Blocks of 2 x 2 pixels.
+    Blocks,
     /// The tiles of a filter along x, of D and of b.
     AlongX,
     /// The same along y.
@@ -98,7 +100,7 @@ impl Grid {
 impl Over {
     /// All, in the order of their words.
     pub(crate) fn all() -> [Over; GRIDS] {
-        let first = [Over::Tiles, Over::Half, Over::Pixels, Over::AlongX, Over::AlongY, Over::One];
+        let first = [Over::Tiles, Over::Half, Over::Pixels, Over::Blocks, Over::AlongX, Over::AlongY, Over::One];
         std::array::from_fn(|n| first.get(n).copied().unwrap_or_else(|| Over::Coarse(n - first.len())))
     }
 
@@ -107,10 +109,11 @@ impl Over {
             Over::Tiles => 0,
             Over::Half => 1,
             Over::Pixels => 2,
-            Over::AlongX => 3,
-            Over::AlongY => 4,
-            Over::One => 5,
-            Over::Coarse(n) => 6 + n,
+            Over::Blocks => 3,
+            Over::AlongX => 4,
+            Over::AlongY => 5,
+            Over::One => 6,
+            Over::Coarse(n) => 7 + n,
         }
     }
 }

@@ -30,7 +30,8 @@ pub(crate) enum Slot {
     GridSteps,
     /// dV of the red (0) or of the black pixels (1).
     Change { color: usize },
-    /// Terms of the uncertainty, on every other pixel; before the end the blur-matched pair.
+    /// Terms of the uncertainty, on every other pixel; before the end the blur-matched pair, and the latest whole step of
+    /// V.
     UncertaintyTerms,
     /// Luminance of all frames of a sweep on a level, a layer each.
     Frames { level: usize },
@@ -147,7 +148,7 @@ quantities! {
     GridEquations: Buffer;
     /// dV of the coarse grids.
     GridSteps: Buffer;
-    /// Terms of the uncertainty, or a blur-matched pair.
+    /// Terms of the uncertainty, a blur-matched pair, or a step of V.
     UncertaintyTerms: Image, Scalar;
     /// Filter weights.
     Filters: Uniform;

@@ -180,8 +180,8 @@ impl Plan {
     }
 
     /// Whether gain and offset are matched before iteration k of a level: before 0, 1 and 3, and on the coarsest level
-    /// before 5 too, while α still falls. A match must not follow a doubled step, which overshoots: the gain then takes
-    /// up what V has too much of, and both come back slowly. Matched before 2 and 4 instead, a uniform V of 1 px²
+    /// before 5 too, while α still falls. A match must not follow an extrapolated step, which may go too far: the gain
+    /// then takes up what V has too much of, and both come back slowly. Matched before 2 and 4 instead, a uniform V of 1 px²
     /// without noise ends at 1.013 instead of 1.003.
     pub(crate) fn matches_before(&self, level: &Level, k: u32) -> bool {
         let coarsest = level.index + 1 == self.solved;
@@ -260,8 +260,8 @@ impl Plan {
     }
 }
 
-/// Outer iterations of a level after which the steps of V and T are damped. Most levels settle before; the others
-/// alternate between two states.
+/// Outer iterations of a level after which the steps of V and T are damped. Most levels settle before. Of the others,
+/// some alternate between two states.
 const UNDAMPED: f32 = 20.0;
 /// The share of a step that is taken after [`UNDAMPED`] iterations. From twice as many on it falls further: dots under
 /// a half-Gaussian, 32 px, had not settled after 100 iterations at a half, and after 67 with a falling share.
@@ -270,19 +270,10 @@ const UNDAMPED: f32 = 20.0;
 /// ones. Half pcb-macro, coarsest level: by 1 % after 300, settled after 29.
 const DAMPED: f32 = 0.5;
 
-/// The share of the step of T that iteration k takes.
-pub(crate) fn transform_share(k: u32) -> f32 {
+/// The share of the steps of V and T that iteration k takes.
+pub(crate) fn step_share(k: u32) -> f32 {
     let k = k as f32;
     if k < UNDAMPED { 1.0 } else { DAMPED * (2.0 * UNDAMPED / k).min(1.0) }
-}
-
-/// Outer iterations of a level in which every other step of V is twice as long: weights that lag behind hold V back.
-/// The step between quiets what was overshot.
-const DOUBLED: u32 = 12;
-
-/// The share of the step of V that iteration k takes.
-pub(crate) fn relative_blur_share(k: u32) -> f32 {
-    if k < DOUBLED && k % 2 == 1 { 2.0 } else { transform_share(k) }
 }
 
 /// σ of the low pass of a sweep's frames, px: finer detail is mostly noise and JPEG artifacts.
@@ -467,8 +458,7 @@ mod tests {
 
     #[test]
     fn a_level_with_many_iterations_is_damped() {
-        assert_eq!([0, 19, 20, 40, 80].map(transform_share), [1.0, 1.0, 0.5, 0.5, 0.25]);
-        assert_eq!([0, 1, 11, 13, 20].map(relative_blur_share), [1.0, 2.0, 2.0, 1.0, 0.5]);
+        assert_eq!([0, 19, 20, 40, 80].map(step_share), [1.0, 1.0, 0.5, 0.5, 0.25]);
     }
 
     #[test]

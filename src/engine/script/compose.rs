@@ -9,7 +9,7 @@ use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
-use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, update};
+use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, system, update};
 use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
@@ -90,7 +90,8 @@ fn groups(level: &Level, over: Over) -> [u32; 3] {
     match over {
         Over::Tiles => level.tiles(),
         Over::Half => relax::tiles(level.size),
-        Over::Pixels => update::STAGE.groups(level.size),
+        Over::Pixels => system::STAGE.groups(level.size),
+        Over::Blocks => update::tiles(level.size),
         Over::AlongX => convolve::groups([level.size[0], level.size[1]], false, linearise::LAYERS),
         Over::AlongY => convolve::groups([level.size[1], level.size[0]], true, linearise::LAYERS),
         Over::One => [1, 1, 1],

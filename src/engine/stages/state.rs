@@ -41,6 +41,8 @@ pub struct State {
     pub moving: u32,
     /// Pixels that it moved by more than half of it.
     pub moving_far: u32,
+    /// Pixels with data that it left at the limit of |V|.
+    pub at_limit: u32,
     /// Clipped pixels of I1 and I2 that no mask excludes.
     pub clipped: [u32; 2],
     /// T when I2 was last warped onto I1's pixels.
@@ -132,8 +134,9 @@ pub struct DoubleState {
     pub correlated: f64,
     /// Σ b² / Σ D of the latest iteration.
     pub variance: f64,
-    /// Pixels that the latest step moved by more than a tenth and by more than half of their standard deviation.
-    pub moving: [f64; 2],
+    /// Pixels that the latest step moved by more than a tenth and by more than half of their standard deviation; pixels
+    /// with data that it left at the limit of |V|.
+    pub moving: [f64; 3],
     /// Clipped pixels of I1 and I2 that no mask excludes.
     pub clipped: [u32; 2],
     /// By level, finest first.
@@ -173,7 +176,7 @@ impl DoubleState {
             scale_deviation: 0.0,
             correlated: 0.0,
             variance: 0.0,
-            moving: [0.0; 2],
+            moving: [0.0; 3],
             clipped: [0; 2],
             levels: [DoubleLevel::default(); MAX_LEVELS],
         }
@@ -210,7 +213,7 @@ impl From<&DoubleState> for State {
             let [energy, valid, moving] = [energy, valid, moving].map(|number| number as f32);
             LevelState { iterations, energy, valid, warps, settled: settled.into(), moving }
         };
-        let [moving, moving_far] = double.moving.map(|count| count as u32);
+        let [moving, moving_far, at_limit] = double.moving.map(|count| count as u32);
         Self {
             registration: (&double.registration).into(),
             correlation: double.correlation as f32,
@@ -223,6 +226,7 @@ impl From<&DoubleState> for State {
             variance: double.variance as f32,
             moving,
             moving_far,
+            at_limit,
             clipped: double.clipped,
             warped: (&double.warped).into(),
             shading: double.shading.coefficients.map(|c| c as f32),
@@ -252,7 +256,7 @@ impl From<&State> for DoubleState {
             scale_deviation: single.scale_deviation.into(),
             correlated: single.correlated.into(),
             variance: single.variance.into(),
-            moving: [single.moving, single.moving_far].map(f64::from),
+            moving: [single.moving, single.moving_far, single.at_limit].map(f64::from),
             clipped: single.clipped,
             levels: std::array::from_fn(level),
         }

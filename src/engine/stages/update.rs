@@ -1,7 +1,11 @@
-//! `V ← V + share clamp(dV)`, and the count of the pixels that still move. Sections 4 and 6 of `docs/method.md`.
+//! `V ← V + share clamp(dV)`, and the count of the pixels that still move.
+//!
+//! A whole step may be kept. The next step is then [extrapolated](factor) from both, in each block of 2 x 2 pixels.
+//! Sections 4 and 6 of `docs/method.md`.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, Raster, pixels, rows};
+use super::rows::{self, Rows};
+use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -18,7 +22,21 @@ push_constants! {
     limit: f32,
     /// Share of dV that is added.
     share: f32,
+    /// [`KEEP`], [`EXTRAPOLATE`], or 0.
+    extrapolation: u32,
 }
+
+/// Keeps the step.
+pub(crate) const KEEP: u32 = shaders::update::KEEP as u32;
+/// Takes the step by the [factor] that follows from it and from the kept one.
+pub(crate) const EXTRAPOLATE: u32 = shaders::update::EXTRAPOLATE as u32;
+/// The layer of the kept step, after the blur-matched pair: sums over blocks of 2 x 2 pixels.
+const KEPT: usize = shaders::update::KEPT as usize;
+/// Layers of the image with the kept step.
+pub(crate) const LAYERS: u32 = KEPT as u32 + 1;
+/// Bounds of the factor. Twice and half were enough on real pairs; with three times the coarsest level took 20 instead
+/// of 16 iterations.
+const FACTORS: [f64; 2] = [shaders::update::LEAST_FACTOR, shaders::update::MOST_FACTOR];
 
 bindings! {
     UPDATE:
@@ -32,22 +50,32 @@ bindings! {
     equations: Reads<Plane>,
     /// State, with the count.
     state: Updates<State>,
+    /// The kept step.
+    kept: Updates<UncertaintyTerms>,
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: dV, V and D read, V written.
+    /// Compulsory traffic: dV, V and D read, V written; on every fourth pixel the kept step read or written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        16 * pixels(c.width, c.height)
+        let [width, height] = uncertainty_terms::size([c.width, c.height]);
+        let kept = if c.extrapolation == 0 { 0 } else { 4 };
+        16 * pixels(c.width, c.height) + kept * pixels(width, height)
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let mut v = memory.take_layer(self.v, 0);
+        let (mut v, mut kept) = (memory.take_layer(self.v, 0), memory.take_layer(self.kept, KEPT));
         let change = [self.red, self.black].map(|half| memory.layer(half, 0));
         let (d, variance) = (memory.layer(self.equations, 0), memory.state(self.state).variance);
-        let moving = cpu_reference(c, change, d, variance, &mut v);
+        let moving = cpu_reference(c, change, d, variance, &mut kept, &mut v);
         memory.set_layer(self.v, 0, v);
+        memory.set_layer(self.kept, KEPT, kept);
         memory.state_mut(self.state).moving.iter_mut().zip(moving).for_each(|(sum, count)| *sum += f64::from(count));
     }
+}
+
+/// Workgroups over a level.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
+    STAGE.groups([width.div_ceil(2), height.div_ceil(2)])
 }
 
 /// A pixel moves if its step is more than a tenth of its standard deviation (section 7 of `docs/method.md`), and far if it
@@ -59,38 +87,68 @@ const INDEPENDENT: f64 = shaders::update::INDEPENDENT;
 /// generated scenes. On photographs it is not measured.
 const WIDER: f64 = shaders::update::WIDER;
 
-/// Adds dV, of the red and of the black pixels, to V; returns the numbers of pixels that a whole step moves, and moves
-/// far. `variance` is Σ b² / Σ D.
+/// The factor that extrapolates a step. Where steps change in proportion to what is left, as lagged weights and small
+/// swings make them, the whole way is the step divided by 1 - change/before (Aitken, 1926).
+fn factor<N: Number>(change: N, before: N) -> N {
+    let [none, one, most, least] = [0.0, 1.0, FACTORS[1], FACTORS[0]].map(N::of);
+    if before == none { one } else { (one / (one - change / before).max(one / most)).max(least) }
+}
+
+/// Adds dV, of the red and of the black pixels, to V; returns the numbers of pixels that a whole step moves, of those it
+/// moves far, and of those with data that are at the limit. `variance` is Σ b² / Σ D. `kept` gets the sums of blocks
+/// or extrapolates the step.
 pub fn cpu_reference<N: Number>(
     c: &Constants,
     change: [&Raster<N>; 2],
     d: &Raster<N>,
     variance: f64,
+    kept: &mut Raster<N>,
     v: &mut Raster<N>,
-) -> [u32; 2] {
+) -> [u32; 3] {
     let [step, relative, limit, share] = [c.largest_step, c.relative_step, c.limit, c.share].map(|n| N::of(n.into()));
     let bounds = STEPS.map(|step| N::of(step * step * WIDER * INDEPENDENT * variance));
     let within = |value: N, most: N| value.max(-most).min(most);
-    let moving = rows::map([v.into()], |y, [v]| {
-        let (d, change) = (d.row(y), change.map(|half| half.row(y)));
-        let mut moving = [0; 2];
-        for (x, v) in v.iter_mut().enumerate() {
-            let change = within(change[(x + y) % 2][x / 2], step.max(relative * v.abs()));
-            let whole = within(*v + change, limit) - *v;
-            moving.iter_mut().zip(bounds).for_each(|(count, bound)| *count += u32::from(d[x] * whole * whole > bound));
-            *v = within(*v + share * change, limit);
+    let (width, blocks) = (v.width, [v.width.div_ceil(2), v.height.div_ceil(2)]);
+    if [kept.width, kept.height] != blocks {
+        *kept = Raster::zeros(blocks[0], blocks[1]);
+    }
+    let moving = rows::map([Rows::from(v).joined(2), kept.into()], |row, [lines, kept]| {
+        let mut moving = [0; 3];
+        for (block, kept) in kept.iter_mut().enumerate() {
+            let xs = 2 * block..width.min(2 * block + 2);
+            let of = |line: usize| xs.clone().map(move |x| (x, 2 * row + line));
+            let pixels = (0..lines.len() / width).flat_map(of);
+            let change =
+                |v: N, (x, y): (usize, usize)| within(change[(x + y) % 2].row(y)[x / 2], step.max(relative * v.abs()));
+            let at = |(x, y): (usize, usize)| (y % 2) * width + x;
+            let sum = pixels.clone().fold(N::default(), |sum, place| sum + change(lines[at(place)], place));
+            let share = if c.extrapolation == EXTRAPOLATE { factor(sum, *kept) * share } else { share };
+            if c.extrapolation == KEEP {
+                *kept = sum;
+            }
+            for place @ (x, y) in pixels {
+                let (v, d) = (&mut lines[at(place)], d.row(y)[x]);
+                let change = change(*v, place);
+                let whole = within(*v + change, limit) - *v;
+                *v = within(*v + share * change, limit);
+                let [moves, far] = bounds.map(|bound| d * whole * whole > bound);
+                let counts = [moves, far, d > N::default() && v.abs() == limit];
+                moving.iter_mut().zip(counts).for_each(|(sum, counts)| *sum += u32::from(counts));
+            }
         }
         moving
     });
-    moving.iter().fold([0; 2], |[a, b], [c, d]| [a + c, b + d])
+    moving.iter().fold([0; 3], |sums, counts| std::array::from_fn(|n| sums[n] + counts[n]))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{Rig, random_field};
     use super::super::relax::half;
     use super::super::state::{DoubleState, State};
     use super::*;
+    use crate::engine::stages::NO_VARIANT;
     use crate::engine::vulkan::Resource;
 
     #[test]
@@ -98,21 +156,47 @@ mod tests {
         for (width, height) in [(37usize, 21usize), (16, 16), (1, 2)] {
             let [mut v, change, mut d] = [1, 2, 3].map(|seed| random_field(width, height, seed));
             d.data.iter_mut().step_by(3).for_each(|d| *d = 0.0);
+            let mut kept = random_field(width.div_ceil(2), height.div_ceil(2), 4);
+            kept.data.iter_mut().step_by(5).for_each(|before| *before = 0.0);
             let [width, height] = [width as u32, height as u32];
-            let constants = Constants { width, height, largest_step: 0.4, relative_step: 0.6, limit: 0.9, share: 0.5 };
-            let state = State { variance: 5.0, ..State::new(&DoubleState::default().registration) };
-            let rig = Rig::new();
-            let images = [&half(&change, 0), &half(&change, 1), &v, &d].map(|f| rig.field(f));
-            let buffer = rig.upload(bytemuck::bytes_of(&state));
-            let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
-            resources.push(Resource::Buffer(&buffer));
-            rig.run(&STAGE, &resources, &constants, [width, height]);
-            let halves = [0, 1].map(|color| half(&change, color));
-            let moving = cpu_reference(&constants, halves.each_ref(), &d, state.variance.into(), &mut v);
-            rig.assert_close(&images[2], &[v], 1e-6);
-            let actual: State = rig.value(&buffer);
-            assert_eq!([actual.moving, actual.moving_far], moving);
-            assert!(width < 16 || moving[1] > 0 && moving[1] < moving[0], "{moving:?}");
+            for extrapolation in [0, KEEP, EXTRAPOLATE] {
+                let constants = Constants {
+                    width,
+                    height,
+                    largest_step: 0.4,
+                    relative_step: 0.6,
+                    limit: 0.9,
+                    share: 0.5,
+                    extrapolation,
+                };
+                let state = State { variance: 5.0, ..State::new(&DoubleState::default().registration) };
+                let rig = Rig::new();
+                let images = [&half(&change, 0), &half(&change, 1), &v, &d].map(|f| rig.field(f));
+                let none = Field::zeros(kept.width, kept.height);
+                let layers = [&none, &none, &none, &kept].map(Field::clone);
+                let (buffer, steps) = (rig.upload(bytemuck::bytes_of(&state)), rig.image(&layers));
+                let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
+                resources.extend([Resource::Buffer(&buffer), Resource::Image(&steps)]);
+                rig.run_variant(&STAGE, NO_VARIANT, &resources, &constants, tiles([width, height]));
+                let halves = [0, 1].map(|color| half(&change, color));
+                let moving = cpu_reference(&constants, halves.each_ref(), &d, state.variance.into(), &mut kept, &mut v);
+                rig.assert_close(&images[2], std::slice::from_ref(&v), 1e-6);
+                rig.assert_close(&steps, &[none.clone(), none.clone(), none, kept.clone()], 1e-6);
+                let actual: State = rig.value(&buffer);
+                assert_eq!([actual.moving, actual.moving_far, actual.at_limit], moving);
+                assert!(width < 16 || moving[1] > 0 && moving[1] < moving[0] && moving[2] > 0, "{moving:?}");
+            }
         }
+    }
+
+    /// Steps that shrink by a share, or swing, end where they lead.
+    #[test]
+    fn a_step_is_extrapolated_to_where_a_geometric_series_ends() {
+        for (ratio, expected) in [(0.3, 1.0 / 0.7), (-0.5, 1.0 / 1.5), (0.0, 1.0), (0.9, 2.0), (2.0, 2.0), (-3.0, 0.5)]
+        {
+            let found: f64 = factor(ratio * 0.4, 0.4);
+            assert!((found - expected).abs() < 1e-12, "{ratio}: {found}");
+        }
+        assert_eq!((factor(0.1, 0.0), factor(0.0, 0.0)), (1.0, 1.0));
     }
 }

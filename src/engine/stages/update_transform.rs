@@ -46,8 +46,11 @@ push_constants! {
     finds_alpha: u32,
     /// Share of the step that is taken.
     share: f32,
-    /// Or if `ζ N ζ` is less than this times Σ b² / Σ D: T moves by less than a share of its standard deviation.
+    /// Or if `ζ N ζ` is less than this times Σ b² / Σ D: T moves by less than a share of its standard deviation if
+    /// residuals are independent.
     steady: f32,
+    /// Or less than this times the variance of g over N: by less than a share of what the scatter of blocks says.
+    steady_by_blocks: f32,
     /// A level settles only if the energy changes by no more than this share.
     flatness: f32,
     /// A level settles only if the latest step moved no more than this share of the valid pixels by a tenth of their
@@ -136,7 +139,7 @@ pub struct Step {
     pub energy: f64,
     /// T and V are at rest: the level has no more iterations.
     pub settled: bool,
-    /// The share of the valid pixels that moved.
+    /// The share of the valid pixels that moved, of those below the limit of |V|.
     pub moving: f64,
     /// It had unknowns that the images do not determine.
     pub degenerate: bool,
@@ -145,8 +148,14 @@ pub struct Step {
 }
 
 /// Updates T. `before` is the energy of the previous iteration. Its step moved `moving` pixels by more than a tenth of
-/// their standard deviation, and `far` by more than half of it.
-pub fn cpu_reference(c: &Constants, sums: &Sums, r: &mut Registration, before: f64, [moving, far]: [f64; 2]) -> Step {
+/// their standard deviation and `far` by more than half of it, and left `at_limit` at the limit of |V|.
+pub fn cpu_reference(
+    c: &Constants,
+    sums: &Sums,
+    r: &mut Registration,
+    before: f64,
+    [moving, far, at_limit]: [f64; 3],
+) -> Step {
     let factor = f64::from(c.factor);
     let (x, degenerate) = solve(c, sums);
     let decrease: f64 = -x.iter().zip(&sums.gradient).map(|(x, g)| x * g).sum::<f64>();
@@ -155,15 +164,25 @@ pub fn cpu_reference(c: &Constants, sums: &Sums, r: &mut Registration, before: f
     *r = r.after(&step);
     let energy = sums.energy / sums.valid.max(1.0);
     let change = (energy - before).abs();
-    let share = moving / sums.valid.max(1.0);
+    let free = (sums.valid - at_limit).max(LEAST_FREE * sums.valid).max(1.0);
+    let share = moving / free;
     let few = share <= f64::from(c.most_moving) && far <= f64::from(c.most_far) * sums.valid;
     let variance = sums.variance[0] / sums.variance[1].max(1e-30);
+    let by_blocks = if sums.blocks > MOST_FEW { sums.scatter / (sums.normal[0][0] + sums.normal[1][1]) } else { 0.0 };
+    let is_steady = decrease < f64::from(c.steady) * variance || decrease < f64::from(c.steady_by_blocks) * by_blocks;
     let settled = c.may_settle == 1
-        && (moved < f64::from(c.still) * factor || decrease < f64::from(c.steady) * variance)
+        && (moved < f64::from(c.still) * factor || is_steady)
         && few
         && change <= f64::from(c.flatness) * before;
     Step { energy, settled, moving: share, degenerate, steady: moved <= FOLLOWED * factor }
 }
+
+/// Pixels at the limit of |V| rest, whatever the others do, so shares are of the others. If these are less than a tenth
+/// of the valid pixels, most are at depth edges, and some move on.
+const LEAST_FREE: f64 = shaders::update_transform::LEAST_FREE;
+
+/// The scatter of this many blocks or fewer says little.
+const MOST_FEW: f64 = shaders::update_transform::MOST_FEW;
 
 /// The map with these displacements, in pixels of a level that are `factor` wide, with places divided by `length`.
 pub fn displacing(length: f64, factor: f64, x: [f64; UNKNOWNS]) -> Homography {
@@ -298,6 +317,7 @@ mod tests {
             finds_alpha: 0,
             share: 1.0,
             steady: 0.0,
+            steady_by_blocks: 0.0,
             flatness: 1e-5,
             most_moving: 0.2,
             most_far: 0.03,
@@ -353,8 +373,13 @@ mod tests {
         let (actual, words, energies) = run(&c, variant, partials, &state, [&[7; 12], &start_words]);
         let sums = Sums::from_partials(partials, Layout::of_variant(variant));
         let mut expected = state.registration();
-        let step =
-            cpu_reference(&c, &sums, &mut expected, before.into(), [state.moving, state.moving_far].map(f64::from));
+        let step = cpu_reference(
+            &c,
+            &sums,
+            &mut expected,
+            before.into(),
+            [state.moving, state.moving_far, state.at_limit].map(f64::from),
+        );
         let corner = actual.registration().transform.corner_distance(expected.transform, 121, 81);
         // Single precision of sums of up to 4000 residuals.
         assert!(corner < 1e-4, "{corner} px: {actual:?} {expected:?}");

@@ -179,6 +179,7 @@ impl SharedParameters {
             relative_step: 0.0,
             limit: self.limit(level) as f32,
             share: 1.0,
+            extrapolation: 0,
         };
         (system, update)
     }
