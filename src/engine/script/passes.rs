@@ -312,7 +312,7 @@ impl Composer<'_> {
         self.system(level, &system::Constants { width, height, alpha, rate: 1.0, smoothness_eta }, NO_VARIANT);
         self.relaxation(level);
         // A whole step, then an extrapolated one, and so on.
-        let extrapolation = if k % 2 == 0 { update::KEEP } else { update::EXTRAPOLATE };
+        let extrapolation = if k.is_multiple_of(2) { update::KEEP } else { update::EXTRAPOLATE };
         let (largest_step, limit, share) = (settings.largest_step as f32, level.limit as f32, step_share(k));
         let relative_step = RELATIVE_STEP;
         let constants = update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation };

@@ -27,9 +27,9 @@ push_constants! {
 }
 
 /// Keeps the step.
-pub(crate) const KEEP: u32 = shaders::update::KEEP as u32;
+pub(crate) const KEEP: u32 = shaders::update::KEEP;
 /// Takes the step by the [factor] that follows from it and from the kept one.
-pub(crate) const EXTRAPOLATE: u32 = shaders::update::EXTRAPOLATE as u32;
+pub(crate) const EXTRAPOLATE: u32 = shaders::update::EXTRAPOLATE;
 /// The layer of the kept step, after the blur-matched pair: sums over blocks of 2 x 2 pixels.
 const KEPT: usize = shaders::update::KEPT as usize;
 /// Layers of the image with the kept step.
