@@ -14,6 +14,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
+// The version of this header. parfocal_version() returns that of the library.
+#define PARFOCAL_VERSION "0.1.0"
+#define PARFOCAL_VERSION_MAJOR 0
+#define PARFOCAL_VERSION_MINOR 1
+#define PARFOCAL_VERSION_PATCH 0
+
 // The outcome of a call.
 typedef enum {
   // Success.

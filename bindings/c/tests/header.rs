@@ -8,7 +8,8 @@ use std::path::Path;
 fn the_header_matches_the_sources() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let file = here.join("include/parfocal.h");
-    let config = cbindgen::Config::from_file(here.join("cbindgen.toml")).expect("cbindgen.toml");
+    let mut config = cbindgen::Config::from_file(here.join("cbindgen.toml")).expect("cbindgen.toml");
+    config.after_includes = Some(version_macros());
     let sources = [
         "fault", "image", "engine", "vulkan", "settings", "cancel", "solver", "solution", "stream", "sweep", "measure",
     ];
@@ -23,4 +24,19 @@ fn the_header_matches_the_sources() {
     }
     let matches = fs::read_to_string(&file).is_ok_and(|header| header == generated);
     assert!(matches, "include/parfocal.h is outdated: set PARFOCAL_HEADER=write to regenerate it");
+}
+
+/// The version of the header as macros, for the preprocessor.
+fn version_macros() -> String {
+    format!(
+        "\n// The version of this header. parfocal_version() returns that of the library.\n\
+         #define PARFOCAL_VERSION \"{}\"\n\
+         #define PARFOCAL_VERSION_MAJOR {}\n\
+         #define PARFOCAL_VERSION_MINOR {}\n\
+         #define PARFOCAL_VERSION_PATCH {}",
+        env!("CARGO_PKG_VERSION"),
+        env!("CARGO_PKG_VERSION_MAJOR"),
+        env!("CARGO_PKG_VERSION_MINOR"),
+        env!("CARGO_PKG_VERSION_PATCH"),
+    )
 }
