@@ -1,6 +1,6 @@
 #version 460
-// V ← V + share clamp(dV), and the count of the pixels that still move or are at the limit. A whole step may be kept, and the next one
-// extrapolated from it. CPU reference: src/engine/stages/update.rs.
+// V ← V + share clamp(dV), and the count of the pixels that still move or are at the limit. A whole step may be kept, and
+// the next one extrapolated from it. CPU reference: src/engine/stages/update.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -13,7 +13,7 @@ layout(binding = 1, r32f) uniform readonly image2DArray black;
 layout(binding = 2, r32f) uniform image2DArray relative_blur;
 layout(binding = 3, r32f) uniform readonly image2DArray normal_equations; // D, averaged over a window
 layout(binding = 4, std430) buffer StateBuffer { State state; };
-layout(binding = 5, r32f) uniform image2DArray kept; // layer KEPT: the whole step, the sum over each block of 2 x 2 pixels
+layout(binding = 5, r32f) uniform image2DArray kept; // layer KEPT: the sums of a whole step over blocks of 2 x 2 pixels
 layout(push_constant) uniform Constants {
     int width, height;
     float largest_step;                  // px² of the level, or

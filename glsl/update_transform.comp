@@ -27,8 +27,8 @@ layout(push_constant) uniform Constants {
     float half_width, half_height;   // from the centre to a corner, pixels
     int finds_alpha;
     float share;                     // of the step that is taken
-    float steady;                    // or its step by less than a share of T's standard deviation: x N x over Σ b² / Σ D,
-    float steady_by_blocks;          // or over the variance of the gradient by blocks
+    float steady;                    // or its step by less than a share of T's deviation: x N x over Σ b² / Σ D,
+    float steady_by_tiles;          // or over the variance of the gradient by tiles
     float flatness;                  // a level settles only if the energy changes by no more than this share
     float most_moving;               // a level settles only if the latest step moved no more than this share of the pixels,
     float most_far;                  // and no more than this share far
@@ -53,13 +53,13 @@ const float LEAST_STEEP = 0.007, MOST_STEEP = 0.1;   // px² per pixel
 const int MOST_CHAINS = 8;
 shared float chains[MOST_CHAINS][SUMS];
 shared float totals[SUMS];
-// Of the gradient by t, over the rows, each of a block of pixels.
+// Sums of squares of the gradient by t, over the rows, each of a tile of pixels.
 shared float square_chains[MOST_CHAINS][2];
 shared float squares[2];
-// Pixels at the limit of |V| rest; shares are of the others, or of at least this share of the valid pixels.
+// Pixels at the limit of |V| rest. Shares are of the others, or of at least this share of the valid pixels.
 const float LEAST_FREE = 0.1;
-// The scatter of this many blocks or fewer says little.
-const float MOST_FEW = 12.0;
+// This many tiles or fewer are too few for a variance.
+const float TOO_FEW = 12.0;
 
 void add_up() {
     int n = int(gl_LocalInvocationIndex) % SUMS, chain = int(gl_LocalInvocationIndex) / SUMS;
@@ -78,9 +78,11 @@ void add_up() {
     barrier();
     if (chain == 0) {
         float sum = 0.0, square = 0.0;
-        for (int c = 0; c < count; c++) sum += chains[c][n];
+        for (int c = 0; c < count; c++) {
+            sum += chains[c][n];
+            if (of_t) square += square_chains[c][n - GRADIENT];
+        }
         totals[n] = sum;
-        for (int c = 0; of_t && c < count; c++) square += square_chains[c][n - GRADIENT];
         if (of_t) squares[n - GRADIENT] = square;
     }
     barrier();
@@ -105,12 +107,12 @@ float gradient(int i) {
     return sum;
 }
 
-// The variance of the gradient by t, from its scatter over the blocks, over N.
-float variance_by_blocks() {
-    float blocks = float(rows), sum = 0.0;
-    if (blocks <= MOST_FEW) return 0.0;
-    for (int c = 0; c < 2; c++) sum += max(squares[c] - totals[GRADIENT + c] * totals[GRADIENT + c] / blocks, 0.0);
-    return sum * blocks / (blocks - 1.0) / (normal(0, 0) + normal(1, 1));
+// The variance of the gradient by t, from its scatter over the tiles, over N.
+float variance_by_tiles() {
+    float tiles = float(rows), sum = 0.0;
+    if (tiles <= TOO_FEW) return 0.0;
+    for (int c = 0; c < 2; c++) sum += max(squares[c] - totals[GRADIENT + c] * totals[GRADIENT + c] / tiles, 0.0);
+    return sum * tiles / (tiles - 1.0) / (normal(0, 0) + normal(1, 1));
 }
 
 // Cholesky of N scaled to a unit diagonal, or a step down the gradient divided by the sum of N's row. Unknowns that are
@@ -228,7 +230,7 @@ void step_once() {
     state.variance = totals[VARIANCE] / max(totals[VARIANCE + 1], 1e-30);
     state.levels[level].moving = moving;
     bool rests = moved < still * factor || decrease < steady * state.variance ||
-                 decrease < steady_by_blocks * variance_by_blocks();
+                 decrease < steady_by_tiles * variance_by_tiles();
     settled = may_settle == 1 && rests && few && change <= flatness * before;
     state.levels[level].settled = uint(settled);
     // While T moves, its errors would count as noise.

@@ -10,7 +10,7 @@ struct LevelState {
     float valid;       // pixels
     uint warps;        // bit n: I2 was warped again before iteration 2^n
     uint settled;      // T and V are at rest: the level has no more iterations
-    float moving;      // the share of the valid pixels that the latest step moved
+    float moving;      // the share of the valid pixels below the limit of |V| that the latest step moved
 };
 
 // T p = (M p + t) / (1 + g·p), with p from the image centre in pixels of the full-size image. M minus the identity is

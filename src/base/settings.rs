@@ -342,7 +342,7 @@ settings! {
     /// states what it found.
     regularization: Option<f64> = None, 1e-6 to 10, flag "Relative blur V" "A|auto";
     /// Outer iterations on each level, at most.
-    /// A level stops once it has settled, usually after 4 to 24.
+    /// A level stops once it has settled, usually after 4 to 18.
     outer_iterations: u32 = 100, 5 to 1000, flag "Relative blur V" "N";
     /// Red-black relaxation sweeps in each outer iteration, on each grid but the coarsest.
     relaxation_sweeps: u32 = 3, 1 to 100, flag "Relative blur V" "N";

@@ -2,12 +2,13 @@
 //!
 //! Each level has [`WORDS`] words of arguments: the workgroups over tiles, over one color, over all pixels, over blocks
 //! of pixels, of filters along x and along y, one, and over each coarse grid; then three for each pass that warps I2
-//! again. Before a solve they are the [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles.
-//! Before an iteration that may warp it restores the words of the warping passes, or zeroes them.
+//! again. Before a solve they are the [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a
+//! level's words when it settles. Before an iteration that may warp it restores the words of the warping passes, or
+//! zeroes them.
 //!
 //! After those of all levels come nine words, the workgroups of the passes over [`Edges`]: zero until
-//! [`edge_cells`](super::stages::edge_cells) finds an edge. The last word is [`NOT_CANCELLED`]. The host sets it to [`CANCELLED`] at any time;
-//! `update_transform` then ends its level and all finer ones.
+//! [`edge_cells`](super::stages::edge_cells) finds an edge. The last word is [`NOT_CANCELLED`]. The host sets it to
+//! [`CANCELLED`] at any time; `update_transform` then ends its level and all finer ones.
 
 use super::stages::state::{LevelState, MAX_LEVELS};
 

@@ -30,8 +30,8 @@ pub(crate) enum Slot {
     GridSteps,
     /// dV of the red (0) or of the black pixels (1).
     Change { color: usize },
-    /// Terms of the uncertainty, on every other pixel; before the end the blur-matched pair, and the latest whole step of
-    /// V.
+    /// Terms of the uncertainty, on every other pixel; before the end the blur-matched pair, and the latest whole step
+    /// of V.
     UncertaintyTerms,
     /// Luminance of all frames of a sweep on a level, a layer each.
     Frames { level: usize },

@@ -63,7 +63,8 @@ pub struct Findings {
     /// Fraction of the pixels of I1 and of I2 that are clipped, of those that no mask excludes. For a pair that is
     /// solved in parts, of the halved photographs.
     pub clipped_fractions: [f64; 2],
-    /// Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
+    /// Fraction of the valid pixels below the limit of |V| that the last step moved by more than a tenth of their
+    /// standard deviation.
     pub unsettled_fraction: f64,
     /// Fraction of the valid pixels that are not measured because the photographs differ there by more than noise and
     /// blur explain: residuals beyond ten times `noise` and a standard deviation of V beyond 1 px².

@@ -344,7 +344,8 @@ typedef struct {
   double mean_confidence;
   // Fraction of the valid pixels at the limit of |V|.
   double saturated_fraction;
-  // Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
+  // Fraction of the valid pixels below the limit of |V| that the last step moved by more than a tenth of their
+  // standard deviation.
   double unsettled_fraction;
   // Fraction of the valid pixels that are not measured because the photographs differ by more than noise and blur.
   double unexplained_fraction;

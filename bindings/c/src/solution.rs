@@ -87,7 +87,8 @@ pub struct parfocal_solution_view {
     pub mean_confidence: f64,
     /// Fraction of the valid pixels at the limit of |V|.
     pub saturated_fraction: f64,
-    /// Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation.
+    /// Fraction of the valid pixels below the limit of |V| that the last step moved by more than a tenth of their
+    /// standard deviation.
     pub unsettled_fraction: f64,
     /// Fraction of the valid pixels that are not measured because the photographs differ by more than noise and blur.
     pub unexplained_fraction: f64,

@@ -7,9 +7,7 @@ use crate::engine::device::AnyDevice;
 use crate::engine::slot::Slot;
 use crate::engine::stages::state::State;
 use crate::engine::stages::sums::Layout;
-use crate::engine::stages::{
-    convolve, grid, half_pair, linearise, pixels, shape_windows, system, uncertainty_terms, update,
-};
+use crate::engine::stages::{convolve, grid, half_pair, linearise, pixels, shape_windows, system, uncertainty_terms};
 use crate::engine::tiles;
 use crate::engine::vulkan::{MIB, Texel, image_limits};
 
@@ -159,8 +157,8 @@ impl Plan {
             image(Slot::NormalEquations, self.size, half_pair::LAYERS),
             image(Slot::Luminance { image: 0, level: 0 }, self.size, 1),
             image(Slot::Aligned, self.size, frames),
-            // Sweeps keep no step.
-            image(Slot::UncertaintyTerms, [1; 2], update::LAYERS),
+            // `update` binds it; steps of sweeps are not kept.
+            image(Slot::UncertaintyTerms, [1; 2], uncertainty_terms::LAYERS as u32),
         ]);
         list.extend(self.pyramid.iter().map(|level| image(Slot::Frames { level: level.index }, level.size, frames)));
         // The sums of all half-pairs, four of a frame at most on either side.

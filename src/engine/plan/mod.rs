@@ -18,8 +18,8 @@ pub(crate) const LEAST_SIZE: u32 = 16;
 const LEAST_COARSEST: u32 = 32;
 /// The least short side of a level that [`Settings::levels`] may ask for.
 const LEAST_LEVEL: u32 = 8;
-/// Outer iterations in which α of the coarsest level, which starts from V = 0, falls to its final value. The others start
-/// from a coarser V and need none: the cascade carries V across a level in one iteration.
+/// Outer iterations in which α of the coarsest level, which starts from V = 0, falls to its final value. The others
+/// start from a coarser V and need none: the cascade carries V across a level in one iteration.
 const CONTINUATION: f64 = 6.0;
 /// With fewer outer iterations than these, the continuation is shortened in proportion, so that it ends before they do.
 const WHOLE_CONTINUATION: f64 = 20.0;
@@ -181,8 +181,8 @@ impl Plan {
 
     /// Whether gain and offset are matched before iteration k of a level: before 0, 1 and 3, and on the coarsest level
     /// before 5 too, while α still falls. A match must not follow an extrapolated step, which may go too far: the gain
-    /// then takes up what V has too much of, and both come back slowly. Matched before 2 and 4 instead, a uniform V of 1 px²
-    /// without noise ends at 1.013 instead of 1.003.
+    /// then takes up what V has too much of, and both come back slowly. With steps doubled in turn, matched before 2
+    /// and 4 instead, a uniform V of 1 px² without noise ended at 1.013 instead of 1.003.
     pub(crate) fn matches_before(&self, level: &Level, k: u32) -> bool {
         let coarsest = level.index + 1 == self.solved;
         self.matches_exposure() && (k <= 3 && k != 2 || coarsest && k == 5)

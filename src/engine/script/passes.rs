@@ -25,23 +25,25 @@ const FINEST_STILL: f32 = 0.001;
 /// The same for the coarser levels, which provide a start only: at 0.001 they took up to 20 iterations, and no result
 /// was better.
 const COARSER_STILL: f32 = 0.01;
-/// A level settles once a whole step moves no more than this share of the valid pixels by a tenth of their standard
-/// deviation: V of weak areas, which comes from afar. With 0.1 the heat sink takes 16 iterations instead of 8.
+/// A level settles once a whole step moves no more than this share of the valid pixels below the limit of |V| by a
+/// tenth of their standard deviation: V of weak areas, which comes from afar. With 0.1 the heat sink takes 16
+/// iterations instead of 8.
 pub(crate) const MOST_MOVING: f32 = 0.25;
 /// And no more than this share by half of it: pixels at depth edges. Without this bound twice as many pixels of bars
 /// end more than five standard deviations off.
 const MOST_FAR: f32 = 0.05;
-/// T is at rest if its step is less than about half of its standard deviation: ¼ of 1.8² (as of a step of V) times Σ b² / Σ D, for each
-/// unknown. About, since the sums of T have a wider η where noise is strong.
+/// T is at rest if its step is less than about half of its standard deviation: ¼ of 1.8² (as of a step of V) times Σ b²
+/// / Σ D, for each unknown. About, since the sums of T have a wider η where noise is strong.
 const STEADY: f32 = 0.25 * 3.24;
-/// Or if it is less than a tenth of the standard deviation that the scatter of blocks says, squared. Of a generated
-/// part the two standard deviations are alike. On photographs residuals are alike over a feature, and the variance is 15
-/// to 600 times larger: pcb-macro took 20 instead of 10 iterations, until T moved by a hundredth of its deviation.
-const STEADY_BY_BLOCKS: f32 = 0.01;
+/// Or if it is less than a tenth of the standard deviation that the scatter over tiles shows, squared. Of a generated
+/// part that deviation is as the one above. On photographs residuals are alike over a feature: the variance is 15 to
+/// 600 times 1.8² Σ b² / Σ D. Without this rule pcb-macro took 20 instead of 10 iterations, for steps of T of a
+/// hundredth of its deviation.
+const STEADY_BY_TILES: f32 = 0.01;
 /// The largest |dV| as a share of |V|, where that is more than [`Settings::largest_step`](crate::Settings).
 const RELATIVE_STEP: f32 = 0.25;
-/// Without V, by the method appearance, the finest level settles only if the energy changes by no more than this share in
-/// an iteration.
+/// Without V, by the method appearance, the finest level settles only if the energy changes by no more than this share
+/// in an iteration.
 const FINEST_FLAT: f32 = 1e-5;
 /// The same for the coarser levels, and where steps are damped: an alternating energy changes by less only by chance.
 const COARSER_FLAT: f32 = 1e-4;
@@ -233,7 +235,7 @@ impl Composer<'_> {
             may_settle: u32::from(k > 0),
             warp_count: 0,
             steady: 0.0,
-            steady_by_blocks: 0.0,
+            steady_by_tiles: 0.0,
             flatness: if level.index == 0 && step_share(k) == 1.0 { FINEST_FLAT } else { COARSER_FLAT },
             ..transform_step(self.plan, level, k)
         };
@@ -278,7 +280,7 @@ fn transform_step(plan: &Plan, level: &Level, k: u32) -> update_transform::Const
         finds_alpha: u32::from(plan.finds_alpha(level, k)),
         share: step_share(k),
         steady: if unknowns > 0 { STEADY * unknowns as f32 } else { f32::MAX },
-        steady_by_blocks: STEADY_BY_BLOCKS * unknowns as f32,
+        steady_by_tiles: STEADY_BY_TILES * unknowns as f32,
         // V and T have measures of their own; the energy is none (section 6 of `docs/method.md`).
         flatness: f32::MAX,
         most_moving: MOST_MOVING,
@@ -430,7 +432,7 @@ impl Composer<'_> {
         self.within(level, Over::Half, bindings, &constants, variant);
     }
 
-    /// V + clamp(dV).
+    /// Adds a share of clamp(dV) to V.
     pub(super) fn update(&mut self, level: &Level, constants: &update::Constants) {
         let bindings = update::Bindings {
             red: slot::change(RED).read(),

@@ -92,7 +92,7 @@ pub struct LevelState {
     pub warps: u32,
     /// 1 once T and V are at rest, or the solve is cancelled: the level has no more iterations.
     pub settled: u32,
-    /// The share of the valid pixels that the latest step moved.
+    /// The share of the valid pixels below the limit of |V| that the latest step moved.
     pub moving: f32,
 }
 
@@ -156,7 +156,7 @@ pub struct DoubleLevel {
     pub warps: u32,
     /// T and V are at rest: the level has no more iterations.
     pub settled: bool,
-    /// The share of the valid pixels that the latest step moved.
+    /// The share of the valid pixels below the limit of |V| that the latest step moved.
     pub moving: f64,
 }
 

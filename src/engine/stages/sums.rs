@@ -40,9 +40,9 @@ pub struct Sums {
     pub spread: f64,
     /// Sums of b² and of D.
     pub variance: [f64; 2],
-    /// The number of rows: workgroups, each of a block of pixels.
-    pub blocks: f64,
-    /// The variance of g of t_x and of t_y, together, by its scatter over the blocks; 0 if there is one.
+    /// The number of rows: workgroups, each of a tile of pixels.
+    pub tiles: f64,
+    /// The variance of g of t_x plus that of t_y, by the scatter over the tiles; 0 of one tile.
     pub scatter: f64,
 }
 
@@ -105,13 +105,13 @@ impl Sums {
             roughness: [row[layout.energy + 2], row[layout.energy + 3]],
             spread: row[layout.energy + 4],
             variance: [row[layout.energy + 5], row[layout.energy + 6]],
-            blocks: (partials.len() / layout.length) as f64,
+            tiles: (partials.len() / layout.length) as f64,
             ..Self::default()
         };
         for n in [layout.gradient, layout.gradient + 1] {
             let squares: f64 = partials.chunks_exact(layout.length).map(|row| row[n].into().powi(2)).sum();
-            let about_mean = (squares - row[n] * row[n] / sums.blocks.max(1.0)).max(0.0);
-            sums.scatter += about_mean * sums.blocks / (sums.blocks - 1.0).max(1.0);
+            let about_mean = (squares - row[n] * row[n] / sums.tiles.max(1.0)).max(0.0);
+            sums.scatter += about_mean * sums.tiles / (sums.tiles - 1.0).max(1.0);
         }
         for (i, a) in ALONG[..layout.unknowns].iter().enumerate() {
             for (c, (sign, powers)) in a.iter().enumerate() {

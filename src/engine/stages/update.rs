@@ -1,6 +1,6 @@
 //! `V ← V + share clamp(dV)`, and the count of the pixels that still move.
 //!
-//! A whole step may be kept. The next step is then [extrapolated](factor) from both, in each block of 2 x 2 pixels.
+//! A whole step may be kept. The next step is then extrapolated from both, in each block of 2 x 2 pixels.
 //! Sections 4 and 6 of `docs/method.md`.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
@@ -22,18 +22,16 @@ push_constants! {
     limit: f32,
     /// Share of dV that is added.
     share: f32,
-    /// [`KEEP`], [`EXTRAPOLATE`], or 0.
+    /// 1 keeps the step, 2 extrapolates it from the kept one, 0 does neither.
     extrapolation: u32,
 }
 
-/// Keeps the step.
+/// [`Constants::extrapolation`]: keeps the step.
 pub(crate) const KEEP: u32 = shaders::update::KEEP;
-/// Takes the step by the [factor] that follows from it and from the kept one.
+/// [`Constants::extrapolation`]: multiplies the step by the [factor] that follows from it and from the kept one.
 pub(crate) const EXTRAPOLATE: u32 = shaders::update::EXTRAPOLATE;
 /// The layer of the kept step, after the blur-matched pair: sums over blocks of 2 x 2 pixels.
 const KEPT: usize = shaders::update::KEPT as usize;
-/// Layers of the image with the kept step.
-pub(crate) const LAYERS: u32 = KEPT as u32 + 1;
 /// Bounds of the factor. Twice and half were enough on real pairs; with three times the coarsest level took 20 instead
 /// of 16 iterations.
 const FACTORS: [f64; 2] = [shaders::update::LEAST_FACTOR, shaders::update::MOST_FACTOR];
@@ -87,16 +85,16 @@ const INDEPENDENT: f64 = shaders::update::INDEPENDENT;
 /// generated scenes. On photographs it is not measured.
 const WIDER: f64 = shaders::update::WIDER;
 
-/// The factor that extrapolates a step. Where steps change in proportion to what is left, as lagged weights and small
-/// swings make them, the whole way is the step divided by 1 - change/before (Aitken, 1926).
+/// The factor that extrapolates a step. Where steps change in proportion to what is left, the remaining distance is the
+/// step divided by 1 - change/before (Aitken, 1926). 1 if there was no step before.
 fn factor<N: Number>(change: N, before: N) -> N {
     let [none, one, most, least] = [0.0, 1.0, FACTORS[1], FACTORS[0]].map(N::of);
     if before == none { one } else { (one / (one - change / before).max(one / most)).max(least) }
 }
 
-/// Adds dV, of the red and of the black pixels, to V; returns the numbers of pixels that a whole step moves, of those it
-/// moves far, and of those with data that are at the limit. `variance` is Σ b² / Σ D. `kept` gets the sums of blocks
-/// or extrapolates the step.
+/// Adds dV, of the red and of the black pixels, to V, and keeps or extrapolates the step. Returns the numbers of pixels
+/// that a whole step moves, of those it moves far, and of those with data that are at the limit. `variance` is Σ b² /
+/// Σ D, `kept` the sums of the kept step over blocks.
 pub fn cpu_reference<N: Number>(
     c: &Constants,
     change: [&Raster<N>; 2],
@@ -113,22 +111,22 @@ pub fn cpu_reference<N: Number>(
         *kept = Raster::zeros(blocks[0], blocks[1]);
     }
     let moving = rows::map([Rows::from(v).joined(2), kept.into()], |row, [lines, kept]| {
-        let mut moving = [0; 3];
+        let (mut moving, count) = ([0; 3], lines.len() / width);
         for (block, kept) in kept.iter_mut().enumerate() {
-            let xs = 2 * block..width.min(2 * block + 2);
-            let of = |line: usize| xs.clone().map(move |x| (x, 2 * row + line));
-            let pixels = (0..lines.len() / width).flat_map(of);
-            let change =
-                |v: N, (x, y): (usize, usize)| within(change[(x + y) % 2].row(y)[x / 2], step.max(relative * v.abs()));
-            let at = |(x, y): (usize, usize)| (y % 2) * width + x;
-            let sum = pixels.clone().fold(N::default(), |sum, place| sum + change(lines[at(place)], place));
+            let places = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| (2 * block + i, j));
+            let exists = |(x, j): (usize, usize)| x < width && j < count;
+            let mut changes = [N::default(); 4];
+            for (taken, (x, j)) in changes.iter_mut().zip(places).filter(|(_, place)| exists(*place)) {
+                let y = 2 * row + j;
+                *taken = within(change[(x + y) % 2].row(y)[x / 2], step.max(relative * lines[j * width + x].abs()));
+            }
+            let sum = changes.iter().fold(N::default(), |sum, &change| sum + change);
             let share = if c.extrapolation == EXTRAPOLATE { factor(sum, *kept) * share } else { share };
             if c.extrapolation == KEEP {
                 *kept = sum;
             }
-            for place @ (x, y) in pixels {
-                let (v, d) = (&mut lines[at(place)], d.row(y)[x]);
-                let change = change(*v, place);
+            for (change, (x, j)) in changes.into_iter().zip(places).filter(|(_, place)| exists(*place)) {
+                let (v, d) = (&mut lines[j * width + x], d.row(2 * row + j)[x]);
                 let whole = within(*v + change, limit) - *v;
                 *v = within(*v + share * change, limit);
                 let [moves, far] = bounds.map(|bound| d * whole * whole > bound);

@@ -49,8 +49,9 @@ push_constants! {
     /// Or if `ζ N ζ` is less than this times Σ b² / Σ D: T moves by less than a share of its standard deviation if
     /// residuals are independent.
     steady: f32,
-    /// Or less than this times the variance of g over N: by less than a share of what the scatter of blocks says.
-    steady_by_blocks: f32,
+    /// Or less than this times the variance of g over N: by less than a share of the deviation by the scatter over
+    /// tiles.
+    steady_by_tiles: f32,
     /// A level settles only if the energy changes by no more than this share.
     flatness: f32,
     /// A level settles only if the latest step moved no more than this share of the valid pixels by a tenth of their
@@ -168,8 +169,8 @@ pub fn cpu_reference(
     let share = moving / free;
     let few = share <= f64::from(c.most_moving) && far <= f64::from(c.most_far) * sums.valid;
     let variance = sums.variance[0] / sums.variance[1].max(1e-30);
-    let by_blocks = if sums.blocks > MOST_FEW { sums.scatter / (sums.normal[0][0] + sums.normal[1][1]) } else { 0.0 };
-    let is_steady = decrease < f64::from(c.steady) * variance || decrease < f64::from(c.steady_by_blocks) * by_blocks;
+    let by_tiles = if sums.tiles > TOO_FEW { sums.scatter / (sums.normal[0][0] + sums.normal[1][1]) } else { 0.0 };
+    let is_steady = decrease < f64::from(c.steady) * variance || decrease < f64::from(c.steady_by_tiles) * by_tiles;
     let settled = c.may_settle == 1
         && (moved < f64::from(c.still) * factor || is_steady)
         && few
@@ -178,11 +179,12 @@ pub fn cpu_reference(
 }
 
 /// Pixels at the limit of |V| rest, whatever the others do, so shares are of the others. If these are less than a tenth
-/// of the valid pixels, most are at depth edges, and some move on.
+/// of the valid pixels, most are at depth edges, and some move on. The count at the limit is of pixels with data in
+/// their window: beside masks it has a few more than the valid ones.
 const LEAST_FREE: f64 = shaders::update_transform::LEAST_FREE;
 
-/// The scatter of this many blocks or fewer says little.
-const MOST_FEW: f64 = shaders::update_transform::MOST_FEW;
+/// This many tiles or fewer are too few for a variance.
+const TOO_FEW: f64 = shaders::update_transform::TOO_FEW;
 
 /// The map with these displacements, in pixels of a level that are `factor` wide, with places divided by `length`.
 pub fn displacing(length: f64, factor: f64, x: [f64; UNKNOWNS]) -> Homography {
@@ -317,7 +319,7 @@ mod tests {
             finds_alpha: 0,
             share: 1.0,
             steady: 0.0,
-            steady_by_blocks: 0.0,
+            steady_by_tiles: 0.0,
             flatness: 1e-5,
             most_moving: 0.2,
             most_far: 0.03,

@@ -161,8 +161,8 @@ pub struct Report {
     /// Fraction of the valid pixels of a pair at the limit of |V|.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub saturated_fraction: Option<f64>,
-    /// Fraction of the valid pixels of a pair whose V the last step changed by more than a tenth of its standard
-    /// deviation.
+    /// Fraction of the valid pixels of a pair below the limit of |V| that the last step moved by more than a tenth of
+    /// their standard deviation.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub unsettled_fraction: Option<f64>,
     /// Fraction of the valid pixels of a pair that are not measured because of what noise and blur do not explain.

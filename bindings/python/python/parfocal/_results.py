@@ -159,7 +159,7 @@ class Result(Registration):
     saturated_fraction: float
     """Fraction of the valid pixels at the limit of |V|."""
     unsettled_fraction: float
-    """Fraction of the valid pixels whose V the last step changed by more than a tenth of its standard deviation."""
+    """Fraction of the valid pixels below the limit of |V| that the last step moved by a tenth of their deviation."""
     unexplained_fraction: float
     """Fraction of the valid pixels that are not measured because the photographs differ by more than noise and blur."""
     noise: float
