@@ -1,7 +1,8 @@
 //! The progress of a solve: the share of its work that is done.
 //!
-//! Work is the compulsory traffic of the dispatches, which time follows. How many iterations a level will need is not
-//! known before: a few more than its first part has, then as many as the level before.
+//! Work is the compulsory traffic of the dispatches, and for passes whose time does not follow their traffic a multiple
+//! of it. How many iterations a level will need is not known before: a few more than its first part has, then as many
+//! as the level before.
 
 use super::script::{self, Action, Script};
 use crate::base::Progress;
@@ -9,8 +10,55 @@ use crate::base::Progress;
 /// Parts of two iterations each that a level is expected to have beyond its first part, until a level is done.
 const EXPECTED: usize = 2;
 
-/// Bytes that move in the time that a dispatch takes without work: 0.1 ms at 3 GB/s on lavapipe.
-const DISPATCH: u64 = 300_000;
+/// What an average pass moves, on the CPU device and on lavapipe.
+const BYTES_PER_SECOND: f64 = 3e9;
+
+/// What a device's time consists of.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Costs {
+    /// The CPU device: passes that compute little for what they read are fast, since rows stay in the cache.
+    Cpu,
+    /// A Vulkan device, whose dispatches take time without work too.
+    Vulkan,
+}
+
+impl Costs {
+    /// The work of a dispatch, in bytes that an average pass moves in the same time.
+    fn work(self, dispatch: &script::Dispatch) -> f64 {
+        let (bytes, pass) = (dispatch.bytes as f64, dispatch.stage.shader.name);
+        // A dispatch without work takes 0.03 ms on the CPU device, which starts threads, and 0.1 ms on lavapipe.
+        match self {
+            Self::Cpu => 0.03e-3 * BYTES_PER_SECOND + bytes * Self::on_host(pass),
+            Self::Vulkan => 0.1e-3 * BYTES_PER_SECOND + bytes * Self::of_edges(pass),
+        }
+    }
+
+    /// Time of a byte on the CPU device, relative to that of an average pass: medians of the heat sink, the metal part
+    /// and the dimple, two threads.
+    fn on_host(pass: &str) -> f64 {
+        match pass {
+            "relax" | "shape" => 0.2,
+            "relax_grid" | "halve_grid" => 0.3,
+            "convolve" | "subdivide" => 0.6,
+            "linearise" => 2.6,
+            "warp" | "uncertainty" => 2.0,
+            "blur_matched_pair" | "residual" => 5.0,
+            "shape_windows" | "edge_cells" | "edge_agree" => 10.0,
+            _ => Self::of_edges(pass),
+        }
+    }
+
+    /// The search for edges computes much for each tile that has one. How many have is known only when it runs: 0 to
+    /// 12 % of the time, for which the middle stands.
+    fn of_edges(pass: &str) -> f64 {
+        match pass {
+            "edge_costs" => 500.0,
+            "edge_apply" => 70.0,
+            "edge_decide" => 20.0,
+            _ => 1.0,
+        }
+    }
+}
 
 /// A part of the script.
 struct Part {
@@ -37,17 +85,17 @@ pub(crate) struct WorkCounter {
 
 impl WorkCounter {
     /// Counts the first `parts` parts of a script.
-    pub(crate) fn new(script: &Script, parts: usize) -> Self {
+    pub(crate) fn new(script: &Script, parts: usize, costs: Costs) -> Self {
         let (mut level, mut is_optional, mut done) = (0, false, 0);
         let (mut list, mut levels_done) = (Vec::new(), Vec::new());
         for part in &script.parts[..parts] {
             // Parts without a mark belong to what is before them; after the last iteration come the results.
             is_optional = part.continues.is_some() || is_optional && part.begins.is_none();
-            let bytes = part.entries.iter().map(|entry| match &entry.action {
-                Action::Dispatch(dispatch) => DISPATCH + dispatch.bytes,
-                _ => 0,
+            let work = part.entries.iter().map(|entry| match &entry.action {
+                Action::Dispatch(dispatch) => costs.work(dispatch),
+                _ => 0.0,
             });
-            list.push(Part { level, is_optional, work: bytes.sum::<u64>() as f64 });
+            list.push(Part { level, is_optional, work: work.sum() });
             if part.level_done.is_some() {
                 (level, is_optional, done) = (level + 1, false, done + 1);
             }
@@ -110,7 +158,7 @@ mod tests {
     fn shares(ran: &[usize]) -> Vec<f64> {
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let script = compose(&Plan::new(320, 256, [gray; 2], &Settings::default()).unwrap(), false);
-        let mut counter = WorkCounter::new(&script, script.parts.len());
+        let mut counter = WorkCounter::new(&script, script.parts.len(), Costs::Vulkan);
         let (mut optional, mut level) = (0, 0);
         let mut shares = Vec::new();
         for n in 0..script.parts.len() {

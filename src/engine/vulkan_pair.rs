@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::arguments;
 use super::pair_memory::{CancelFlag, PairMemory, Shared};
 use super::plan::Plan;
-use super::progress::WorkCounter;
+use super::progress::{Costs, WorkCounter};
 use super::record::{Workspace, record, record_with};
 use super::script::{Script, compose};
 use super::slot::Slot;
@@ -246,7 +246,7 @@ impl PairMemory for VulkanPair {
             Ok(level.is_some_and(|level| state.levels[level].settled == 1))
         };
         let mut wanted = |part: usize| is_settled(level_of(part)).map(|settled| !settled);
-        let mut counter = WorkCounter::new(script, parts);
+        let mut counter = WorkCounter::new(script, parts, Costs::Vulkan);
         recording.run_parts(parts, deadline, &mut wanted, &mut |over| {
             let part = over - 1;
             // A progress that cannot be read is shown as that of a level that goes on.

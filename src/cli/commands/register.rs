@@ -71,7 +71,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let values = values.corrected(&inputs, &frames);
     settings.decode = values.decode;
     let engine = run.engine(engine)?;
-    let bar = run.bar();
+    let bar = run.bar(0.0);
     let options = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
     let registered = PairSolver::new(&engine, &settings)
         .and_then(|mut solver| solver.register(frames.each_ref(), &options))

@@ -45,14 +45,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Some(photographs) = read else { return Ok(()) };
     let engine = request.run.engine(engine)?;
     let frames = photographs.frames.each_ref();
-    let bar = request.run.bar();
+    let bar = request.bar(&photographs.frames);
     let options = SolveOptions { progress: Some(bar.reporter()), ..photographs.scope.clone() };
     let solution = PairSolver::new(&engine, &photographs.settings)
         .and_then(|mut solver| solver.solve(frames, &options))
         .map_err(|e| Failure::of_solve(e, &job.files[0]))?;
-    drop((options, bar));
     crate::cli::check_validation(&engine)?;
     let report = job.write(&request, engine.info(), &photographs, &solution)?;
+    drop((options, bar));
     request.run.report.print(&summary(&report, request.palette, &job.out), || report.to_json())?;
     request.run.check_strict(report.converged == Some(true), &report.warnings)
 }

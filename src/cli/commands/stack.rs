@@ -82,11 +82,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let read = job.read(&request, |_| Ok(false), || request.run.info(&mut engine))?;
     let Some(read) = read else { return Ok(()) };
     let engine = request.run.engine(engine)?;
-    let bar = request.run.bar();
+    let bar = request.bar(&read.frames);
     let solved = read.solve(&engine, Some(bar.reporter())).map_err(|e| Failure::of_solve(e, &job.files.frames[0]))?;
-    drop(bar);
     crate::cli::check_validation(&engine)?;
     let report = job.write(&request, engine.info(), &read, &solved)?;
+    drop(bar);
     request.run.report.print(&summary(&report, &read.inputs, request.palette, &job.out), || report.to_json())?;
     request.run.check_strict(true, &report.warnings)
 }
@@ -245,7 +245,7 @@ pub(crate) fn register(
     check_alike(files, &frames)?;
     let values = Values::of(settings.decode, &inputs)?.corrected(&inputs, &frames);
     let settings = Settings { decode: values.decode, ..settings.clone() };
-    let bar = run.bar();
+    let bar = run.bar(0.0);
     let options = SweepOptions { settings, reference, ..SweepOptions::default() };
     let solve_options = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
     let found = SweepSolver::new(&engine, &options).and_then(|mut solver| solver.register(&frames, &solve_options));

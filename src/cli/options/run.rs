@@ -86,9 +86,9 @@ pub(crate) struct RunArguments {
 }
 
 impl RunArguments {
-    /// A progress bar.
-    pub(crate) fn bar(&self) -> Arc<Bar> {
-        Arc::new(Bar::new(self.progress, self.report.is_quiet()))
+    /// A progress bar for a solve after which `writing` seconds are expected to pass.
+    pub(crate) fn bar(&self, writing: f64) -> Arc<Bar> {
+        Arc::new(Bar::new(self.progress, self.report.is_quiet(), writing))
     }
 
     /// Whether progress is printed as JSON.

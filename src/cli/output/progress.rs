@@ -36,6 +36,8 @@ pub(crate) enum ProgressMode {
 pub(crate) struct Bar {
     display: Display,
     started: Instant,
+    /// Expected time from the end of the solve to the last result, s.
+    writing: f64,
 }
 
 enum Display {
@@ -53,8 +55,8 @@ struct Lines {
 }
 
 impl Bar {
-    /// Makes the display that `mode` requests; none if `is_quiet`.
-    pub(crate) fn new(mode: ProgressMode, is_quiet: bool) -> Self {
+    /// Makes the display that `mode` requests; none if `is_quiet`. The results will take `writing` seconds to be written.
+    pub(crate) fn new(mode: ProgressMode, is_quiet: bool, writing: f64) -> Self {
         let display = match mode {
             ProgressMode::Json => Display::Json,
             ProgressMode::Auto if !is_quiet && io::stderr().is_terminal() => {
@@ -67,7 +69,7 @@ impl Bar {
             ProgressMode::Auto if !is_quiet => Display::Lines(Lines::new()),
             _ => Display::Nothing,
         };
-        Self { display, started: Instant::now() }
+        Self { display, started: Instant::now(), writing }
     }
 
     /// A function that displays the progress of a solve.
@@ -76,8 +78,16 @@ impl Bar {
         Arc::new(move |progress| bar.show(progress))
     }
 
+    /// The share of the solve and of the writing, after `elapsed` seconds and this share of the solve.
+    fn share_of_all(&self, elapsed: f64, share: f64) -> f64 {
+        let all = elapsed / share + self.writing;
+        if share > 0.0 && all > 0.0 { elapsed / all } else { share }
+    }
+
     fn show(&self, Progress { done, total, share }: Progress) {
-        let (elapsed, mut level) = (self.started.elapsed(), format!("level {done} of {total}"));
+        let elapsed = self.started.elapsed();
+        let mut level = if share < 1.0 { format!("level {done} of {total}") } else { "writing".to_string() };
+        let share = self.share_of_all(elapsed.as_secs_f64(), share);
         let left = (elapsed >= ESTIMATE_AFTER && share > 0.0).then(|| elapsed.as_secs_f64() * (1.0 - share) / share);
         if let Some(left) = left {
             level += &format!(", some {left:.0} s left");

@@ -8,7 +8,7 @@ use super::run;
 use crate::base::{Deadline, Error, Mask, Progress};
 use crate::engine::device::CpuDevice;
 use crate::engine::pair_memory::{CancelFlag, PairMemory, Shared};
-use crate::engine::progress::WorkCounter;
+use crate::engine::progress::{Costs, WorkCounter};
 use crate::engine::record::Reading;
 use crate::engine::script::{Action, Entry, Script, compose};
 use crate::engine::slot::Slot;
@@ -95,7 +95,7 @@ impl PairMemory for CpuPair {
     ) -> Result<(), Error> {
         let script = &self.script;
         let count = parts(script);
-        let mut counter = WorkCounter::new(script, count);
+        let mut counter = WorkCounter::new(script, count, Costs::Cpu);
         self.moments.clear();
         for (n, part) in script.parts[..count].iter().enumerate() {
             let mut proceed = |entry: &Entry| {

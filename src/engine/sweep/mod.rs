@@ -35,6 +35,9 @@ const MAX_KERNEL_MEAN: f64 = 0.1;
 /// Bytes of the device beyond which the finest level is solved in parts.
 const MEMORY: u64 = 4 << 30;
 
+/// Time to fuse the frames, relative to that of an iteration on the finest level: 12 frames of the dimple.
+const FUSION: f64 = 0.35;
+
 /// The focus settings, the reference and the mask of a sweep.
 pub struct SweepInput<'a> {
     /// The focus settings of the frames, ascending, about one step apart.
@@ -130,7 +133,8 @@ impl JointSolver {
         Ok(Self { settings, size, timeout, whole: PyramidSolver::new(engine, plan, frames)?, parts })
     }
 
-    /// Solves a sweep; `report` is called after each iteration.
+    /// Solves a sweep; `report` is called after each iteration. The share that is left at the end is for the fusion of
+    /// the frames.
     ///
     /// # Errors
     /// [`Error::Cancelled`], [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
@@ -147,7 +151,8 @@ impl JointSolver {
             Some(parts) => work.extend(parts.work()),
             None => work.push(self.whole.final_work()),
         }
-        let mut done = counter(&work, report);
+        let pixels = f64::from(self.size[0]) * f64::from(self.size[1]);
+        let mut done = counter(&work, FUSION * pixels, report);
         self.set_limits(cancel);
         let (mut shared, excluded) = self.descend(frames, input, &mut done)?;
         let [focus, deviation] = match &mut self.parts {
@@ -177,7 +182,7 @@ impl JointSolver {
         cancel: &CancellationToken,
         report: &mut dyn FnMut(Progress),
     ) -> Result<JointRegistration, Error> {
-        let mut done = counter(&self.whole.work_above(usize::from(self.parts.is_none())), report);
+        let mut done = counter(&self.whole.work_above(usize::from(self.parts.is_none())), 0.0, report);
         self.set_limits(cancel);
         let (shared, _) = self.descend(frames, input, &mut done)?;
         Ok(self.registration(shared))
@@ -203,11 +208,13 @@ impl JointSolver {
         let excluded = ExcludedPixels::new(frames, input.mask, &self.settings, levels);
         if self.parts.is_none() {
             self.whole.upload(frames.iter())?;
+            done(self.whole.upload_work(), false);
             let shared = self.whole.descend(input, &excluded, 1, done)?;
             return Ok((shared, excluded));
         }
         let excluded = excluded.halved();
         self.whole.upload(parts::halved(frames, &self.settings)?.iter())?;
+        done(self.whole.upload_work(), false);
         let shared = self.whole.descend(input, &excluded, 0, done)?;
         Ok((parts::doubled(&shared, self.size), excluded))
     }
@@ -227,14 +234,15 @@ impl JointSolver {
     }
 }
 
-/// Reports the progress over levels and parts of this work, in pixels of their iterations, after each iteration.
-fn counter<'a>(work: &[u64], report: &'a mut dyn FnMut(Progress)) -> impl FnMut(u64, bool) + use<'a> {
+/// Reports the progress over levels and parts of this work, in pixels of their iterations, when some of it is done.
+/// `after`: what the caller will do with the results.
+fn counter<'a>(work: &[u64], after: f64, report: &'a mut dyn FnMut(Progress)) -> impl FnMut(u64, bool) + use<'a> {
     let add = |sum: &mut u64, work: &u64| {
         *sum += work;
         Some(*sum)
     };
     let ends: Vec<u64> = work.iter().scan(0, add).collect();
-    let all = ends.last().copied().unwrap_or(1) as f64;
+    let all = after + ends.last().copied().unwrap_or(1) as f64;
     let (mut done, mut worked) = (0, 0);
     move |pixels, ends_level| {
         worked += pixels;
@@ -359,8 +367,12 @@ mod tests {
         let (input, cancel) = (input(&sweep, None), CancellationToken::default());
         let alone = solver.register(&sweep.frames, &input, &cancel, &mut |progress| reports.push(progress)).unwrap();
         assert_eq!(alone, run(&mut solver, &sweep, None).unwrap().registration);
-        let shares = [(0, 1, 0.25), (0, 1, 0.5), (0, 1, 0.75), (1, 1, 1.0)];
-        assert_eq!(reports.iter().map(|p| (p.done, p.total, p.share)).collect::<Vec<_>>(), shares);
+        // Frames uploaded, start estimated, four iterations.
+        assert_eq!(
+            reports.iter().map(|p| (p.done, p.total)).collect::<Vec<_>>(),
+            [[(0, 1); 5].as_slice(), &[(1, 1)]].concat()
+        );
+        assert!(reports.is_sorted_by(|a, b| a.share < b.share) && reports[5].share == 1.0, "{reports:?}");
     }
 
     #[test]

@@ -316,7 +316,7 @@ impl Linearization<'_> {
         let by = |k: usize| 2.0 * self.rate * distance(k) * s_by_v;
         Some(Terms {
             s,
-            w: 1.0 / s.hypot(ETA),
+            w: 1.0 / (s * s + ETA * ETA).sqrt(),
             by_u: by(sharper) - by(other),
             by_settings: [(sharper, -by(sharper)), (other, by(other))],
         })

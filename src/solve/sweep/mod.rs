@@ -15,7 +15,9 @@ use std::ops::{Deref, DerefMut};
 use self::fuse::FocusedFrames;
 use self::order::{MIN_FRAMES, Order};
 pub use self::positions::{Positions, SweepDepth};
-use crate::base::{Brightness, Channels, Decode, Error, Format, Frame, Homography, Mask, Region, Settings, centre};
+use crate::base::{
+    Brightness, Channels, Decode, Error, Format, Frame, Homography, Mask, Progress, Region, Settings, centre,
+};
 use crate::engine::{Engine, JointRegistration, JointSolution, JointSolver, SweepInput};
 use crate::solve::SolveOptions;
 use crate::solve::pair_solver::{margin, reuse};
@@ -223,9 +225,13 @@ impl SweepSolver {
         let sweep_options = self.options.clone();
         let task = Task::new(frames, &sweep_options, options)?;
         let solver = self.prepare(&task.frames)?;
-        let report = &mut |progress| options.report(progress);
-        let solution = solver.solve(&task.frames, &task.input(), &options.cancel, report)?;
+        let mut latest = Progress::of_steps(0, 1);
+        let solution = solver.solve(&task.frames, &task.input(), &options.cancel, &mut |progress| {
+            latest = progress;
+            options.report(progress);
+        })?;
         let mut sweep = task.sweep(solution)?;
+        options.report(Progress { share: 1.0, ..latest });
         if let Some(Region { x, y, width, height }) = options.region {
             sweep.crop(Region { x: x - task.part.x, y: y - task.part.y, width, height });
         }
