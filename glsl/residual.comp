@@ -23,21 +23,7 @@ layout(push_constant) uniform Constants {
     float epsilon;
 };
 
-float coefficient(int image, ivec3 place) {
-    return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
-}
-
-PairSample sample_pair(ivec2 x, vec2 d, float v) {
-    Registration r = state.registration;
-    ivec2 size = ivec2(width, height);
-    vec2 centre = vec2(centre_x, centre_y);
-    Blur blur = Blur(size, nodes, vec2(mean_x, mean_y));
-    if (!WARPED) return blur_apart(blur, r, x, v, d, scale_of(r), imageLoad(image1, ivec3(x, 0)).r);
-    ivec3 columns = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
-    ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
-    vec2 shift = displacement(moved_since(state.warped, r), x, 1.0, centre);
-    return blur_near(blur, v, shift, stencil(1, 0, columns, lines), stencil(2, 0, columns, lines), columns, lines);
-}
+#include "pair.glsl"
 
 void main() {
     ivec2 h = ivec2(gl_GlobalInvocationID.xy), x = 2 * h, size = ivec2(width, height);

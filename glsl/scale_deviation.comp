@@ -11,13 +11,13 @@ layout(binding = 2, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;               // of the terms
     float at_limit;                  // |V| from which V is only a bound, px²
-    float shape;                     // of a stated kernel: 1 for a disk
+    float shape;                     // of a stated disk: as if it were found
 };
 
 // Samples along x and y.
 const int SIDE = 64;
-// σ of the scale for a disk, and if all residuals are correlated with their neighbours.
-const float OF_SHAPE = 0.05, OF_RESIDUALS = 0.2;
+// σ of the scale by the excess of the shape over a disk's, and if all residuals are correlated with their neighbours.
+const float OF_SHAPE = 0.15, OF_RESIDUALS = 0.2;
 // The variance of a window's ratio by chance.
 const float CHANCE = 1.75;
 shared vec2 sums[gl_WorkGroupSize.x * gl_WorkGroupSize.y];   // of ratios, samples
@@ -36,6 +36,6 @@ void main() {
     if (first != 0) return;
     for (int n = 1; n < step; n++) sum += sums[n];
     float excess = max(sum.x / max(sum.y, 1.0) - 1.0, 0.0), share = excess / (1.0 + excess);
-    state.scale_deviation = length(vec2(OF_SHAPE * max(state.kernel_shape, shape), OF_RESIDUALS * share));
+    state.scale_deviation = length(vec2(OF_SHAPE * max(max(state.kernel_shape, shape) - 1.0, 0.0), OF_RESIDUALS * share));
     state.correlated = excess * excess / (excess * excess + CHANCE);
 }

@@ -9,9 +9,9 @@ use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, edge, edge_agree, edge_apply, edge_cells, edge_costs,
-    edge_decide, edge_fuse, exposure, fuse, grid, halve_grid, ingest, linearise, mask, pixels, prolong, relax,
-    relax_grid, relax_level, residual, scale_deviation, shape, shape_median, shape_windows, sums, system,
+    NO_VARIANT, ambiguity, appearance, blur_matched_pair, coarsest_grids, edge, edge_agree, edge_apply, edge_cells,
+    edge_costs, edge_decide, edge_fuse, exposure, fuse, grid, halve_grid, ingest, linearise, mask, pixels, prolong,
+    relax, relax_grid, relax_level, residual, scale_deviation, shape, shape_median, shape_windows, sums, system,
     total_deviation, uncertainty, uncertainty_terms, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
@@ -480,6 +480,26 @@ impl Composer<'_> {
         let variant = linearise::variant(plan.slopes(), plan.warps(finest), false, false);
         self.over(size, bindings, &constants, variant);
         self.smooth(slot::UNCERTAINTY_TERMS.plane(), uncertainty_terms::LAYERS as u32, size);
+        let bindings = ambiguity::Bindings {
+            i1: slot::i1(0).read(),
+            v: slot::relative_blur(0).read(),
+            stacks: slot::STACKS.read(),
+            terms: slot::UNCERTAINTY_TERMS.update(),
+            state: slot::STATE.read(),
+        };
+        let constants = ambiguity::Constants {
+            width,
+            height,
+            nodes: finest.nodes as u32,
+            second_stack: plan.first_layer(1),
+            centre: single(finest.centre),
+            mean: single(s.kernel.mean()),
+            limit: finest.limit as f32,
+            eta: s.data_eta as f32,
+            pixels: uncertainty::WINDOW_PIXELS,
+            noise: Noise::new(0),
+        };
+        self.dispatch(bindings, &constants, variant, Grid::Direct(ambiguity::tiles(plan.size)));
     }
 
     /// V where it is valid, its standard deviation and the residual, into the first layers of the results.

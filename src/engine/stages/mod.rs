@@ -6,6 +6,7 @@
 //! in parts, and for the start, the masks and the uncertainty of sweeps.
 
 pub mod align;
+pub mod ambiguity;
 pub mod appearance;
 pub mod apply_shading;
 pub mod blur;

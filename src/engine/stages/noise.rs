@@ -74,6 +74,20 @@ impl Noise {
         Power { value, slope: -(R::of(0.5) * fall + reach * v) * value * value * value }
     }
 
+    /// What noise alone adds to the curvature of the data term at |V| = `v`, if the residuals are noise with the mean
+    /// square `square`.
+    ///
+    /// For the power `N = mean exp(-v |k|²)`, the variance of the derivative by V of a blurred image is N''/4. Less
+    /// the part in S, and with n = 1 + N, that of `∂S/∂V - S n'/2n` is `N''/4 - N'²/4n`, of noise of the variance S²/n. The
+    /// curvature has the weight `η²/(S² + η²)^1.5`, in the mean over Gaussian S about `1/sqrt(η² + 1.57 S²)`.
+    pub fn curvature(&self, v: f64, square: f64, eta: f64) -> f64 {
+        let (fall, reach) = (f64::from(self.fall), f64::from(self.reach));
+        let Power { value, slope } = self.blurred(v, 1.0);
+        let bend = 0.75 * (fall + 2.0 * reach * v).powi(2) * value.powi(5) - reach * value.powi(3);
+        let n = 1.0 + value;
+        0.25 * (bend - slope * slope / n) * square / (n * (eta * eta + 1.57 * square).sqrt())
+    }
+
     /// The power of an image that is extrapolated linearly through V = 0, at v >= 0 beyond. It is constant from `most`
     /// on.
     #[inline(always)]

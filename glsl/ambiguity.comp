@@ -1,0 +1,107 @@
+#version 460
+// Lowers the certainty of V where another V explains the photographs better. A workgroup takes two by two blocks. CPU
+// reference: src/engine/stages/ambiguity.rs.
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+// The stack of I2 is of I2 as warped onto I1's pixels, and of a Gaussian.
+layout(constant_id = 3) const bool WARPED = false;
+
+#include "blur.glsl"
+#include "noise.glsl"
+
+layout(binding = 0, r32f) uniform readonly image2DArray image1;
+layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 2, r32f) uniform readonly image2DArray stacks;   // of I1, then of I2
+// Half as wide and high: means of C, b², (∇²V)², b Σb and of the squared residual.
+layout(binding = 3, r32f) uniform image2DArray terms;
+layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    int nodes;
+    int second_stack;                // its first layer
+    float centre_x, centre_y;
+    float mean_x, mean_y;            // of the kernel at V = 1
+    float limit;                     // largest |V|, px²
+    float eta;                       // of the data term
+    float pixels;                    // pixels of a window
+    Noise noise;                     // of the full-size image
+};
+
+#include "pair.glsl"
+
+// Side of a block, px; distance of its samples; samples along its side.
+const int BLOCK = 32, STEP = 4, SAMPLES = 8;
+// The other V: six on either side of 0.
+const int OTHERS = 12;
+// Samples that both V need.
+const float LEAST = 12.0;
+// The share of the energy at which another V is better.
+const float BETTER = 0.9;
+// Curvature up to which it may be that of noise, relative to that of noise alone, and the share of the energy at which
+// another V is no worse there.
+const float BY_NOISE = 3.0, NO_WORSE = 1.05;
+const int B2 = 1, SQUARE = 4;        // layers of the terms
+const int BLOCKS = 4;                // of a workgroup
+
+// By sample: the energies at V and at the other V, and whether both are known.
+shared vec3 energies[BLOCKS][SAMPLES * SAMPLES];
+// The other V of least energy, and its share of the energy at V.
+shared vec2 best[BLOCKS];
+
+// The squared residual at a V, over what noise adds to it there; -1 where the blur reaches beyond an image.
+float energy(ivec2 x, float v) {
+    Registration r = state.registration;
+    vec2 d = displacement(r, x, 1.0, vec2(centre_x, centre_y));
+    if (!inside(x, d, ivec2(width, height), v, scale_of(r))) return -1.0;
+    PairSample both = sample_pair(x, d, v);
+    float s = v > 0.0 ? both.b1.value - (r.gain * both.j.value + r.offset)
+                      : r.gain * both.b2.value + r.offset - both.i1;
+    return s * s / (1.0 + blurred_power(noise, abs(v), 1.0).value);
+}
+
+// What noise alone adds to the curvature at |V| = v, if the residuals are noise.
+float curvature_of_noise(float v, float square) {
+    Power power = blurred_power(noise, v, 1.0);
+    float along = noise.fall + 2.0 * noise.reach * v, cube = power.value * power.value * power.value, n = 1.0 + power.value;
+    float bend = (0.75 * along * along * power.value * power.value - noise.reach) * cube;
+    return 0.25 * (bend - power.slope * power.slope / n) * square / (n * sqrt(eta * eta + 1.57 * square));
+}
+
+void main() {
+    int invocation = int(gl_LocalInvocationIndex), block = invocation / (SAMPLES * SAMPLES);
+    int sample_of = invocation % (SAMPLES * SAMPLES);
+    ivec2 corner = 2 * BLOCK * ivec2(gl_WorkGroupID.xy);
+    ivec2 x = corner + BLOCK * ivec2(block % 2, block / 2) + STEP * ivec2(sample_of % SAMPLES, sample_of / SAMPLES);
+    float own = -1.0, near = 0.0;
+    if (x.x < width && x.y < height) {
+        near = imageLoad(terms, ivec3(x / 2, SQUARE)).r;
+        if (near > 0.0) own = energy(x, imageLoad(relative_blur, ivec3(x, 0)).r);
+    }
+    if (sample_of == 0) best[block] = vec2(0.0, uintBitsToFloat(0x7f800000u));
+    for (int n = 0; n < OTHERS; n++) {
+        float share = float(n / 2 + 1) / float(OTHERS / 2), size = limit * share * share;
+        float other = n % 2 == 0 ? size : -size, there = own < 0.0 ? -1.0 : energy(x, other);
+        barrier();
+        energies[block][sample_of] = there < 0.0 ? vec3(0.0) : vec3(own / near, there / near, 1.0);
+        barrier();
+        if (sample_of == 0) {
+            vec3 sum = vec3(0.0);
+            for (int i = 0; i < SAMPLES * SAMPLES; i++) sum += energies[block][i];
+            if (sum.z >= LEAST && sum.y < best[block].y * sum.x) best[block] = vec2(other, sum.y / sum.x);
+        }
+    }
+    barrier();
+    // Sixteen by sixteen invocations take every second pixel of each block in turn.
+    for (block = 0; block < BLOCKS; block++) {
+        x = corner + BLOCK * ivec2(block % 2, block / 2) + 2 * ivec2(invocation % (BLOCK / 2), invocation / (BLOCK / 2));
+        if (x.x >= width || x.y >= height || !(best[block].y < NO_WORSE)) continue;
+        float v = imageLoad(relative_blur, ivec3(x, 0)).r, curvature = imageLoad(terms, ivec3(x / 2, 0)).r;
+        if (curvature < BY_NOISE * curvature_of_noise(abs(v), imageLoad(terms, ivec3(x / 2, SQUARE)).r)) {
+            curvature = 0.0;
+        } else if (best[block].y < BETTER) {
+            float b2 = imageLoad(terms, ivec3(x / 2, B2)).r;
+            curvature = min(curvature, sqrt(b2 / pixels) / max(abs(v - best[block].x), 1e-30));
+        }
+        imageStore(terms, ivec3(x / 2, 0), vec4(curvature));
+    }
+}

@@ -1,0 +1,264 @@
+//! Finds where another V explains the photographs better, and lowers the certainty of V there.
+//!
+//! The energy may have several minima, and σ_V by its curvature knows only the one that was found. Near V = 0 the
+//! derivative of a residual by V is a Laplacian: where noise hides the texture, it is almost all noise, which counts as
+//! certainty, and V may stay near 0 whatever the blur. So each block of 32 x 32 px is tried with other V, the same in the
+//! whole block: the mean of the squared residual, divided by what noise adds to it at that V and by the mean around the
+//! pixel.
+//!
+//! Where the best of them has at most [`BETTER`] of the energy, the curvature is lowered until σ_V reaches from V to it.
+//! Where the curvature is at most [`BY_NOISE`] times that of noise alone and the other V is no worse, the photographs do
+//! not determine V: the curvature becomes 0.
+//!
+//! Section 7 of `docs/method.md`.
+
+use super::blur::{Stacks, sample_pair};
+use super::noise::Noise;
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::state::{Registration, inside};
+use super::uncertainty::WINDOW_PIXELS;
+use super::{Number, Raster, pixels, uncertainty_terms};
+use crate::base::workers;
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width of the image, pixels.
+    width: u32,
+    /// Height of the image, pixels.
+    height: u32,
+    /// Nodes of the stacks.
+    nodes: u32,
+    /// First layer of the stack of I2.
+    second_stack: u32,
+    /// The image centre, pixels.
+    centre: [f32; 2],
+    /// Mean of the kernel at V = 1, px.
+    mean: [f32; 2],
+    /// Largest |V|, px².
+    limit: f32,
+    /// η of the data term, intensities.
+    eta: f32,
+    /// N of the [uncertainty](mod@super::uncertainty), pixels of a window.
+    pixels: f32,
+    /// The noise of the full-size image.
+    noise: Noise,
+}
+
+bindings! {
+    AMBIGUITY:
+    i1: Reads<I1>,
+    v: Reads<RelativeBlur>,
+    stacks: Reads<Stacks>,
+    /// Means of the curvature, b², (∇²V)², b Σb and of the squared residual.
+    terms: Updates<UncertaintyTerms>,
+    state: Reads<State>,
+}
+
+/// Side of a block, px. Blocks of a workgroup along x and y: 2.
+const BLOCK: usize = shaders::ambiguity::BLOCK as usize;
+/// Every fourth pixel along x and y is a sample. With every second one the pass would take a tenth of a solve.
+const STEP: usize = shaders::ambiguity::STEP as usize;
+/// The other V: the limit times (k/6)² on either side of 0, k = 1 to 6.
+const OTHERS: usize = shaders::ambiguity::OTHERS as usize;
+/// Samples of a block at least that both V need. A blur near the border of the image reaches beyond it.
+const LEAST: f64 = shaders::ambiguity::LEAST;
+/// The share of the energy at which another V is better. With 1 the σ of single blocks of generated scenes grew at a noise
+/// of 0.03; with 0.9 none did.
+const BETTER: f64 = shaders::ambiguity::BETTER;
+/// Curvature up to which it may be that of noise, relative to that of noise alone: in windows of noise it varies by a
+/// fifth, and the model of noise is right to a third.
+const BY_NOISE: f64 = shaders::ambiguity::BY_NOISE;
+/// The share of the energy at which another V is no worse where the curvature is that of noise. With 1.2 up to 7 % of the
+/// pixels of generated scenes were not measured at a noise of 0.03, with 1.05 up to 2 %.
+const NO_WORSE: f64 = shaders::ambiguity::NO_WORSE;
+
+/// Workgroups of an image.
+pub(crate) fn tiles(size: [u32; 2]) -> [u32; 3] {
+    let [columns, rows] = size.map(|side| side.div_ceil(2 * BLOCK as u32));
+    [columns, rows, 1]
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: at each sample V, the mean square, I1, J and two nodes for each V read; on every fourth pixel
+    /// three terms read and the curvature written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let [width, height] = uncertainty_terms::size([c.width, c.height]);
+        let samples = pixels(c.width, c.height) / (STEP * STEP) as u64;
+        (16 + 8 * (OTHERS as u64 + 1)) * samples + 16 * pixels(width, height)
+    }
+
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let state = memory.state(self.state);
+        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
+        let warped = variant[1].then_some(&state.warped);
+        let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
+        let terms = memory.layers(self.terms);
+        let terms = [&terms[0], &terms[1], &terms[uncertainty_terms::RESIDUAL]];
+        let curvature = cpu_reference(c, &state.registration, warped, [i1, v], &stacks, terms);
+        memory.set_layer(self.terms, 0, curvature);
+    }
+}
+
+/// The other V of index n, px².
+fn other(n: usize, limit: f64) -> f64 {
+    let share = (n / 2 + 1) as f64 / (OTHERS / 2) as f64;
+    let size = limit * share * share;
+    if n.is_multiple_of(2) { size } else { -size }
+}
+
+/// The curvature, lowered where another V explains the photographs better, from the means of the curvature, b² and the
+/// squared residual. `warped` is T when I2 was warped onto I1's pixels, if it was.
+pub fn cpu_reference<N: Number>(
+    c: &Constants,
+    r: &Registration,
+    warped: Option<&Registration>,
+    [i1, v]: [&Raster<N>; 2],
+    stacks: &Stacks<N>,
+    [curvature, b2, square]: [&Raster<N>; 3],
+) -> Raster<N> {
+    let (scale, moved, limit) = (r.scale(), warped.map(|before| r.moved_since(before)), f64::from(c.limit));
+    let [width, height] = [c.width as usize, c.height as usize];
+    // The squared residual at a V over what noise adds to it. `None` where the blur reaches beyond an image.
+    let energy = |place: [usize; 2], v: f64| {
+        let d = r.displacement(place[0], place[1], 1.0, c.centre.map(f64::from));
+        if !inside(place, d, [width, height], v, scale) {
+            return None;
+        }
+        let sample = sample_pair((c.mean, 1.0, c.centre), r, moved.as_ref(), place, i1, v, stacks);
+        let s = if v > 0.0 {
+            sample.blurred[0].value - (r.gain * sample.i2.value + r.offset)
+        } else {
+            r.gain * sample.blurred[1].value + r.offset - sample.i1
+        };
+        Some(s * s / (1.0 + c.noise.blurred(v.abs(), 1.0).value))
+    };
+    // The other V of least energy relative to that of V, and both energies' ratio.
+    let best = |[left, top]: [usize; 2]| {
+        let mut sums = [[0.0; 3]; OTHERS];
+        for y in (top..(top + BLOCK).min(height)).step_by(STEP) {
+            for x in (left..(left + BLOCK).min(width)).step_by(STEP) {
+                let near = square.get(x / 2, y / 2);
+                let Some(own) = energy([x, y], v.get(x, y)).filter(|_| near > 0.0) else { continue };
+                for (n, sum) in sums.iter_mut().enumerate() {
+                    if let Some(energy) = energy([x, y], other(n, limit)) {
+                        let terms = [own / near, energy / near, 1.0];
+                        sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+                    }
+                }
+            }
+        }
+        let mut best = [0.0, f64::INFINITY];
+        for (n, [own, energy, count]) in sums.into_iter().enumerate() {
+            if count >= LEAST && energy < best[1] * own {
+                best = [other(n, limit), energy / own];
+            }
+        }
+        best
+    };
+    let [columns, rows] = [width.div_ceil(BLOCK), height.div_ceil(BLOCK)];
+    let found = workers::map(columns * rows, |n| best([n % columns * BLOCK, n / columns * BLOCK]));
+    Raster::from_fn(curvature.width, curvature.height, |x, y| {
+        let [other, share] = found[2 * y / BLOCK * columns + 2 * x / BLOCK];
+        let (v, curvature) = (v.get(2 * x, 2 * y), curvature.get(x, y));
+        let of_noise = c.noise.curvature(v.abs(), square.get(x, y), c.eta.into());
+        if share < NO_WORSE && curvature < BY_NOISE * of_noise {
+            0.0
+        } else if share < BETTER {
+            curvature.min((b2.get(x, y) / f64::from(c.pixels)).sqrt() / (v - other).abs().max(f64::MIN_POSITIVE))
+        } else {
+            curvature
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Field;
+    use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
+    use super::super::stack::{self, Slopes};
+    use super::super::state::State;
+    use super::*;
+    use crate::base::{Kernel, Photometric, Similarity};
+    use crate::engine::stages::linearise;
+
+    fn constants(size: [usize; 2], nodes: usize, slopes: Slopes, kernel: &Kernel) -> Constants {
+        let [width, height] = size.map(|side| side as u32);
+        Constants {
+            width,
+            height,
+            nodes: nodes as u32,
+            second_stack: (nodes * slopes.layers()) as u32,
+            centre: size.map(|side| (side as f32 - 1.0) / 2.0),
+            mean: kernel.mean().map(|m| m as f32),
+            limit: 9.0,
+            eta: 0.01,
+            pixels: WINDOW_PIXELS,
+            noise: Noise::new(0),
+        }
+    }
+
+    fn check(images: [Field; 2], kernel: &Kernel, warped: bool) {
+        let [i1, i2] = images;
+        let size @ [width, height] = [i1.width, i1.height];
+        let (nodes, slopes) = (stack::node_count(9.0), Slopes::of(kernel));
+        let stacks = [&i1, &i2].map(|image| build_stack(image, kernel, nodes)).concat();
+        let mut v = smooth_field(width, height, 3);
+        v.data.iter_mut().for_each(|v| *v = 8.0 * (*v - 0.5));
+        let half = uncertainty_terms::size(size.map(|side| side as u32)).map(|side| side as usize);
+        let mut terms = [4, 5, 6, 7, 8].map(|seed| random_field(half[0], half[1], seed));
+        // No residual at some pixels, and curvatures below and above that of noise.
+        terms[4].data.iter_mut().step_by(5).for_each(|square| *square = 0.0);
+        terms[0].data.iter_mut().for_each(|curvature| *curvature *= 10.0);
+        let photometric = Photometric { gain: 1.1, offset: -0.03 };
+        let mut state = State::new(&Registration::new(Similarity::new(0.7, -1.1, 0.4, 1.02), &photometric));
+        state.warped = (&Registration::new(Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY)).into();
+        let (i1, v) = ([i1], [v]);
+        let inputs = [Input::Image(&i1), Input::Image(&v), Input::Image(&stacks), Input::Image(&terms)];
+        let inputs = [&inputs[..], &[Input::State(&state)]].concat();
+        let c = constants(size, nodes, slopes, kernel);
+        let variant = linearise::variant(slopes, warped, false, false);
+        // Of up to 10: 1e-5 of quotients of sums of 64 squares.
+        Trial::run::<Bindings>(&inputs, &c, variant, tiles([c.width, c.height])).assert_within(1e-4);
+    }
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        for (width, height) in [(67, 43), (32, 33), (17, 140)] {
+            let smooth = || [1, 2].map(|seed| smooth_field(width, height, seed));
+            for kernel in [Kernel::Gaussian, Kernel::HalfGaussian] {
+                check(smooth(), &kernel, false);
+                check([5, 6].map(|seed| random_field(width, height, seed)), &kernel, false);
+            }
+            check(smooth(), &Kernel::Gaussian, true);
+        }
+        let flat = || Field::from_fn(35, 20, |_, _| 0.5);
+        check([flat(), flat()], &Kernel::Gaussian, true);
+    }
+
+    /// Waves in closed form, the second photograph blurred by 4 px².
+    #[test]
+    fn a_wrong_v_is_uncertain_by_its_distance_and_a_right_one_is_not() {
+        let size = [96, 64];
+        let [i1, i2] = [0.0, 4.0].map(|variance: f64| {
+            let wave = |k: f64, x: f64| (-variance * k * k / 2.0).exp() * (k * x).cos();
+            Field::from_fn(size[0], size[1], |x, y| 0.5 + 0.1 * (wave(0.7, x as f64) + wave(0.5, y as f64)))
+        });
+        let (nodes, slopes) = (stack::node_count(9.0), Slopes::of(&Kernel::Gaussian));
+        let [first, second] = [&i1, &i2].map(|image| build_stack(image, &Kernel::Gaussian, nodes));
+        let stacks = Stacks { first: &first, second: &second, slopes };
+        let c = constants(size, nodes, slopes, &Kernel::Gaussian);
+        let flat = |value: f64| Field::from_fn(48, 32, |_, _| value);
+        let (curvature, b2, square) = (flat(30.0), flat(f64::from(WINDOW_PIXELS)), flat(1e-4));
+        let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
+        for (v, certain) in [(4.0, 30.0), (0.0, 0.25), (-1.0, 0.2)] {
+            let v = Field::from_fn(size[0], size[1], |_, _| v);
+            let found = cpu_reference(&c, &r, None, [&i1, &v], &stacks, [&curvature, &b2, &square]);
+            assert!((found.get(20, 20) - certain).abs() < 1e-9, "{} {certain}", found.get(20, 20));
+        }
+        // The curvature of noise alone.
+        let (v, weak) = (Field::zeros(size[0], size[1]), flat(1e-3));
+        let found = cpu_reference(&c, &r, None, [&i1, &v], &stacks, [&weak, &b2, &square]);
+        assert_eq!(found.get(20, 20), 0.0);
+    }
+}
