@@ -7,10 +7,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Instant, SystemTime};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::{REPORT_FILE, is_whole};
-use parfocal::image_io::Input;
+use parfocal::export::{InspectedPart, REPORT_FILE, is_whole};
+use parfocal::image_io::{Input, split_page};
+use parfocal::metric::inspect::Verdict;
 use parfocal::settings::DeviceInfo;
 use parfocal::sweep::Positions;
 use parfocal::{Engine, Error, PairSolver, Solution, Stream};
@@ -20,6 +22,8 @@ use crate::cli::batch::pairs::Group;
 use crate::cli::batch::summary::{Outcome, Row};
 use crate::cli::commands::solve::{PairJob, Photographs};
 use crate::cli::commands::stack::SweepJob;
+use crate::cli::inspection::judge::Judge;
+use crate::cli::inspection::verdict::{PartVerdict, utc};
 use crate::cli::options::photographs::SweepFiles;
 use crate::cli::options::run::{EngineArguments, RunArguments};
 use crate::cli::options::solve::Request;
@@ -35,6 +39,8 @@ pub(crate) struct Context {
     pub(crate) resume: bool,
     /// The device with the least memory, which limits the size of photographs.
     pub(crate) device: DeviceInfo,
+    /// The golden parts that each part is judged by.
+    pub(crate) judge: Option<Judge>,
     /// Set by Ctrl-C.
     pub(crate) stop: Arc<AtomicBool>,
 }
@@ -58,6 +64,8 @@ pub(crate) struct Task {
     job: Job,
     /// The reason why it cannot be solved or written, found before any work.
     refused: Option<Failure>,
+    /// When its photographs were complete; `None` if they were before the batch began.
+    arrived: Option<Instant>,
 }
 
 enum Job {
@@ -175,7 +183,12 @@ impl Task {
             }
         };
         let refused = problem.map(Failure::Failed).or_else(|| job.check(request).err());
-        Self { name, job, refused }
+        Self { name, job, refused, arrived: None }
+    }
+
+    /// Sets when its photographs were complete.
+    pub(crate) fn arrived(self, at: Instant) -> Self {
+        Self { arrived: Some(at), ..self }
     }
 
     pub(crate) fn name(&self) -> &str {
@@ -186,19 +199,18 @@ impl Task {
         Row::new(&self.name, self.job.files(), self.job.out(), outcome)
     }
 
-    /// Fails, before a device is opened, if the options do not apply to a task, or if no task can be solved.
+    /// Fails, before a device is opened, if the options do not apply to a task.
     pub(crate) fn check_all(tasks: &[Arc<Self>]) -> Result<(), Failure> {
-        let refused: Vec<&Failure> = tasks.iter().filter_map(|task| task.refused.as_ref()).collect();
-        let usage = refused.iter().find(|failure| matches!(failure, Failure::Usage(_)));
-        let none = refused.first().filter(|_| refused.len() == tasks.len());
-        usage.or(none).map_or(Ok(()), |failure| Err((*failure).clone()))
+        let mut refused = tasks.iter().filter_map(|task| task.refused.as_ref());
+        let usage = refused.find(|failure| matches!(failure, Failure::Usage(_)));
+        usage.map_or(Ok(()), |failure| Err(failure.clone()))
     }
 
     /// Reads, solves and writes a task; `None` if the device is lost. A panic fails only this task.
     fn run(&self, context: &Context, device: &Mutex<Device>) -> Option<Row> {
+        let began = self.arrived.unwrap_or_else(Instant::now);
         let ended = catch_unwind(AssertUnwindSafe(|| self.outcome(context, device))).unwrap_or_else(|_| {
-            let problem = "an internal error of parfocal, reported above; the other pairs go on";
-            Err(Ending::Failed(Failure::Failed(problem.to_string())))
+            Err(Ending::Failed(Failure::Failed(format!("an internal error of parfocal{REPORTED}"))))
         });
         let outcome = match ended {
             Ok(outcome) => outcome,
@@ -206,7 +218,35 @@ impl Task {
             Err(Ending::Stopped) => Outcome::NotDone,
             Err(Ending::NoDevice) => return None,
         };
-        Some(self.row(outcome))
+        let mut row = self.row(outcome);
+        row.inspection = context.judge.as_ref().and_then(|judge| self.verdict(context, judge, &row.outcome, began));
+        Some(row)
+    }
+
+    /// Judges the results, and writes inspect.json and inspect.png beside them. A part without results, or that fails to
+    /// be judged, cannot be judged. `None` if the part was not started.
+    fn verdict(&self, context: &Context, judge: &Judge, outcome: &Outcome, began: Instant) -> Option<PartVerdict> {
+        let (out, serial) = (self.job.out(), self.name.clone());
+        let time = changed(self.job.files()).map(utc);
+        let label = InspectedPart {
+            part: out.display().to_string(),
+            serial: serial.clone(),
+            time: time.clone().unwrap_or_else(|| utc(SystemTime::now())),
+        };
+        let judged = || {
+            let judged = judge.judge(out, label)?;
+            judged.write(context.request.force.to(out))?;
+            Ok((judged.report.verdict, judged.report.reasons))
+        };
+        let ended = match outcome {
+            Outcome::NotDone => return None,
+            Outcome::Failed { error } => Err(Failure::Failed(error.clone())),
+            Outcome::Solved(_) | Outcome::Kept(_) => catch_unwind(AssertUnwindSafe(judged))
+                .unwrap_or_else(|_| Err(Failure::Failed(format!("an internal error of parfocal{REPORTED}")))),
+        };
+        let (verdict, reasons) = ended.unwrap_or_else(|failure| (Verdict::CannotJudge, vec![failure.message()]));
+        let (judged, seconds) = (utc(SystemTime::now()), began.elapsed().as_secs_f64());
+        Some(PartVerdict { serial, time, judged, verdict, reasons, seconds })
     }
 
     fn outcome(&self, context: &Context, device: &Mutex<Device>) -> Result<Outcome, Ending> {
@@ -283,6 +323,15 @@ impl Job {
     }
 }
 
+/// The end of the message of an internal error.
+const REPORTED: &str = ", reported above; the other pairs go on";
+
+/// When photographs were last changed; `None` if one is gone.
+fn changed(files: &[PathBuf]) -> Option<SystemTime> {
+    let times = files.iter().map(|file| split_page(file).0.metadata().and_then(|found| found.modified()).ok());
+    times.collect::<Option<Vec<_>>>()?.into_iter().max()
+}
+
 /// The process group of the running program of `--on-done`.
 static PROGRAM: Mutex<Option<u32>> = Mutex::new(None);
 
@@ -330,6 +379,11 @@ impl OnDone {
         command.arg(&row.output).stdin(Stdio::null());
         command.env("PARFOCAL_NAME", &row.name).env("PARFOCAL_OUTPUT", &row.output);
         command.env("PARFOCAL_STATUS", row.outcome.status());
+        if let Some(part) = &row.inspection {
+            command.env("PARFOCAL_VERDICT", part.verdict.text().replace(' ', "-"));
+            command.env("PARFOCAL_TIME", part.time.as_deref().unwrap_or_default());
+            command.env("PARFOCAL_REASONS", part.reason());
+        }
         let problem = match run_program(&mut command) {
             Ok(status) if status.success() => return,
             Ok(status) => status.to_string(),
@@ -391,6 +445,9 @@ impl BatchProgress {
         self.bar.set_message(plain(&row.name));
         if self.json {
             let mut line = json!({ "name": row.name, "status": row.outcome.status() });
+            if let Some(part) = &row.inspection {
+                line["verdict"] = json!(part.verdict);
+            }
             if self.pairs > 0 {
                 (line["done"], line["of"]) = (done.into(), self.pairs.into());
             }

@@ -9,12 +9,15 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
 use parfocal::image_io::RawFormat;
+use serde_json::json;
 
 use crate::cli::batch::pairs::{self, Group};
 use crate::cli::batch::summary::{BatchSummary, Outcome, Row, SUMMARY};
 use crate::cli::batch::tasks::{BatchProgress, Context, Devices, OnDone, Task};
 use crate::cli::commands::batch;
 use crate::cli::help::{self, INPUT, OUTPUT};
+use crate::cli::inspection::arguments::InspectionArguments;
+use crate::cli::inspection::log::LogArgument;
 use crate::cli::options::part::within;
 use crate::cli::options::solve::SolveArguments;
 use crate::cli::output::failure::Failure;
@@ -28,6 +31,10 @@ pub(crate) struct Arguments {
     folder: PathBuf,
     #[command(flatten)]
     options: SolveArguments,
+    #[command(flatten)]
+    inspection: InspectionArguments,
+    #[command(flatten)]
+    log: LogArgument,
     /// Folder for a folder of results for each pair, batch.json and index.html; created if missing
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
     output: PathBuf,
@@ -39,8 +46,8 @@ pub(crate) struct Arguments {
     until_idle: Option<f64>,
     /// Program to run for each pair that was solved or failed, with its folder of results as argument
     ///
-    /// The environment holds PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed). No shell is
-    /// involved. One program runs at a time. If it fails, a warning is printed and the pairs go on.
+    /// The environment holds PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed); with --golden also
+    /// PARFOCAL_VERDICT (go, no-go or cannot-judge), PARFOCAL_REASONS and PARFOCAL_TIME. No shell is involved. One program runs at a time. If it fails, a warning is printed and the pairs go on.
     #[arg(long, value_name = "PROGRAM", help_heading = OUTPUT)]
     on_done: Option<OsString>,
 }
@@ -56,7 +63,8 @@ fn after_help() -> String {
          A pair that fails is reported, and tried again when its files change. Ctrl-C finishes the current pairs and\n\
          the program of --on-done; a second Ctrl-C ends both at once.\n\n\
          Exit status: 0 all that arrived was solved, 1 a pair failed or FOLDER is gone, 2 wrong usage,\n\
-         130 ended at once.\n\n\
+         130 ended at once; with --golden also 3 a part is no-go, else 4 a part cannot be judged; a pair that fails\n\
+         cannot.\n\n\
          Examples:\n  parfocal watch incoming -o results\n  parfocal watch incoming -o results --on-done ./judge.sh --until-idle 600",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
@@ -73,17 +81,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !folder.is_dir() {
         return Err(Failure::Failed(format!("{}: there is no such folder to watch; create it", folder.display())));
     }
-    batch::check_output(&request, out, SUMMARY, request.page)?;
+    batch::check_output(&request, out, SUMMARY, request.page, &arguments.inspection)?;
+    let judge = arguments.inspection.judge()?;
+    let log = arguments.log.start(folder, batch::start_of(judge.as_ref()))?;
     let stop = batch::stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
-    let context = Arc::new(Context { request, resume: true, device: devices.least()?, stop });
+    let context = Arc::new(Context { request, resume: true, device: devices.least()?, judge, stop });
     let (request, stream) = (&context.request, devices.stream(&context)?);
     let (progress, on_done) = (BatchProgress::endless(&request.run), arguments.on_done.clone().map(OnDone));
     let mut watched = WatchedFolder::new(arguments);
     let (mut waiting, mut in_flight, mut rows) = (VecDeque::new(), VecDeque::new(), Vec::<Row>::new());
     let interval = POLL_INTERVAL.min(watched.settle.max(Duration::from_millis(10)));
     let summary = |rows, watched: &WatchedFolder| {
-        BatchSummary::new(folder, rows, watched.left_over.clone(), false, started.elapsed())
+        let summary = BatchSummary::new(folder, rows, watched.left_over.clone(), false, started.elapsed());
+        if context.judge.is_some() { summary.with_verdicts() } else { summary }
     };
     loop {
         if context.stop.load(Ordering::Relaxed) {
@@ -91,7 +102,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         } else {
             let is_busy = |name: &str| waiting.iter().chain(&in_flight).any(|task: &Arc<Task>| task.name() == name);
             let settled = watched.settled(is_busy).into_iter();
-            waiting.extend(settled.map(|group| Arc::new(Task::new(out, group, request))));
+            waiting.extend(settled.map(|(group, at)| Arc::new(Task::new(out, group, request).arrived(at))));
         }
         while waiting.front().is_some_and(|task| stream.push(Arc::clone(task), Duration::ZERO).is_ok()) {
             in_flight.extend(waiting.pop_front());
@@ -116,6 +127,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         for row in &new {
             progress.show(row);
+            log.write("part", json!(row));
             on_done.iter().for_each(|program| program.run(row));
         }
         rows.retain(|old| new.iter().all(|row| row.name != old.name));
@@ -126,10 +138,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         watched.changed = Instant::now();
     }
     let summary = summary(rows, &watched);
+    log.write("end", summary.end());
     request.run.report.print(&summary.table(&out.join(SUMMARY)), || summary.to_json())?;
     devices.check()?;
-    summary.check(request.run.strict)?;
-    watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))
+    watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))?;
+    summary.check(request.run.strict)
 }
 
 /// Size and modification time of the files of a pair.
@@ -179,9 +192,9 @@ impl<'a> WatchedFolder<'a> {
         self.until_idle.is_some_and(|limit| !is_waiting && self.changed.elapsed() >= limit)
     }
 
-    /// Takes the pairs that are not `is_busy` and have files without recent changes. If the folder cannot be listed,
+    /// Takes the pairs that are not `is_busy` and have files without recent changes, with the time of the last. If the folder cannot be listed,
     /// takes none and warns once.
-    fn settled(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<Group> {
+    fn settled(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<(Group, Instant)> {
         let found = pairs::so_far(self.folder, self.out, self.raw).map_err(|failure| failure.message());
         let problem = found.as_ref().err().cloned();
         if let Some(problem) = problem.as_ref().filter(|_| problem != self.problem) {
@@ -203,7 +216,7 @@ impl<'a> WatchedFolder<'a> {
             }
             if !arrival.is_taken && arrival.changed.elapsed() >= self.settle && !is_busy(&group.name) {
                 arrival.is_taken = true;
-                settled.push(group);
+                settled.push((group, arrival.changed));
             }
         }
         settled
