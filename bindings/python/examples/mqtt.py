@@ -14,7 +14,7 @@ import os
 import sys
 from pathlib import Path
 
-import paho.mqtt.publish
+import paho.mqtt.client as mqtt
 
 
 def message(folder: Path) -> dict:
@@ -35,11 +35,18 @@ def message(folder: Path) -> dict:
     return found
 
 
+def publish(payload: str) -> None:
+    """Publishes a message, and waits until the broker has confirmed it."""
+    client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
+    client.connect(os.environ.get("MQTT_HOST", "localhost"), int(os.environ.get("MQTT_PORT", "1883")))
+    client.loop_start()
+    sent = client.publish(os.environ.get("MQTT_TOPIC", "parfocal/verdict"), payload, qos=1)
+    sent.wait_for_publish(timeout=10)
+    client.loop_stop()
+    if not sent.is_published():
+        sys.exit("mqtt.py: the broker did not confirm the message within 10 s")
+    client.disconnect()
+
+
 if __name__ == "__main__":
-    paho.mqtt.publish.single(
-        os.environ.get("MQTT_TOPIC", "parfocal/verdict"),
-        json.dumps(message(Path(sys.argv[1]))),
-        qos=1,
-        hostname=os.environ.get("MQTT_HOST", "localhost"),
-        port=int(os.environ.get("MQTT_PORT", "1883")),
-    )
+    publish(json.dumps(message(Path(sys.argv[1]))))

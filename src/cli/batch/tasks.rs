@@ -218,14 +218,24 @@ impl Task {
             Err(Ending::Stopped) => Outcome::NotDone,
             Err(Ending::NoDevice) => return None,
         };
+        Some(self.judged_row(context.judge.as_ref(), &context.request, outcome, began))
+    }
+
+    /// The row of a task that was refused before any work; `None` if it was not.
+    pub(crate) fn refusal(&self, judge: Option<&Judge>, request: &Request) -> Option<Row> {
+        let error = self.refused.as_ref()?.message();
+        Some(self.judged_row(judge, request, Outcome::Failed { error }, Instant::now()))
+    }
+
+    fn judged_row(&self, judge: Option<&Judge>, request: &Request, outcome: Outcome, began: Instant) -> Row {
         let mut row = self.row(outcome);
-        row.inspection = context.judge.as_ref().and_then(|judge| self.verdict(context, judge, &row.outcome, began));
-        Some(row)
+        row.inspection = judge.and_then(|judge| self.verdict(judge, request, &row.outcome, began));
+        row
     }
 
     /// Judges the results, and writes inspect.json and inspect.png beside them. A part without results, or that fails to
     /// be judged, cannot be judged. `None` if the part was not started.
-    fn verdict(&self, context: &Context, judge: &Judge, outcome: &Outcome, began: Instant) -> Option<PartVerdict> {
+    fn verdict(&self, judge: &Judge, request: &Request, outcome: &Outcome, began: Instant) -> Option<PartVerdict> {
         let (out, serial) = (self.job.out(), self.name.clone());
         let time = changed(self.job.files()).map(utc);
         let label = InspectedPart {
@@ -235,7 +245,7 @@ impl Task {
         };
         let judged = || {
             let judged = judge.judge(out, label)?;
-            judged.write(context.request.force.to(out))?;
+            judged.write(request.force.to(out))?;
             Ok((judged.report.verdict, judged.report.reasons))
         };
         let ended = match outcome {

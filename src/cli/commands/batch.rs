@@ -11,7 +11,7 @@ use parfocal::export::{FileKind, abandon};
 use serde_json::{Value, json};
 
 use crate::cli::batch::pairs;
-use crate::cli::batch::summary::{BatchSummary, INDEX, Outcome, SUMMARY, of_share, verdict_files};
+use crate::cli::batch::summary::{BatchSummary, INDEX, Outcome, Row, SUMMARY, of_share, verdict_files};
 use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task, end_program};
 use crate::cli::help::{self, OUTPUT};
 use crate::cli::inspection::arguments::InspectionArguments;
@@ -69,10 +69,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let has_page = request.page && arguments.shard.is_none();
     check_output(&request, out, &file, has_page, &arguments.inspection)?;
     let judge = arguments.inspection.judge()?;
-    let found = pairs::find(source, out, arguments.options.raw())?;
-    let tasks: Vec<_> = shard.of(found.groups).map(|group| Arc::new(Task::new(out, group, &request))).collect();
+    let mut found = pairs::find(source, out, arguments.options.raw())?;
+    let groups = std::mem::take(&mut found.groups);
+    let tasks: Vec<_> = shard.of(groups).map(|group| Arc::new(Task::new(out, group, &request))).collect();
     Task::check_all(&tasks)?;
     let log = arguments.log.start(source, start_of(judge.as_ref()))?;
+    let end = |request: &Request, judge: Option<&Judge>, rows, is_interrupted| {
+        let summary = BatchSummary::new(source, rows, found.left_over.clone(), is_interrupted, started.elapsed());
+        let summary = if judge.is_some() { summary.with_verdicts() } else { summary };
+        log.write("end", summary.end());
+        summary.write(request, out, &file, has_page)?;
+        request.run.report.print(&summary.table(&out.join(&file)), || summary.to_json())?;
+        Ok::<_, Failure>(summary)
+    };
+    // Without a pair that can be solved, no device is needed.
+    let refusals: Option<Vec<Row>> = tasks.iter().map(|task| task.refusal(judge.as_ref(), &request)).collect();
+    if let Some(rows) = refusals.filter(|rows| !rows.is_empty()) {
+        rows.iter().for_each(|row| log.write("part", json!(row)));
+        return end(&request, judge.as_ref(), rows, false)?.check(request.run.strict);
+    }
     let stop = stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
     let context = Arc::new(Context { request, resume: arguments.resume, device: devices.least()?, judge, stop });
@@ -89,11 +104,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let rows = rows.collect();
     drop((progress, stream));
     let is_interrupted = context.stop.load(Ordering::Relaxed);
-    let summary = BatchSummary::new(source, rows, found.left_over, is_interrupted, started.elapsed());
-    let summary = if context.judge.is_some() { summary.with_verdicts() } else { summary };
-    log.write("end", summary.end());
-    summary.write(request, out, &file, has_page)?;
-    request.run.report.print(&summary.table(&out.join(&file)), || summary.to_json())?;
+    let summary = end(request, context.judge.as_ref(), rows, is_interrupted)?;
     devices.check()?;
     summary.check(request.run.strict)
 }

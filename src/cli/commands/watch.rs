@@ -91,6 +91,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (progress, on_done) = (BatchProgress::endless(&request.run), arguments.on_done.clone().map(OnDone));
     let mut watched = WatchedFolder::new(arguments);
     let (mut waiting, mut in_flight, mut rows) = (VecDeque::new(), VecDeque::new(), Vec::<Row>::new());
+    // The summary states every part, and takes longer the more there are.
+    let (mut last_write, mut is_written) = (LastRun::default(), true);
     let interval = POLL_INTERVAL.min(watched.settle.max(Duration::from_millis(10)));
     let summary = |rows, watched: &WatchedFolder| {
         let summary = BatchSummary::new(folder, rows, watched.left_over.clone(), false, started.elapsed());
@@ -122,27 +124,49 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             limit = Duration::ZERO;
         }
         new.retain(|row| !matches!(row.outcome, Outcome::NotDone));
-        if new.is_empty() {
-            continue;
-        }
         for row in &new {
             progress.show(row);
             log.write("part", json!(row));
             on_done.iter().for_each(|program| program.run(row));
         }
-        rows.retain(|old| new.iter().all(|row| row.name != old.name));
-        rows.extend(new);
-        let so_far = summary(rows, &watched);
-        so_far.write(request, out, SUMMARY, request.page)?;
-        rows = so_far.into_rows();
-        watched.changed = Instant::now();
+        if !new.is_empty() {
+            rows.retain(|old| new.iter().all(|row| row.name != old.name));
+            rows.extend(new);
+            (is_written, watched.changed) = (false, Instant::now());
+        }
+        if !is_written && (last_write.is_due() || in_flight.is_empty() && waiting.is_empty()) {
+            let so_far = summary(rows, &watched);
+            last_write.run(|| so_far.write(request, out, SUMMARY, request.page))?;
+            (rows, is_written) = (so_far.into_rows(), true);
+        }
     }
     let summary = summary(rows, &watched);
+    if !is_written {
+        summary.write(request, out, SUMMARY, request.page)?;
+    }
     log.write("end", summary.end());
     request.run.report.print(&summary.table(&out.join(SUMMARY)), || summary.to_json())?;
     devices.check()?;
     watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))?;
     summary.check(request.run.strict)
+}
+
+/// When something was last done that takes long, and how long it took.
+#[derive(Default)]
+struct LastRun(Option<(Instant, Duration)>);
+
+impl LastRun {
+    /// Whether it may be done again, without taking more than a tenth of the time.
+    fn is_due(&self) -> bool {
+        self.0.is_none_or(|(ended, took)| ended.elapsed() >= 9 * took)
+    }
+
+    fn run<T>(&mut self, what: impl FnOnce() -> T) -> T {
+        let began = Instant::now();
+        let done = what();
+        self.0 = Some((Instant::now(), began.elapsed()));
+        done
+    }
 }
 
 /// Size and modification time of the files of a pair.
@@ -165,6 +189,7 @@ struct WatchedFolder<'a> {
     until_idle: Option<Duration>,
     arrivals: HashMap<String, Arrival>,
     left_over: Vec<String>,
+    last_listing: LastRun,
     /// The error of the last listing of the folder, with which the program fails at its end.
     problem: Option<String>,
     /// The time of the last change of a file, or of the last result.
@@ -181,20 +206,32 @@ impl<'a> WatchedFolder<'a> {
             until_idle: arguments.until_idle.map(Duration::from_secs_f64),
             arrivals: HashMap::new(),
             left_over: Vec::new(),
+            last_listing: LastRun::default(),
             problem: None,
             changed: Instant::now(),
         }
     }
 
-    /// Whether nothing has changed for the time of `--until-idle`, and no pair is pending.
+    /// Whether the last listing found no change for the time of `--until-idle`, and no pair is pending.
     fn is_idle(&self) -> bool {
         let is_waiting = self.arrivals.values().any(|arrival| !arrival.is_taken);
-        self.until_idle.is_some_and(|limit| !is_waiting && self.changed.elapsed() >= limit)
+        let unchanged = self.last_listing.0.map(|(ended, _)| ended.saturating_duration_since(self.changed));
+        self.until_idle.is_some_and(|limit| !is_waiting && unchanged.is_some_and(|time| time >= limit))
     }
 
     /// Takes the pairs that are not `is_busy` and have files without recent changes, with the time of the last. If the folder cannot be listed,
     /// takes none and warns once.
     fn settled(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<(Group, Instant)> {
+        if !self.last_listing.is_due() {
+            return Vec::new();
+        }
+        let mut last_listing = std::mem::take(&mut self.last_listing);
+        let settled = last_listing.run(|| self.list(is_busy));
+        self.last_listing = last_listing;
+        settled
+    }
+
+    fn list(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<(Group, Instant)> {
         let found = pairs::so_far(self.folder, self.out, self.raw).map_err(|failure| failure.message());
         let problem = found.as_ref().err().cloned();
         if let Some(problem) = problem.as_ref().filter(|_| problem != self.problem) {
