@@ -112,6 +112,19 @@ fn each_part_of_a_batch_has_one_verdict_in_each_output() {
     assert!(printed.contains("no-go: SN2: deviates at one place"), "{printed}");
     assert!(!printed.contains("error:"), "{printed}");
 
+    // The schema lists what each has.
+    let schema = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/guide/src/examples/batch.schema.json");
+    let schema: Value = serde_json::from_slice(&fs::read(schema).unwrap()).unwrap();
+    let keys = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    let inspection = &schema["$defs"]["inspection"];
+    for (of, found) in [
+        (&schema, &summary),
+        (&schema["properties"]["verdicts"], counts),
+        (inspection, &summary["pairs"][0]["inspection"]),
+    ] {
+        assert_eq!((&of["required"], keys(&of["properties"])), (&serde_json::json!(keys(found)), keys(found)));
+    }
+
     let report = line.json("out/SN2/inspect.json");
     assert_eq!(
         (&report["serial"], &report["verdict"], &report["tolerance"]),

@@ -7,7 +7,7 @@ use parfocal::metric::inspect::{Heights, Limits};
 use parfocal::metric::least_tolerances;
 
 use crate::cli::inspection::arguments::{ComparisonArguments, result_folders};
-use crate::cli::inspection::golden::Golden;
+use crate::cli::inspection::golden::{Combined, Golden};
 use crate::cli::options::run::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
@@ -106,7 +106,7 @@ fn combined(arguments: &Arguments, golden: &Golden, least: &[f64]) -> Result<(He
             sorted.sort_by(f64::total_cmp);
             let typical = OUTLYING * sorted[(sorted.len() - 1) / 2];
             if typical.is_finite() && sorted.last().is_some_and(|most| *most > typical) {
-                doubts.extend(golden.combined(field, &limits(typical))?.1);
+                doubts.extend(golden.combined(field, &limits(typical))?.disagreeing);
             }
             rounded_up(MARGIN * sorted.last().copied().filter(|most| most.is_finite()).unwrap_or(typical))
         }
@@ -119,7 +119,7 @@ fn combined(arguments: &Arguments, golden: &Golden, least: &[f64]) -> Result<(He
     if !tolerance.is_finite() {
         return Ok((field.heights[0].clone(), 0.0, doubts));
     }
-    let (heights, disagreeing) = golden.combined(field, &limits(tolerance))?;
+    let Combined { heights, disagreeing } = golden.combined(field, &limits(tolerance))?;
     if doubts.is_empty() {
         doubts.extend(disagreeing);
     }

@@ -97,6 +97,13 @@ impl Part {
     }
 }
 
+/// One golden part from all.
+pub(crate) struct Combined {
+    pub(crate) heights: Heights,
+    /// Which golden part disagrees with the others, as a sentence.
+    pub(crate) disagreeing: Option<String>,
+}
+
 /// Golden parts on the pixels of the first.
 pub(crate) struct Golden {
     /// The names of all, for messages.
@@ -171,13 +178,9 @@ impl Golden {
     }
 
     /// One golden part from all, and which of them disagrees with the others.
-    pub(crate) fn combined(
-        &self,
-        field: &Field<Vec<Heights>>,
-        limits: &Limits,
-    ) -> Result<(Heights, Option<String>), Failure> {
+    pub(crate) fn combined(&self, field: &Field<Vec<Heights>>, limits: &Limits) -> Result<Combined, Failure> {
         let disagreeing = disagreement(&field.heights, limits)?.map(|found| self.disagrees(&found, field.unit));
-        Ok((golden(&field.heights, limits)?, disagreeing))
+        Ok(Combined { heights: golden(&field.heights, limits)?, disagreeing })
     }
 
     /// Which golden part disagrees with the others.

@@ -11,7 +11,7 @@ use parfocal::settings::Decode;
 use parfocal::transform::Brightness;
 use parfocal::{Region, resample};
 
-use crate::cli::inspection::golden::{Field, Golden, Part};
+use crate::cli::inspection::golden::{Combined, Field, Golden, Part};
 use crate::cli::output::failure::Failure;
 
 /// Golden parts and limits, by which parts are judged.
@@ -21,8 +21,8 @@ pub(crate) struct Judge {
     /// The regions of the golden part that are judged; all of it if there are none.
     regions: Vec<Region>,
     in_place: bool,
-    /// For each quantity one golden part from all, and which of them disagrees with the others.
-    combined: Vec<OnceLock<Result<(Heights, Option<String>), Failure>>>,
+    /// For each quantity one golden part from all.
+    combined: Vec<OnceLock<Result<Combined, Failure>>>,
 }
 
 impl Judge {
@@ -48,7 +48,7 @@ impl Judge {
         let (index, field) = self.common(&part)?;
         part.check(&golden.first)?;
         let of_golden = self.combined[index].get_or_init(|| golden.combined(field, &self.limits));
-        let (combined, disagreeing) = of_golden.as_ref().map_err(Failure::clone)?;
+        let Combined { heights: combined, disagreeing } = of_golden.as_ref().map_err(Failure::clone)?;
         let transform = part.register(&golden.first, self.in_place)?;
         let size = [combined.width, combined.height];
         let Some(own) = part.heights(&field.name, field.unit) else { return Err(self.nothing_common(&part)) };
