@@ -36,7 +36,8 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Set-up", &["devices", "config", "completions", "man", "help"]),
 ];
 
-/// The options in `-h` of subcommands that take `--config` and have more than [`FEW`] options, so that it fits one screen.
+/// The options in `-h` of subcommands that take `--config` and have more than [`FEW`] options, so that it fits one
+/// screen.
 const MOST_USED: [&str; 23] = [
     "config",
     "crop-valid",

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Hands the verdict of a part on by MQTT: a program for `parfocal watch --on-done`.
+"""Publishes the verdict of a part by MQTT: a program for `parfocal watch --on-done`.
 
 Needs Python 3.10 and paho-mqtt 2 (`pip install paho-mqtt`). The broker is MQTT_HOST:MQTT_PORT, the topic MQTT_TOPIC:
 

@@ -47,7 +47,8 @@ pub(crate) struct Arguments {
     /// Program to run for each pair that was solved or failed, with its folder of results as argument
     ///
     /// The environment holds PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed); with --golden also
-    /// PARFOCAL_VERDICT (go, no-go or cannot-judge), PARFOCAL_REASONS and PARFOCAL_TIME. No shell is involved. One program runs at a time. If it fails, a warning is printed and the pairs go on.
+    /// PARFOCAL_VERDICT (go, no-go or cannot-judge), PARFOCAL_REASONS and PARFOCAL_TIME. No shell is involved. One
+    /// program runs at a time. If it fails, a warning is printed and the pairs go on.
     #[arg(long, value_name = "PROGRAM", help_heading = OUTPUT)]
     on_done: Option<OsString>,
 }
@@ -92,7 +93,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut watched = WatchedFolder::new(arguments);
     let (mut waiting, mut in_flight, mut rows) = (VecDeque::new(), VecDeque::new(), Vec::<Row>::new());
     // The summary states every part, and takes longer the more there are.
-    let (mut last_write, mut is_written) = (LastRun::default(), true);
+    let (mut last_write, mut is_written, mut write_problem) = (LastRun::default(), true, String::new());
     let interval = POLL_INTERVAL.min(watched.settle.max(Duration::from_millis(10)));
     let summary = |rows, watched: &WatchedFolder| {
         let summary = BatchSummary::new(folder, rows, watched.left_over.clone(), false, started.elapsed());
@@ -134,18 +135,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             rows.extend(new);
             (is_written, watched.changed) = (false, Instant::now());
         }
-        if !is_written && (last_write.is_due() || in_flight.is_empty() && waiting.is_empty()) {
+        if !is_written && (last_write.is_due(9) || in_flight.is_empty() && waiting.is_empty()) {
             let so_far = summary(rows, &watched);
-            last_write.run(|| so_far.write(request, out, SUMMARY, request.page))?;
-            (rows, is_written) = (so_far.into_rows(), true);
+            let written = last_write.run(|| so_far.write(request, out, SUMMARY, request.page));
+            (rows, is_written) = (so_far.into_rows(), written.is_ok());
+            // It is written again, and the parts go on. At the end it is an error.
+            let problem = written.err().map_or_else(String::new, |failure| failure.message());
+            if problem != write_problem && !problem.is_empty() {
+                let _ = writeln!(io::stderr(), "warning: {problem}");
+            }
+            write_problem = problem;
         }
     }
     let summary = summary(rows, &watched);
-    if !is_written {
-        summary.write(request, out, SUMMARY, request.page)?;
-    }
+    let written = if is_written { Ok(()) } else { summary.write(request, out, SUMMARY, request.page) };
     log.write("end", summary.end());
     request.run.report.print(&summary.table(&out.join(SUMMARY)), || summary.to_json())?;
+    written?;
     devices.check()?;
     watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))?;
     summary.check(request.run.strict)
@@ -156,9 +162,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 struct LastRun(Option<(Instant, Duration)>);
 
 impl LastRun {
-    /// Whether it may be done again, without taking more than a tenth of the time.
-    fn is_due(&self) -> bool {
-        self.0.is_none_or(|(ended, took)| ended.elapsed() >= 9 * took)
+    /// Whether a pause of `pauses` times as long has passed.
+    fn is_due(&self, pauses: u32) -> bool {
+        self.0.is_none_or(|(ended, took)| ended.elapsed() >= pauses * took)
     }
 
     fn run<T>(&mut self, what: impl FnOnce() -> T) -> T {
@@ -219,10 +225,11 @@ impl<'a> WatchedFolder<'a> {
         self.until_idle.is_some_and(|limit| !is_waiting && unchanged.is_some_and(|time| time >= limit))
     }
 
-    /// Takes the pairs that are not `is_busy` and have files without recent changes, with the time of the last. If the folder cannot be listed,
-    /// takes none and warns once.
+    /// Takes the pairs that are not `is_busy` and have files without recent changes, with the time of the last. If the
+    /// folder cannot be listed, takes none and warns once.
     fn settled(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<(Group, Instant)> {
-        if !self.last_listing.is_due() {
+        // A listing takes longer the more parts there are, and arrivals wait for it.
+        if !self.last_listing.is_due(2) {
             return Vec::new();
         }
         let mut last_listing = std::mem::take(&mut self.last_listing);

@@ -22,7 +22,8 @@ pub(crate) struct ComparisonArguments {
     #[arg(long, value_name = "T", help_heading = INSPECTION, value_parser = from_zero)]
     pub(crate) tolerance: Option<f64>,
     /// Standard deviations that a difference must also exceed
-    #[arg(long, value_name = "K", help_heading = INSPECTION, default_value_t = Limits::new(0.0).sigmas, value_parser = from_zero)]
+    #[arg(long, value_name = "K", help_heading = INSPECTION, default_value_t = Limits::new(0.0).sigmas,
+          value_parser = from_zero)]
     sigmas: f64,
     /// Least number of pixels of a region that counts
     #[arg(long, value_name = "COUNT", help_heading = INSPECTION, default_value_t = Limits::new(0.0).min_area_px)]
