@@ -264,9 +264,29 @@ fn a_photograph_without_a_pair_cannot_be_judged_and_names_alone_give_a_summary()
     line.part("in/SN1", 10, |_, _| false);
     line.part("in/SN2", 10, |_, _| false);
     fs::remove_file(line.path("in/SN2/i1.png")).unwrap();
-    line.run(4, &["batch", "in", "-o", "out", "--golden", "golden.exr", "--no-html"]);
-    let summary = line.json("out/batch.json");
-    assert!(summary["left_over"][0].as_str().unwrap().starts_with("SN2: i2.png"), "{summary}");
+    fs::create_dir(line.path("in/SN3")).unwrap();
+    fs::write(line.path("in/SN3/notes.txt"), "no photograph").unwrap();
+    let expected = [("SN1", "go"), ("SN2", "cannot-judge"), ("SN3", "cannot-judge")];
+    let expected = expected.map(|(serial, verdict)| (serial.to_string(), verdict.to_string())).into();
+    let batch = ["batch", "in", "-o", "out", "--golden", "golden.exr", "--no-html"];
+    let watch =
+        ["watch", "in", "-o", "out", "--golden", "golden.exr", "--no-html", "--settle", "0", "--until-idle", "0.5"];
+    for command in [&batch[..], &watch] {
+        let output = line.run(4, command);
+        assert_eq!(verdicts(&line.json("out/batch.json")), expected);
+        let printed = stderr(&output);
+        assert!(printed.contains("cannot judge: SN2: in/SN2: i2.png is left over"), "{printed}");
+        assert!(printed.contains("cannot judge: SN3: in/SN3: holds no photograph"), "{printed}");
+    }
+    // In one folder of all parts it is listed.
+    let flat = line.path("flat");
+    fs::create_dir(&flat).unwrap();
+    for (name, from) in [("SN1_1.png", "i1.png"), ("SN1_2.png", "i2.png"), ("SN2_1.png", "i1.png")] {
+        fs::copy(line.path("in/SN1").join(from), flat.join(name)).unwrap();
+    }
+    line.run(4, &["batch", "flat", "-o", "listed", "--golden", "golden.exr", "--no-html"]);
+    let summary = line.json("listed/batch.json");
+    assert!(summary["left_over"][0].as_str().unwrap().starts_with("SN2_1.png is left over"), "{summary}");
     fs::create_dir(line.path("only")).unwrap();
     for name in ["index.html_1.png", "index.html_2.png"] {
         fs::copy(line.path("in/SN1/i1.png"), line.path("only").join(name)).unwrap();

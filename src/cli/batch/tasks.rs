@@ -173,7 +173,7 @@ fn solve_pair(
 }
 
 impl Task {
-    pub(crate) fn new(out: &Path, Group { name, files, left_out, problem }: Group, request: &Request) -> Self {
+    pub(crate) fn new(out: &Path, Group { name, files, left_out, problem, .. }: Group, request: &Request) -> Self {
         let out = out.join(&name);
         let job = match <[PathBuf; 2]>::try_from(files) {
             Ok(files) => Job::Pair(PairJob { files, out }),

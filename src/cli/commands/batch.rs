@@ -69,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let has_page = request.page && arguments.shard.is_none();
     check_output(&request, out, &file, has_page, &arguments.inspection)?;
     let judge = arguments.inspection.judge()?;
-    let mut found = pairs::find(source, out, arguments.options.raw())?;
+    let mut found = pairs::find(source, out, arguments.options.raw(), judge.is_some())?;
     let groups = std::mem::take(&mut found.groups);
     let tasks: Vec<_> = shard.of(groups).map(|group| Arc::new(Task::new(out, group, &request))).collect();
     Task::check_all(&tasks)?;
@@ -119,7 +119,7 @@ pub(crate) fn check_output(
 ) -> Result<(), Failure> {
     destination::check_folder(out)?;
     request.force.to(out).check_named(FileKind::Batch, &[summary])?;
-    if !inspection.golden.is_empty() {
+    if inspection.is_given() {
         let [table, cases] = verdict_files(summary);
         request.force.to(out).check_named(FileKind::VerdictTable, &[table])?;
         request.force.to(out).check_named(FileKind::Junit, &[cases])?;

@@ -74,6 +74,9 @@ fn after_help() -> String {
 /// The longest interval between two checks of the folder.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
+/// The time that the folder of a part may lack photographs, at most, before the part cannot be judged.
+const GRACE: Duration = Duration::from_secs(30);
+
 /// Solves arriving pairs until Ctrl-C, or until nothing has arrived for a time.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
@@ -191,6 +194,8 @@ struct WatchedFolder<'a> {
     folder: &'a Path,
     out: &'a Path,
     raw: Option<RawFormat>,
+    /// Whether each part needs a verdict.
+    is_judged: bool,
     settle: Duration,
     until_idle: Option<Duration>,
     arrivals: HashMap<String, Arrival>,
@@ -208,6 +213,7 @@ impl<'a> WatchedFolder<'a> {
             folder: &arguments.folder,
             out: &arguments.output,
             raw: arguments.options.raw(),
+            is_judged: arguments.inspection.is_given(),
             settle: Duration::from_secs_f64(arguments.settle),
             until_idle: arguments.until_idle.map(Duration::from_secs_f64),
             arrivals: HashMap::new(),
@@ -239,7 +245,7 @@ impl<'a> WatchedFolder<'a> {
     }
 
     fn list(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<(Group, Instant)> {
-        let found = pairs::so_far(self.folder, self.out, self.raw).map_err(|failure| failure.message());
+        let found = pairs::so_far(self.folder, self.out, self.raw, self.is_judged).map_err(|failure| failure.message());
         let problem = found.as_ref().err().cloned();
         if let Some(problem) = problem.as_ref().filter(|_| problem != self.problem) {
             let _ = writeln!(io::stderr(), "warning: {problem}");
@@ -249,6 +255,7 @@ impl<'a> WatchedFolder<'a> {
         self.left_over = left_over;
         self.arrivals.retain(|name, _| groups.iter().any(|group| group.name == *name));
         let mut settled = Vec::new();
+        let grace = GRACE.min(self.until_idle.unwrap_or(GRACE));
         for group in groups {
             let Some(files) = self.files(&group) else { continue };
             let now = Instant::now();
@@ -258,7 +265,8 @@ impl<'a> WatchedFolder<'a> {
                 *arrival = Arrival { files, changed: now, is_taken: false };
                 self.changed = now;
             }
-            if !arrival.is_taken && arrival.changed.elapsed() >= self.settle && !is_busy(&group.name) {
+            let settle = if group.is_incomplete { self.settle.max(grace) } else { self.settle };
+            if !arrival.is_taken && arrival.changed.elapsed() >= settle && !is_busy(&group.name) {
                 arrival.is_taken = true;
                 settled.push((group, arrival.changed));
             }

@@ -70,6 +70,11 @@ impl ComparisonArguments {
 }
 
 impl InspectionArguments {
+    /// Whether golden parts are given.
+    pub(crate) fn is_given(&self) -> bool {
+        !self.golden.is_empty()
+    }
+
     /// Reads the golden parts. Returns `None` if none is given.
     pub(crate) fn judge(&self) -> Result<Option<Judge>, Failure> {
         if self.golden.is_empty() {
