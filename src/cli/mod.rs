@@ -48,6 +48,8 @@ mod output {
 
 /// Batches of pairs and sweeps: how they are found and solved, and their summary.
 mod batch {
+    pub mod on_done;
+    pub mod outcome;
     pub mod pairs;
     pub mod summary;
     pub mod tasks;

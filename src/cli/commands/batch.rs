@@ -10,9 +10,11 @@ use std::time::Instant;
 use parfocal::export::{FileKind, abandon};
 use serde_json::{Value, json};
 
+use crate::cli::batch::on_done::end_program;
+use crate::cli::batch::outcome::Outcome;
 use crate::cli::batch::pairs;
-use crate::cli::batch::summary::{BatchSummary, INDEX, Outcome, Row, SUMMARY, of_share, verdict_files};
-use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task, end_program};
+use crate::cli::batch::summary::{BatchSummary, INDEX, Row, SUMMARY, of_share, verdict_files};
+use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task};
 use crate::cli::help::{self, OUTPUT};
 use crate::cli::inspection::arguments::InspectionArguments;
 use crate::cli::inspection::judge::Judge;

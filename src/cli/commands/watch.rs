@@ -11,9 +11,11 @@ use std::time::{Duration, Instant, SystemTime};
 use parfocal::image_io::RawFormat;
 use serde_json::json;
 
+use crate::cli::batch::on_done::OnDone;
+use crate::cli::batch::outcome::Outcome;
 use crate::cli::batch::pairs::{self, Group};
-use crate::cli::batch::summary::{BatchSummary, Outcome, Row, SUMMARY};
-use crate::cli::batch::tasks::{BatchProgress, Context, Devices, OnDone, Task};
+use crate::cli::batch::summary::{BatchSummary, Row, SUMMARY};
+use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task};
 use crate::cli::commands::batch;
 use crate::cli::help::{self, INPUT, OUTPUT};
 use crate::cli::inspection::arguments::InspectionArguments;
