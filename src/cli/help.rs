@@ -12,6 +12,7 @@ pub(crate) const BLUR: &str = "Relative blur V";
 pub(crate) const REGION: &str = "Region";
 pub(crate) const LENS: &str = "Lens";
 pub(crate) const MEASUREMENTS: &str = "Measurements";
+pub(crate) const INSPECTION: &str = "Inspection";
 pub(crate) const OUTPUT: &str = "Output";
 pub(crate) const DEVICE: &str = "Device";
 
@@ -26,23 +27,25 @@ Environment:
   VK_DRIVER_FILES, VK_ICD_FILENAMES and the other variables of the Vulkan loader work as usual";
 
 /// The subcommands by purpose.
-const GROUPS: [(&str, &[&str]); 5] = [
+const GROUPS: [(&str, &[&str]); 6] = [
     ("Photographs in, depth out", &["solve", "batch", "watch", "stack"]),
     ("Registration alone", &["register", "apply"]),
-    ("Results of a solve", &["open", "view", "depth", "measure", "roughness", "inspect", "compare", "calibrate"]),
+    ("Results of a solve", &["open", "view", "depth", "measure", "roughness", "compare", "calibrate"]),
+    ("Good parts and bad ones", &["teach", "inspect"]),
     ("Laboratory", &["simulate", "evaluate", "bench"]),
     ("Set-up", &["devices", "config", "completions", "man", "help"]),
 ];
 
-/// The options in `-h` of subcommands that take `--config`, so that it fits one screen.
+/// The options in `-h` of subcommands that take `--config` and have more than [`FEW`] options, so that it fits one
+/// screen.
 const MOST_USED: [&str; 23] = [
-    "colors",
     "config",
     "crop-valid",
     "decode",
     "device",
     "export",
     "focus-at",
+    "golden",
     "help",
     "hold",
     "json",
@@ -61,12 +64,15 @@ const MOST_USED: [&str; 23] = [
     "transform",
 ];
 
+/// The most options that `-h` lists all.
+const FEW: usize = 20;
+
 /// Width of `--help`, columns.
 pub(crate) const WIDTH: usize = 100;
 
 /// Hides rarely used options from `-h`, wraps the lines of `--help`, and accepts negative numbers.
 pub(crate) fn with_layout(command: Command) -> Command {
-    let has_many = takes_config(&command);
+    let has_many = takes_config(&command) && command.get_arguments().count() > FEW;
     command.mut_args(|option| {
         let is_rare = has_many && option.get_long().is_some_and(|long| !MOST_USED.contains(&long));
         let long = option.get_long_help().or(option.get_help().filter(|_| has_many));

@@ -20,6 +20,7 @@ mod commands {
     pub mod simulate;
     pub mod solve;
     pub mod stack;
+    pub mod teach;
     pub mod view;
     pub mod watch;
 }
@@ -47,9 +48,20 @@ mod output {
 
 /// Batches of pairs and sweeps: how they are found and solved, and their summary.
 mod batch {
+    pub mod on_done;
+    pub mod outcome;
     pub mod pairs;
     pub mod summary;
     pub mod tasks;
+}
+
+/// Inspections of parts: golden parts, the judgement, and the verdicts of a batch.
+mod inspection {
+    pub mod arguments;
+    pub mod golden;
+    pub mod judge;
+    pub mod log;
+    pub mod verdict;
 }
 
 use std::fs;
@@ -61,7 +73,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use self::commands::{
     apply, bench, calibrate, compare, depth, inspect, measure, register, roughness, setup, simulate, solve, stack,
-    view, watch,
+    teach, view, watch,
 };
 use self::options::config_file;
 use self::output::failure::{self, Failure};
@@ -91,7 +103,8 @@ enum Command {
     View(view::Arguments),
     Open(view::PageArguments),
     Compare(compare::Arguments),
-    Inspect(inspect::Arguments),
+    Inspect(Box<inspect::Arguments>),
+    Teach(teach::Arguments),
     Register(Box<register::Arguments>),
     Apply(apply::Arguments),
     Evaluate(bench::EvaluateArguments),
@@ -142,6 +155,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Open(arguments) => view::open(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Teach(arguments) => teach::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Apply(arguments) => apply::run(&arguments),
         Command::Evaluate(arguments) => bench::evaluate(&arguments),

@@ -40,6 +40,7 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// [`ErrorKind::FileTooLarge`] for more than `most` bytes, [`ErrorKind::OutOfMemory`] if there is no memory for them,
+/// [`ErrorKind::InvalidInput`] for bytes of a file whose length is reported as 0,
 /// and [`ErrorKind::ResourceBusy`] if the file grows.
 pub fn read_open(file: &File, most: u64) -> Result<Vec<u8>> {
     let length = file.metadata()?.len();
@@ -47,6 +48,11 @@ pub fn read_open(file: &File, most: u64) -> Result<Vec<u8>> {
         return Err(Error::new(ErrorKind::FileTooLarge, format!("{length} bytes, and the most is {most}")));
     }
     let bytes = read_start(file, length + 1)?;
+    if length == 0 && !bytes.is_empty() {
+        // As in /proc.
+        let problem = "its length is reported as 0, and it holds bytes: copy it to a folder on disk";
+        return Err(Error::new(ErrorKind::InvalidInput, problem));
+    }
     if bytes.len() as u64 > length {
         return Err(Error::new(ErrorKind::ResourceBusy, "it grew while it was read; try again"));
     }
@@ -150,6 +156,13 @@ mod tests {
         assert_eq!(read(&file, 1 << 32).unwrap_err().kind(), ErrorKind::FileTooLarge);
         std::fs::write(&file, b"\xff").unwrap();
         assert_eq!(text(&file, 3).unwrap_err().kind(), ErrorKind::InvalidData);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_file_of_the_kernel_is_refused_since_it_reports_no_length() {
+        let refused = read(Path::new("/proc/self/status"), 1 << 20).unwrap_err();
+        assert!(refused.to_string().contains("copy it to a folder on disk"), "{refused}");
     }
 
     #[cfg(unix)]

@@ -1,7 +1,7 @@
 //! A golden part from several good ones.
 
 use super::heights::Heights;
-use super::inspect::{Deviation, GOLDEN_EVIDENCE, Limits, difference, inspect};
+use super::inspect::{Deviation, GOLDEN_EVIDENCE, Limits, Verdict, difference, inspect};
 use crate::base::Error;
 
 /// By how much the scatter between n - 1 good parts is widened before another is compared with them, from n = 3: the
@@ -42,16 +42,52 @@ pub fn disagreement(parts: &[Heights], limits: &Limits) -> Result<Option<Disagre
     let first = if parts.len() == 2 { 1 } else { 0 };
     let mut found: Option<Disagreement> = None;
     for part in first..if parts.len() > 1 { parts.len() } else { 0 } {
-        let others: Vec<&Heights> =
-            levelled.iter().enumerate().filter(|(n, _)| *n != part).map(|(_, other)| other).collect();
         let wider = WIDER.get(parts.len().saturating_sub(3)).or(WIDER.last()).copied().unwrap_or(1.0);
-        let off = inspect(&levelled[part], &combined(&others, wider)?, limits)?;
+        let off = inspect(&levelled[part], &combined(&others(&levelled, part), wider)?, limits)?;
         let Some(deviation) = off.regions.first().copied() else { continue };
         if found.is_none_or(|found| deviation.area_px > found.deviation.area_px) {
             found = Some(Disagreement { part, deviation });
         }
     }
     Ok(found)
+}
+
+/// The step by which [`least_tolerances`] raises a tolerance.
+const STEP: f64 = 1.1;
+
+/// The greatest number of steps: up to a thousand times what the noise allows.
+const MOST_STEPS: usize = 72;
+
+/// Returns for each golden part the least tolerance at which it is go against the golden part of the others, within a
+/// tenth; infinite if there is none. A single part is compared with itself, which shows its noise alone. The parts are
+/// registered to the pixels of the first; the tolerance and the tilt of the limits do not count.
+///
+/// # Errors
+/// As for [`inspect`].
+pub fn least_tolerances(parts: &[Heights], limits: &Limits) -> Result<Vec<f64>, Error> {
+    let at = |tolerance: f64| Limits { tolerance, max_tilt: f64::INFINITY, ..*limits };
+    let levelled = level(parts, &at(0.0))?;
+    let least = |part: usize| {
+        let others = combined(&others(&levelled, part), 1.0)?;
+        let noise = inspect(&levelled[part], &others, &at(0.0))?.least_tolerance;
+        let Some(mut tolerance) = noise.map(|noise| noise.max(f64::MIN_POSITIVE) * (1.0 + 1e-6)) else {
+            return Ok(f64::INFINITY);
+        };
+        for _ in 0..MOST_STEPS {
+            let limits = at(tolerance);
+            if inspect(&levelled[part], &others, &limits)?.verdict(&limits) == Verdict::Go {
+                return Ok(tolerance);
+            }
+            tolerance *= STEP;
+        }
+        Ok(f64::INFINITY)
+    };
+    (0..parts.len()).map(least).collect()
+}
+
+/// Returns all parts except one, or that one if it is the only one.
+fn others(parts: &[Heights], part: usize) -> Vec<&Heights> {
+    parts.iter().enumerate().filter(|(n, _)| *n != part || parts.len() == 1).map(|(_, other)| other).collect()
 }
 
 /// Subtracts the plane of each part over the first, and leaves out heights without evidence.
@@ -76,13 +112,20 @@ fn combined(parts: &[&Heights], wider: f64) -> Result<Heights, Error> {
         (mean as f32, sigma as f32)
     };
     let (values, deviation) = (0..first.values.len()).map(pixel).unzip::<f32, f32, Vec<_>, Vec<_>>();
+    let part_deviation = |i: usize| {
+        let valid = parts.iter().map(|part| part.part_deviation[i]).filter(|sigma| sigma.is_finite());
+        let (sum, count) = valid.fold((0.0, 0.0), |(sum, count), sigma| (sum + sigma * sigma, count + 1.0f32));
+        (sum / count).sqrt()
+    };
     let evidence = |i: usize| {
         let valid = parts.iter().filter(|part| part.values[i].is_finite()).map(|part| part.evidence[i]);
         let (sum, count) = valid.fold((0.0, 0.0), |(sum, count), evidence| (sum + evidence, count + 1.0f32));
         sum / count
     };
-    let evidence = (0..first.values.len()).map(evidence).collect();
-    Heights::new([first.width, first.height], &values, &deviation)?.with_evidence(evidence)
+    let all = 0..first.values.len();
+    let (part_deviation, evidence) = (all.clone().map(part_deviation).collect(), all.map(evidence).collect());
+    let heights = Heights::new([first.width, first.height], &values, &deviation)?;
+    heights.with_part_deviation(part_deviation)?.with_evidence(evidence)
 }
 
 /// Returns the mean of heights with their standard deviations, and the standard deviation of a good part from it,
@@ -134,6 +177,27 @@ mod tests {
             inspect(&part, &golden, &Limits::new(0.1)).unwrap().regions.len()
         };
         assert_eq!((of(0.3, 0.0), of(0.0, 0.3)), (0, 1));
+    }
+
+    #[test]
+    fn the_least_tolerance_of_a_golden_part_is_that_of_its_noise_or_of_its_defect() {
+        let part = |n: u64, bump: f64, sigma: f64| {
+            let noise = smooth_noise([120, 90], 2.0, n);
+            let at = |x: f64, y: f64| {
+                let bump = if disk(x, y, [40.0, 30.0], 8.0) { bump } else { 0.0 };
+                relief([x, y]) + bump + sigma * noise[y as usize * 120 + x as usize]
+            };
+            heights(at, sigma)
+        };
+        let least = |parts: &[Heights]| least_tolerances(parts, &Limits::new(7.0)).unwrap();
+        let good = least(&[part(0, 0.0, 0.1), part(1, 0.0, 0.1), part(2, 0.0, 0.1)]);
+        assert!(good.iter().all(|least| (0.25..0.45).contains(least)), "three standard deviations: {good:?}");
+        let [bad, ..] = least(&[part(0, 2.0, 0.1), part(1, 0.0, 0.1), part(2, 0.0, 0.1)])[..] else { panic!() };
+        assert!((1.8..2.4).contains(&bad), "{bad}");
+        let alone = least(&[part(0, 2.0, 0.1)]);
+        assert!((0.29..0.31).contains(&alone[0]), "{alone:?}");
+        let hole = heights(|x, y| if x < 60.0 { f64::NAN } else { relief([x, y]) }, 0.1);
+        assert_eq!(least(&[hole, part(1, 0.0, 0.1), part(2, 0.0, 0.1)])[0], f64::INFINITY);
     }
 
     #[test]

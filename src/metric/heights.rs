@@ -1,7 +1,7 @@
 //! Height maps with standard deviations.
 
 use super::measure::Values;
-use crate::base::{Error, Similarity, centre};
+use crate::base::{Error, Region, Similarity, centre};
 
 /// A height map, in any unit, greater towards the camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,6 +14,8 @@ pub struct Heights {
     pub values: Vec<f32>,
     /// Standard deviations, in the unit of the heights. NaN where there is no height.
     pub deviation: Vec<f32>,
+    /// Standard deviations of the height of one part: `deviation`, unless the map is the mean of several parts.
+    pub part_deviation: Vec<f32>,
     /// The evidence for each height: the standard deviation of the picture's texture over that of its noise. Infinite
     /// where it is not known; NaN outside of the picture.
     pub evidence: Vec<f32>,
@@ -33,8 +35,9 @@ impl Heights {
         }
         let is_valid = |v: f32, s: f32| v.is_finite() && s.is_finite() && s >= 0.0;
         let pixel = |(&v, &s): (&f32, &f32)| if is_valid(v, s) { (v, s) } else { (f32::NAN, f32::NAN) };
-        let (values, deviation) = values.iter().zip(deviation).map(pixel).unzip();
-        Ok(Self { width, height, values, deviation, evidence: vec![f32::INFINITY; pixels] })
+        let (values, deviation): (_, Vec<f32>) = values.iter().zip(deviation).map(pixel).unzip();
+        let part_deviation = deviation.clone();
+        Ok(Self { width, height, values, deviation, part_deviation, evidence: vec![f32::INFINITY; pixels] })
     }
 
     /// Sets the evidence for the heights.
@@ -49,6 +52,36 @@ impl Heights {
         Ok(Self { evidence, ..self })
     }
 
+    /// Sets the standard deviations of the height of one part, for a mean of several.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if it has another size.
+    pub fn with_part_deviation(self, part_deviation: Vec<f32>) -> Result<Self, Error> {
+        if part_deviation.len() != self.values.len() {
+            let lengths = format!("deviations of {} pixels for {} heights", part_deviation.len(), self.values.len());
+            return Err(Error::Mismatch(lengths));
+        }
+        Ok(Self { part_deviation, ..self })
+    }
+
+    /// Returns the map with heights within these regions only, or all of it if there are none.
+    ///
+    /// # Errors
+    /// [`Error::Region`] for a region without pixels, or not within the map.
+    pub fn within(mut self, regions: &[Region]) -> Result<Self, Error> {
+        regions.iter().try_for_each(|region| region.check((self.width, self.height)))?;
+        let width = self.width as usize;
+        let is_within = |i: usize, region: &Region| {
+            let (x, y) = ((i % width) as u32, (i / width) as u32);
+            (region.x..region.x + region.width).contains(&x) && (region.y..region.y + region.height).contains(&y)
+        };
+        let is_outside = |i: &usize| !regions.is_empty() && !regions.iter().any(|region| is_within(*i, region));
+        for i in (0..self.values.len()).filter(is_outside) {
+            (self.values[i], self.deviation[i]) = (f32::NAN, f32::NAN);
+        }
+        Ok(self)
+    }
+
     /// Returns the map without the heights for which there is less evidence.
     pub(super) fn supported(&self, least: f32) -> Self {
         let keep = |field: &[f32]| {
@@ -56,7 +89,8 @@ impl Heights {
             pixels.map(|(value, evidence)| if *evidence < least { f32::NAN } else { *value }).collect()
         };
         let (values, deviation) = (keep(&self.values), keep(&self.deviation));
-        Self { values, deviation, evidence: self.evidence.clone(), ..*self }
+        let (part_deviation, evidence) = (self.part_deviation.clone(), self.evidence.clone());
+        Self { values, deviation, part_deviation, evidence, ..*self }
     }
 
     /// Samples the map at `T x` for each pixel x of an image of the given size, with T about its centre.
@@ -64,16 +98,16 @@ impl Heights {
     /// The fields are interpolated bilinearly. Errors of adjacent pixels are correlated, so that interpolation does
     /// not reduce the standard deviation.
     pub fn resample(&self, [width, height]: [u32; 2], t: &Similarity) -> Self {
-        let fields = [&self.values, &self.deviation, &self.evidence];
+        let fields = [&self.values, &self.deviation, &self.part_deviation, &self.evidence];
         let fields = fields.map(|values| Values { width: self.width, values });
         let (middle, count) = (centre(width, height), width as usize * height as usize);
         let point = |i: usize| {
             let pixel = [(i % width as usize) as f64, (i / width as usize) as f64];
             t.apply(pixel, middle).map(snap_to_pixel)
         };
-        let [values, deviation, evidence] =
+        let [values, deviation, part_deviation, evidence] =
             fields.map(|field| (0..count).map(|i| field.at(point(i)) as f32).collect::<Vec<_>>());
-        Self { width, height, values, deviation, evidence }
+        Self { width, height, values, deviation, part_deviation, evidence }
     }
 
     /// Returns the slope at a pixel, in heights per pixel, from the adjacent pixels that have a height.
@@ -117,6 +151,18 @@ mod tests {
         }
         assert!((heights.slope(0) - 0.2f64.hypot(0.1)).abs() < 1e-5, "one-sided in a corner");
         assert_eq!(heights.resample([40, 30], &Similarity::IDENTITY), heights);
+    }
+
+    #[test]
+    fn regions_leave_out_the_rest() {
+        let heights = Heights::new([4, 2], &[1.0; 8], &[0.1; 8]).unwrap();
+        let regions = [(0, 0, 1, 2), (2, 1, 2, 1)].map(|(x, y, width, height)| Region { x, y, width, height });
+        let is_valid: Vec<bool> =
+            heights.clone().within(&regions).unwrap().values.iter().map(|v| v.is_finite()).collect();
+        assert_eq!(is_valid, [true, false, false, false, true, false, true, true]);
+        assert_eq!(heights.clone().within(&[]).unwrap(), heights);
+        let beyond = Region { x: 3, y: 1, width: 2, height: 1 };
+        assert!(heights.within(&[beyond]).unwrap_err().to_string().contains("not within the image"));
     }
 
     #[test]

@@ -230,8 +230,10 @@ fn gaps(
 ) -> Vec<Gap> {
     let is_golden = |i: usize| golden.values[i].is_finite();
     let is_missing = |i: usize| is_golden(i) && difference[i].is_nan() && !part.evidence[i].is_nan();
-    // A part with twice the golden part's standard deviation would be judged.
-    let is_certain = |i: usize| limits.sigmas * 2.0 * f64::from(golden.deviation[i]) <= limits.tolerance;
+    // A part with twice the standard deviation of one golden part, or of the mean of several with what they differ by,
+    // would be judged.
+    let of_golden = |i: usize| f64::from(golden.deviation[i].max(golden.part_deviation[i]));
+    let is_certain = |i: usize| limits.sigmas * 2.0 * of_golden(i) <= limits.tolerance;
     let has_lost = |i: usize| golden.evidence[i].is_finite() && part.evidence[i] < LEAST_EVIDENCE && is_bare(i);
     let is_gap = |i: usize| is_missing(i) && (is_certain(i) || has_lost(i));
     let marks: Vec<i8> = (0..difference.len()).map(|i| i8::from(is_gap(i))).collect();

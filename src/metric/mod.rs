@@ -12,7 +12,7 @@ pub mod roughness;
 
 pub(crate) use evidence::evidence;
 
-pub use golden::{Disagreement, disagreement, golden};
+pub use golden::{Disagreement, disagreement, golden, least_tolerances};
 
 pub use calibrate::{CalibratedParameter, Calibration, LensParameter, Target, calibrate};
 

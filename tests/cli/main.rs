@@ -29,6 +29,7 @@ mod input;
 mod inspect;
 #[cfg(target_os = "linux")]
 mod kills;
+mod line;
 mod metric;
 mod outputs;
 mod page;

@@ -217,7 +217,10 @@ fn every_command_refuses_to_overwrite_foreign_files() {
     }
     assert!(!desk.has("moved/i1.png"), "no file may be written if one is refused");
     fs::remove_file(desk.path("many/batch.json")).unwrap();
-    desk.refuses(&["batch", "list.csv", "-o", "many", "--device", "none"], &["many/a/report.json", "--force"]);
+    // The summary says so too.
+    let refused = desk.run(&["batch", "list.csv", "-o", "many", "--device", "none"]);
+    crate::assert_refused(&refused, 1, &["failed: a: many/a/report.json", "--force", "error: 1 of 1 pairs failed: a"]);
+    desk.assert_foreign_kept("many/a/report.json");
     for _ in 0..2 {
         let apply = ["apply", "scene/i1.png", "i2.png", "--transform", "scene/truth.json", "-o", "moved", "--force"];
         desk.done(&apply);

@@ -146,6 +146,28 @@ fn tiff() -> Vec<Vec<u8>> {
     files
 }
 
+/// Returns a golden part in a file.
+fn golden() -> Vec<u8> {
+    use export::{GoldenPart, GoldenReport, TaughtPart};
+    let [width, height] = SIZE;
+    let heights = parfocal::metric::inspect::Heights::new(SIZE, &pixels(1, |i| i as f32), &pixels(1, |_| 0.5)).unwrap();
+    let parts = vec![TaughtPart { folder: "good".to_string(), least_tolerance: 0.5 }];
+    let settings = serde_json::json!({ "levels": null });
+    let report = GoldenReport::new(parts, ("relative blur", "px²"), (1.0, true), settings);
+    let picture = parfocal::Frame::gray(width, height, pixels(1, |i| i as f32 / 200.0)).unwrap();
+    let folder = tempfile::TempDir::new().unwrap();
+    let file = folder.path().join("golden.exr");
+    export::write_golden(&file, &GoldenPart { report, heights, picture }).unwrap();
+    fs::read(file).unwrap()
+}
+
+/// Reads a golden part.
+fn golden_part(file: &Path) {
+    if is_small(file) {
+        let _ = export::read_golden(file);
+    }
+}
+
 const REPORT: &str = r#"{"program": "parfocal", "kind": "pair", "version": "0.1.0", "frames": [
 {"file": "a.png", "transform": {"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1}, "gain": 1.0, "offset": 0.0},
 {"file": "b.png", "transform": {"tx_px": 1.5, "ty_px": -0.5, "rotation_deg": 0.25, "scale": 1.01}, "gain": 1.0, "offset": 0.0}],
@@ -212,6 +234,7 @@ fn whatever_a_file_holds_it_is_read_or_refused() {
         target("webp", "photograph.webp", encoded(&[ImageFormat::WebP]), photograph),
         target("exr", "photograph.exr", [exr(), vec![hostile]].concat(), photograph),
         target("field", "relative_blur.exr", exr(), field),
+        target("golden", "golden.exr", vec![golden()], golden_part),
         target("kernel", "kernel.png", [encoded(&[ImageFormat::Png]), exr()].concat(), kernel),
         target("transform", "transform.json", texts(), transform),
         target("report", "report.json", texts(), folder),

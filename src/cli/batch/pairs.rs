@@ -22,6 +22,8 @@ pub(crate) struct Group {
     pub(crate) left_out: Vec<String>,
     /// The reason why it cannot be solved.
     pub(crate) problem: Option<String>,
+    /// Whether it is the folder of a part without a pair or a sweep, to which photographs may be added.
+    pub(crate) is_incomplete: bool,
 }
 
 /// The pairs and sweeps of a folder or a manifest.
@@ -48,19 +50,20 @@ sweep. Paths are relative to the folder of the manifest.";
 /// Greatest size of a manifest, 64 MiB.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// The pairs and sweeps that a folder has so far, possibly none.
-pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
-    let Grouped { groups, left_over } = of_folder(folder, out, raw)?;
+/// The pairs and sweeps that a folder has so far, possibly none. `is_judged`: each folder in it is a part that needs a
+/// verdict, so that one without a pair or a sweep is a group that cannot be solved.
+pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>, is_judged: bool) -> Result<Grouped, Failure> {
+    let Grouped { groups, left_over } = of_folder(folder, out, raw, is_judged)?;
     let candidates = groups.into_iter().map(Candidate::of_folder).collect();
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", folder.display()));
     settled(candidates, left_over, raw).map_err(failed)
 }
 
-/// The pairs and sweeps of a folder or a manifest. Leaves out results in `out`.
-pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
+/// The pairs and sweeps of a folder or a manifest. Leaves out results in `out`. `is_judged` is as in [`so_far`].
+pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>, is_judged: bool) -> Result<Grouped, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
     let found = if source.is_dir() {
-        so_far(source, out, raw)?
+        so_far(source, out, raw, is_judged)?
     } else if source.exists() {
         settled(of_manifest(source, raw)?, Vec::new(), raw).map_err(failed)?
     } else {
@@ -88,7 +91,7 @@ fn settled(pairs: Vec<Candidate>, mut left_over: Vec<String>, raw: Option<RawFor
     Ok(Grouped { groups, left_over })
 }
 
-fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
+fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>, is_judged: bool) -> Result<Grouped, Failure> {
     let (files, folders) = list_folder(folder, raw)?;
     if !files.is_empty() {
         return Ok(by_name(&files));
@@ -107,10 +110,19 @@ fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Groupe
             }
         };
         if let Some(SweepFiles { frames, left_out }) = one_series(&files) {
-            all.groups.push(Group { name: folder_name, files: frames, left_out, problem: None });
+            all.groups.push(Group { name: folder_name, files: frames, left_out, ..Group::default() });
             continue;
         }
         let found = by_name(&files);
+        if is_judged && found.groups.is_empty() {
+            let problem = match found.left_over.as_slice() {
+                [] => format!("{}: holds no photograph that parfocal reads", inner.display()),
+                several => format!("{}: {}", inner.display(), in_short(several, "; ")),
+            };
+            let group = Group { name: folder_name, files, problem: Some(problem), ..Group::default() };
+            all.groups.push(Group { is_incomplete: true, ..group });
+            continue;
+        }
         let only = found.groups.len() == 1;
         all.groups.extend(found.groups.into_iter().map(|pair| {
             let name = if only { folder_name.clone() } else { format!("{folder_name}-{}", pair.name) };
@@ -172,7 +184,7 @@ fn by_name(files: &[PathBuf]) -> Grouped {
             let [first, second] = two.map(|file| file_name(file));
             let problem = Some(format!("{first} and {second} have one place in their pair; move one away"));
             let files = two.map(PathBuf::clone).to_vec();
-            found.groups.push(Group { name, files, left_out: Vec::new(), problem });
+            found.groups.push(Group { name, files, problem, ..Group::default() });
             let others = members.iter().filter(|file| !two.contains(*file));
             found.left_over.extend(others.map(|file| {
                 format!("{} is left over: {first} and {second} of its series have one place", file_name(file))
@@ -201,7 +213,7 @@ fn by_name(files: &[PathBuf]) -> Grouped {
         for two in members.chunks_exact(2) {
             let name = if members.len() == 2 && !trimmed.is_empty() { trimmed.to_string() } else { stem(two[0]) };
             let files = two.iter().map(|file| (*file).clone()).collect();
-            found.groups.push(Group { name, files, left_out: Vec::new(), problem: None });
+            found.groups.push(Group { name, files, ..Group::default() });
         }
     }
     found
@@ -234,7 +246,7 @@ fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Fa
         let is_given = name.is_some();
         let (SweepFiles { frames: files, left_out }, otherwise) =
             line.files(folder, raw).map_err(|problem| failed(format!("line {number}: {problem}")))?;
-        let pair = Group { name: name.unwrap_or(otherwise), files, left_out, problem: None };
+        let pair = Group { name: name.unwrap_or(otherwise), files, left_out, ..Group::default() };
         pairs.push(Candidate { pair, line: Some(number), is_given });
     }
     Ok(pairs)
@@ -482,7 +494,7 @@ mod tests {
         }
         fs::write(folder.path().join("doubled_1.png"), "").unwrap();
         fs::write(folder.path().join("doubled_1.jpg"), "").unwrap();
-        let found = find(folder.path(), Path::new("out"), None).unwrap().groups;
+        let found = find(folder.path(), Path::new("out"), None, false).unwrap().groups;
         let (refused, good): (Vec<_>, Vec<_>) = found.iter().partition(|group| group.problem.is_some());
         let names = |groups: &[&Group]| groups.iter().map(|group| group.name.clone()).collect::<Vec<_>>();
         // The names of two pairs that differ in case only begin with the name of their folder.
@@ -501,7 +513,7 @@ mod tests {
         let folder = TempDir::new().unwrap();
         let file = folder.path().join("list");
         fs::write(&file, text).unwrap();
-        match find(&file, Path::new("out"), None) {
+        match find(&file, Path::new("out"), None, false) {
             Ok(found) => Ok(found.groups),
             Err(Failure::Failed(message)) => Err(message.split_once("list: ").unwrap().1.to_string()),
             Err(other) => panic!("{other:?}"),

@@ -1,15 +1,17 @@
 //! The summary of a batch: a table on stderr, `batch.json`, and the index page.
 
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use parfocal::export::{FileKind, Header, Kind, PAGE_FILE, REPORT_FILE, write_named};
+use parfocal::export::{FileKind, Header, Kind, PAGE_FILE, write_named};
 use parfocal::internals::bounded_read;
+use parfocal::metric::inspect::Verdict;
 use parfocal::page::batch_html::{Entry, batch_page};
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde::Serialize;
+use serde_json::{Value, json};
 
+use crate::cli::batch::outcome::Outcome;
+use crate::cli::inspection::verdict::{self, PartVerdict, VerdictCounts};
 use crate::cli::options::photographs::in_short;
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
@@ -20,6 +22,15 @@ pub(crate) const SUMMARY: &str = "batch.json";
 /// Name of the index page, in the folder of the results.
 pub(crate) const INDEX: &str = "index.html";
 
+/// Beginning of the names of the tables of verdicts, in the folder of the results.
+const VERDICTS: &str = "verdicts";
+
+/// Names of the tables of verdicts beside a summary file: CSV and JUnit.
+pub(crate) fn verdict_files(summary: &str) -> [String; 2] {
+    let share = summary.trim_start_matches("batch").trim_end_matches(".json");
+    ["csv", "xml"].map(|extension| format!("{VERDICTS}{share}.{extension}"))
+}
+
 /// Name of the summary file of one share of `count`.
 pub(crate) fn of_share(index: usize, count: usize) -> String {
     format!("batch-{index}-of-{count}.json")
@@ -28,113 +39,18 @@ pub(crate) fn of_share(index: usize, count: usize) -> String {
 /// Whether a batch writes a file of this name beside the folders of results.
 pub(crate) fn is_of_batch(name: &str) -> bool {
     let name = name.to_ascii_lowercase();
-    let share = name.strip_prefix("batch-").and_then(|rest| rest.strip_suffix(".json")?.split_once("-of-"));
-    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    [SUMMARY, INDEX].contains(&name.as_str()) || share.is_some_and(|(i, n)| is_number(i) && is_number(n))
+    let of_share = |first: &str, last: &str| {
+        let share = name.strip_prefix(first).and_then(|rest| rest.strip_suffix(last)?.strip_prefix('-'));
+        let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+        share.and_then(|share| share.split_once("-of-")).is_some_and(|(i, n)| is_number(i) && is_number(n))
+    };
+    let shares = [("batch", ".json"), (VERDICTS, ".csv"), (VERDICTS, ".xml")];
+    let [csv, xml] = verdict_files(SUMMARY);
+    [SUMMARY, INDEX, &csv, &xml].contains(&name.as_str()) || shares.iter().any(|(first, last)| of_share(first, last))
 }
-
-/// Greatest size of a report, 16 MiB.
-const MAX_REPORT: u64 = 16 << 20;
 
 /// Greatest size of a picture of depth, 1 GiB.
 const MAX_PICTURE: u64 = 1 << 30;
-
-/// The fields of a report that the summary states.
-#[derive(Debug, Default, Deserialize, Serialize)]
-#[serde(default)]
-pub(crate) struct ReportExcerpt {
-    /// For a pair.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    converged: Option<bool>,
-    warnings: Vec<String>,
-    /// For a pair.
-    #[serde(skip_serializing_if = "Value::is_null")]
-    relative_blur: Value,
-    /// For a sweep.
-    #[serde(skip_serializing_if = "Value::is_null")]
-    focus: Value,
-    valid_fraction: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    mean_confidence: Option<f64>,
-    #[serde(skip_serializing_if = "Value::is_null")]
-    transform: Value,
-    #[serde(skip_serializing)]
-    frames: Vec<Value>,
-    #[serde(skip_serializing)]
-    timings_ms: Value,
-}
-
-impl ReportExcerpt {
-    /// Reads the excerpt from a report.
-    fn of(report: Value) -> serde_json::Result<Self> {
-        let mut found: Self = serde_json::from_value(report)?;
-        if let [_, second] = found.frames.as_mut_slice() {
-            found.transform = second["transform"].take();
-        }
-        Ok(found)
-    }
-}
-
-fn not_a_report(out: &Path, error: &serde_json::Error) -> Failure {
-    Failure::Failed(format!("{}: is not a report of parfocal ({error}); remove it", out.join(REPORT_FILE).display()))
-}
-
-/// The outcome of a pair or a sweep.
-#[derive(Debug, Serialize)]
-#[serde(tag = "status", rename_all = "snake_case")]
-pub(crate) enum Outcome {
-    /// Solved and written.
-    Solved(ReportExcerpt),
-    /// Not solved: complete results exist.
-    Kept(ReportExcerpt),
-    /// Failed, with the message.
-    Failed { error: String },
-    /// Not started: the batch was interrupted before.
-    NotDone,
-}
-
-impl Outcome {
-    /// The outcome for a report that was just written.
-    pub(crate) fn solved(report: &impl Serialize) -> Result<Self, Failure> {
-        let found = serde_json::to_value(report).and_then(ReportExcerpt::of);
-        found.map(Self::Solved).map_err(|e| Failure::Failed(format!("the report cannot be summarized ({e})")))
-    }
-
-    /// The outcome for existing results.
-    pub(crate) fn kept(out: &Path) -> Result<Self, Failure> {
-        let found = Self::report(out)?.map(ReportExcerpt::of).transpose();
-        match found.map_err(|e| not_a_report(out, &e))? {
-            Some(found) => Ok(Self::Kept(found)),
-            None => Err(Failure::Failed(format!("{}: is gone", out.join(REPORT_FILE).display()))),
-        }
-    }
-
-    /// Reads the report in a folder of results; `None` if there is none.
-    pub(crate) fn report(out: &Path) -> Result<Option<Value>, Failure> {
-        let file = out.join(REPORT_FILE);
-        match bounded_read::read(&file, MAX_REPORT) {
-            Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|e| not_a_report(out, &e)),
-            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
-            Err(e) => Err(Failure::Failed(format!("{}: cannot be read ({e}); check its permissions", file.display()))),
-        }
-    }
-
-    pub(crate) fn status(&self) -> &'static str {
-        match self {
-            Self::Solved(_) => "solved",
-            Self::Kept(_) => "kept",
-            Self::Failed { .. } => "failed",
-            Self::NotDone => "not done",
-        }
-    }
-
-    fn excerpt(&self) -> Option<&ReportExcerpt> {
-        match self {
-            Self::Solved(found) | Self::Kept(found) => Some(found),
-            Self::Failed { .. } | Self::NotDone => None,
-        }
-    }
-}
 
 /// A row of the summary: a pair or a sweep.
 #[derive(Debug, Serialize)]
@@ -146,6 +62,9 @@ pub(crate) struct Row {
     pub(crate) output: String,
     #[serde(flatten)]
     pub(crate) outcome: Outcome,
+    /// The verdict, with golden parts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) inspection: Option<PartVerdict>,
 }
 
 /// The photographs of a row.
@@ -163,12 +82,17 @@ impl Row {
             [i1, i2] => Files::Pair { i1: shown(i1), i2: shown(i2) },
             frames => Files::Sweep { frames: frames.iter().map(shown).collect() },
         };
-        Self { name: name.to_string(), files, output: output.display().to_string(), outcome }
+        Self { name: name.to_string(), files, output: output.display().to_string(), outcome, inspection: None }
     }
 
-    /// The rank on the index page: first failures, then solves that did not converge, then warnings, then fewer valid
-    /// pixels.
+    /// The rank on the index page: first failures, then any verdict but go, then solves that did not converge, then
+    /// warnings, then fewer valid pixels.
     fn badness(&self) -> f64 {
+        let is_go = self.inspection.as_ref().is_none_or(|part| part.verdict == Verdict::Go);
+        self.doubt() + if is_go { 0.0 } else { 500.0 }
+    }
+
+    fn doubt(&self) -> f64 {
         let Some(found) = self.outcome.excerpt() else { return 1000.0 };
         let unsettled = if found.converged == Some(false) { 100.0 } else { 0.0 };
         let doubt = unsettled + found.warnings.len() as f64;
@@ -183,12 +107,19 @@ impl Row {
         let page = own.strip_prefix(out).ok().filter(|_| is_there && own.join(PAGE_FILE).is_file());
         let error = if let Outcome::Failed { error } = &self.outcome { Some(error.clone()) } else { None };
         let warnings = self.outcome.excerpt().map(|found| found.warnings.clone()).unwrap_or_default();
+        let reasons = self.inspection.iter().filter(|_| is_there).flat_map(|part| part.reasons.clone());
+        let warnings: Vec<String> = reasons.chain(warnings).collect();
         Entry {
             name: self.name.clone(),
-            status: cells[1..3].iter().filter(|cell| !cell.is_empty()).cloned().collect::<Vec<_>>().join(", "),
+            status: [&cells[6], &cells[1], &cells[2]]
+                .into_iter()
+                .filter(|cell| !cell.is_empty())
+                .cloned()
+                .collect::<Vec<_>>()
+                .join(", "),
             facts: ["median", "valid", "time"]
                 .iter()
-                .zip(&cells[3..])
+                .zip(&cells[3..6])
                 .filter(|(_, cell)| !cell.is_empty())
                 .map(|(name, cell)| format!("{name} {cell}"))
                 .collect(),
@@ -203,11 +134,17 @@ impl Row {
     pub(crate) fn line(&self) -> String {
         match &self.outcome {
             Outcome::Failed { error } => format!("{}: failed: {error}", plain(&self.name)),
-            _ => format!("{}: {}", plain(&self.name), self.cells()[1..].join("  ").trim_end()),
+            _ => {
+                let reason = self.inspection.iter().map(PartVerdict::reason).filter(|reason| !reason.is_empty());
+                let cells = self.cells()[1..].iter().filter(|cell| !cell.is_empty()).cloned().collect::<Vec<_>>();
+                let cells = cells.join("  ");
+                let parts = [plain(&self.name), cells].into_iter().chain(reason);
+                parts.collect::<Vec<_>>().join(": ")
+            }
         }
     }
 
-    fn cells(&self) -> [String; 6] {
+    fn cells(&self) -> [String; 7] {
         let found = self.outcome.excerpt();
         let number = |value: Option<f64>, digits: usize, unit: &str| {
             value.map_or_else(String::new, |v| format!("{v:.digits$}{unit}"))
@@ -228,6 +165,7 @@ impl Row {
             },
             number(found.and_then(|f| f.valid_fraction).map(|f| 100.0 * f), 1, " %"),
             number(found.and_then(|f| f.timings_ms["total"].as_f64()), 0, " ms"),
+            self.inspection.as_ref().map_or_else(String::new, |part| part.verdict.text().to_string()),
         ]
     }
 }
@@ -245,6 +183,9 @@ pub(crate) struct BatchSummary {
     not_done: usize,
     interrupted: bool,
     seconds: f64,
+    /// The number of each verdict, with golden parts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verdicts: Option<VerdictCounts>,
     /// Photographs that belong to no pair or sweep, and the reasons, one line each.
     left_over: Vec<String>,
     pairs: Vec<Row>,
@@ -270,9 +211,28 @@ impl BatchSummary {
             // Ctrl-C after the last pair has no effect.
             interrupted: interrupted && count("not done") > 0,
             seconds: took.as_secs_f64(),
+            verdicts: None,
             left_over,
             pairs,
         }
+    }
+
+    /// Adds the number of each verdict, for a batch with golden parts.
+    pub(crate) fn with_verdicts(mut self) -> Self {
+        self.verdicts = Some(VerdictCounts::of(self.judged()));
+        self
+    }
+
+    fn judged(&self) -> impl Iterator<Item = &PartVerdict> + Clone {
+        self.pairs.iter().filter_map(|row| row.inspection.as_ref())
+    }
+
+    /// The last line of a log.
+    pub(crate) fn end(&self) -> Value {
+        json!({
+            "solved": self.solved, "kept": self.kept, "failed": self.failed, "not_done": self.not_done,
+            "verdicts": self.verdicts, "left_over": self.left_over, "seconds": self.seconds,
+        })
     }
 
     pub(crate) fn into_rows(self) -> Vec<Row> {
@@ -284,12 +244,19 @@ impl BatchSummary {
         serde_json::to_string_pretty(self)
     }
 
-    /// Writes the summary to a file in the folder `out`, and the index page.
+    /// Writes the summary to a file in the folder `out`, the tables of verdicts, and the index page.
     pub(crate) fn write(&self, request: &Request, out: &Path, file: &str, has_page: bool) -> Result<(), Failure> {
         let json = self.to_json().map_err(|e| Failure::Failed(e.to_string()))?;
-        write_named(request.force.to(out), file, FileKind::Batch, format!("{json}\n").as_bytes())?;
+        let out_named = |name: &str, kind, bytes: &[u8]| write_named(request.force.to(out), name, kind, bytes);
+        if self.verdicts.is_some() {
+            let [table, cases] = verdict_files(file);
+            let rows = self.pairs.iter().filter_map(|row| Some((row.inspection.as_ref()?, row.output.as_str())));
+            out_named(&table, FileKind::VerdictTable, &verdict::csv(rows)?)?;
+            out_named(&cases, FileKind::Junit, verdict::junit(&self.source, self.judged()).as_bytes())?;
+        }
+        out_named(file, FileKind::Batch, format!("{json}\n").as_bytes())?;
         if has_page {
-            write_named(request.force.to(out), INDEX, FileKind::BatchPage, self.page(out).as_bytes())?;
+            out_named(INDEX, FileKind::BatchPage, self.page(out).as_bytes())?;
         }
         Ok(())
     }
@@ -315,16 +282,21 @@ impl BatchSummary {
 
     /// The table, the warnings, the failures, and a line with the counts and the file, without a newline at the end.
     pub(crate) fn table(&self, file: &Path) -> String {
-        let head = ["name", "", "", "median", "valid", "time"].map(String::from);
-        let rows: Vec<[String; 6]> = std::iter::once(head).chain(self.pairs.iter().map(Row::cells)).collect();
+        let head = ["name", "", "", "median", "valid", "time", if self.verdicts.is_some() { "verdict" } else { "" }];
+        let head = head.map(String::from);
+        let rows: Vec<[String; 7]> = std::iter::once(head).chain(self.pairs.iter().map(Row::cells)).collect();
         let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-        let widths: Vec<usize> = (0..6).map(width).collect();
+        let widths: Vec<usize> = (0..7).map(width).collect();
         let mut lines: Vec<String> = rows
             .iter()
             .map(|row| {
                 let cell = |(i, text): (usize, &String)| {
                     // Text is left-aligned, numbers are right-aligned.
-                    if i < 3 { format!("{text:<w$}", w = widths[i]) } else { format!("{text:>w$}", w = widths[i]) }
+                    if !(3..6).contains(&i) {
+                        format!("{text:<w$}", w = widths[i])
+                    } else {
+                        format!("{text:>w$}", w = widths[i])
+                    }
                 };
                 row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_string()
             })
@@ -332,11 +304,15 @@ impl BatchSummary {
         for row in &self.pairs {
             let warnings = row.outcome.excerpt().map_or(&[][..], |found| &found.warnings);
             lines.extend(warnings.iter().map(|warning| format!("warning: {}: {}", plain(&row.name), plain(warning))));
-            if let Outcome::Failed { error } = &row.outcome {
+            if let Some(part) = row.inspection.as_ref().filter(|part| !part.reasons.is_empty()) {
+                let (name, verdict) = (plain(&row.name), part.verdict.text());
+                lines.push(format!("{verdict}: {name}: {}", part.reason()));
+            } else if let Outcome::Failed { error } = &row.outcome {
                 lines.push(format!("failed: {}: {error}", plain(&row.name)));
             }
         }
         lines.extend(self.left_over.iter().map(|problem| format!("left over: {}", plain(problem))));
+        lines.extend(self.verdicts.as_ref().map(VerdictCounts::line));
         lines.push(format!(
             "{} solved, {} kept, {} failed, {} not done in {:.1} s; {}",
             self.solved,
@@ -349,7 +325,8 @@ impl BatchSummary {
         lines.join("\n")
     }
 
-    /// Fails if a pair failed, or the batch was interrupted.
+    /// Fails if a pair failed, or the batch was interrupted. With golden parts, the worst verdict is the status. A
+    /// photograph that belongs to no part cannot be judged.
     pub(crate) fn check(&self, strict: bool) -> Result<(), Failure> {
         let all = self.pairs.len();
         let doubtful =
@@ -358,6 +335,12 @@ impl BatchSummary {
         if self.interrupted {
             let done = all - self.not_done;
             return Err(Failure::Interrupted(format!("interrupted after {done} of {all} pairs; --resume goes on")));
+        }
+        if let Some(verdicts) = &self.verdicts {
+            verdicts.check()?;
+            if !self.left_over.is_empty() {
+                return Err(Failure::CannotJudge);
+            }
         }
         if self.failed > 0 {
             let failed = self.pairs.iter().filter(|row| matches!(row.outcome, Outcome::Failed { .. }));
@@ -398,21 +381,6 @@ fn link(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_error_of_an_unreadable_report_names_it() {
-        let folder = tempfile::TempDir::new().unwrap();
-        assert_eq!(Outcome::report(folder.path()), Ok(None));
-        let file = folder.path().join(REPORT_FILE);
-        for text in ["{\"warnings\": 7}", "not JSON", ""] {
-            std::fs::write(&file, text).unwrap();
-            let problem = Outcome::kept(folder.path()).unwrap_err().message();
-            assert!(problem.starts_with(&format!("{}: is not a report", file.display())), "{problem}");
-        }
-        std::fs::remove_file(&file).unwrap();
-        std::fs::create_dir(&file).unwrap();
-        assert!(Outcome::report(folder.path()).unwrap_err().message().contains("report.json: cannot be read"));
-    }
 
     #[test]
     fn the_card_of_a_failed_pair_has_no_empty_facts() {

@@ -1,25 +1,28 @@
 //! The tasks of a batch, each a pair or a sweep, their devices as workers of a [`Stream`], and their progress.
 
-use std::ffi::OsString;
 use std::io::{self, IsTerminal, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Instant, SystemTime};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::{REPORT_FILE, is_whole};
-use parfocal::image_io::Input;
+use parfocal::export::{InspectedPart, REPORT_FILE, is_whole};
+use parfocal::image_io::{Input, split_page};
+use parfocal::metric::inspect::Verdict;
 use parfocal::settings::DeviceInfo;
 use parfocal::sweep::Positions;
 use parfocal::{Engine, Error, PairSolver, Solution, Stream};
 use serde_json::json;
 
+use crate::cli::batch::outcome::Outcome;
 use crate::cli::batch::pairs::Group;
-use crate::cli::batch::summary::{Outcome, Row};
+use crate::cli::batch::summary::Row;
 use crate::cli::commands::solve::{PairJob, Photographs};
 use crate::cli::commands::stack::SweepJob;
+use crate::cli::inspection::judge::Judge;
+use crate::cli::inspection::verdict::{PartVerdict, utc};
 use crate::cli::options::photographs::SweepFiles;
 use crate::cli::options::run::{EngineArguments, RunArguments};
 use crate::cli::options::solve::Request;
@@ -35,6 +38,8 @@ pub(crate) struct Context {
     pub(crate) resume: bool,
     /// The device with the least memory, which limits the size of photographs.
     pub(crate) device: DeviceInfo,
+    /// The golden parts that each part is judged by.
+    pub(crate) judge: Option<Judge>,
     /// Set by Ctrl-C.
     pub(crate) stop: Arc<AtomicBool>,
 }
@@ -58,6 +63,8 @@ pub(crate) struct Task {
     job: Job,
     /// The reason why it cannot be solved or written, found before any work.
     refused: Option<Failure>,
+    /// When its photographs were complete; `None` if they were before the batch began.
+    arrived: Option<Instant>,
 }
 
 enum Job {
@@ -165,7 +172,7 @@ fn solve_pair(
 }
 
 impl Task {
-    pub(crate) fn new(out: &Path, Group { name, files, left_out, problem }: Group, request: &Request) -> Self {
+    pub(crate) fn new(out: &Path, Group { name, files, left_out, problem, .. }: Group, request: &Request) -> Self {
         let out = out.join(&name);
         let job = match <[PathBuf; 2]>::try_from(files) {
             Ok(files) => Job::Pair(PairJob { files, out }),
@@ -175,7 +182,12 @@ impl Task {
             }
         };
         let refused = problem.map(Failure::Failed).or_else(|| job.check(request).err());
-        Self { name, job, refused }
+        Self { name, job, refused, arrived: None }
+    }
+
+    /// Sets when its photographs were complete.
+    pub(crate) fn arrived(self, at: Instant) -> Self {
+        Self { arrived: Some(at), ..self }
     }
 
     pub(crate) fn name(&self) -> &str {
@@ -186,19 +198,18 @@ impl Task {
         Row::new(&self.name, self.job.files(), self.job.out(), outcome)
     }
 
-    /// Fails, before a device is opened, if the options do not apply to a task, or if no task can be solved.
+    /// Fails, before a device is opened, if the options do not apply to a task.
     pub(crate) fn check_all(tasks: &[Arc<Self>]) -> Result<(), Failure> {
-        let refused: Vec<&Failure> = tasks.iter().filter_map(|task| task.refused.as_ref()).collect();
-        let usage = refused.iter().find(|failure| matches!(failure, Failure::Usage(_)));
-        let none = refused.first().filter(|_| refused.len() == tasks.len());
-        usage.or(none).map_or(Ok(()), |failure| Err((*failure).clone()))
+        let mut refused = tasks.iter().filter_map(|task| task.refused.as_ref());
+        let usage = refused.find(|failure| matches!(failure, Failure::Usage(_)));
+        usage.map_or(Ok(()), |failure| Err(failure.clone()))
     }
 
     /// Reads, solves and writes a task; `None` if the device is lost. A panic fails only this task.
     fn run(&self, context: &Context, device: &Mutex<Device>) -> Option<Row> {
+        let began = self.arrived.unwrap_or_else(Instant::now);
         let ended = catch_unwind(AssertUnwindSafe(|| self.outcome(context, device))).unwrap_or_else(|_| {
-            let problem = "an internal error of parfocal, reported above; the other pairs go on";
-            Err(Ending::Failed(Failure::Failed(problem.to_string())))
+            Err(Ending::Failed(Failure::Failed(format!("an internal error of parfocal{REPORTED}"))))
         });
         let outcome = match ended {
             Ok(outcome) => outcome,
@@ -206,7 +217,45 @@ impl Task {
             Err(Ending::Stopped) => Outcome::NotDone,
             Err(Ending::NoDevice) => return None,
         };
-        Some(self.row(outcome))
+        Some(self.judged_row(context.judge.as_ref(), &context.request, outcome, began))
+    }
+
+    /// The row of a task that was refused before any work; `None` if it was not.
+    pub(crate) fn refusal(&self, judge: Option<&Judge>, request: &Request) -> Option<Row> {
+        let error = self.refused.as_ref()?.message();
+        Some(self.judged_row(judge, request, Outcome::Failed { error }, Instant::now()))
+    }
+
+    fn judged_row(&self, judge: Option<&Judge>, request: &Request, outcome: Outcome, began: Instant) -> Row {
+        let mut row = self.row(outcome);
+        row.inspection = judge.and_then(|judge| self.verdict(judge, request, &row.outcome, began));
+        row
+    }
+
+    /// Judges the results, and writes inspect.json and inspect.png beside them. A part without results, or that fails to
+    /// be judged, cannot be judged. `None` if the part was not started.
+    fn verdict(&self, judge: &Judge, request: &Request, outcome: &Outcome, began: Instant) -> Option<PartVerdict> {
+        let (out, serial) = (self.job.out(), self.name.clone());
+        let time = changed(self.job.files()).map(utc);
+        let label = InspectedPart {
+            part: out.display().to_string(),
+            serial: serial.clone(),
+            time: time.clone().unwrap_or_else(|| utc(SystemTime::now())),
+        };
+        let judged = || {
+            let judged = judge.judge(out, label)?;
+            judged.write(request.force.to(out))?;
+            Ok((judged.report.verdict, judged.report.reasons))
+        };
+        let ended = match outcome {
+            Outcome::NotDone => return None,
+            Outcome::Failed { error } => Err(Failure::Failed(error.clone())),
+            Outcome::Solved(_) | Outcome::Kept(_) => catch_unwind(AssertUnwindSafe(judged))
+                .unwrap_or_else(|_| Err(Failure::Failed(format!("an internal error of parfocal{REPORTED}")))),
+        };
+        let (verdict, reasons) = ended.unwrap_or_else(|failure| (Verdict::CannotJudge, vec![failure.message()]));
+        let (judged, seconds) = (utc(SystemTime::now()), began.elapsed().as_secs_f64());
+        Some(PartVerdict { serial, time, judged, verdict, reasons, seconds })
     }
 
     fn outcome(&self, context: &Context, device: &Mutex<Device>) -> Result<Outcome, Ending> {
@@ -283,61 +332,13 @@ impl Job {
     }
 }
 
-/// The process group of the running program of `--on-done`.
-static PROGRAM: Mutex<Option<u32>> = Mutex::new(None);
+/// The end of the message of an internal error.
+const REPORTED: &str = ", reported above; the other pairs go on";
 
-/// Runs a program in a process group of its own, so that [`end_program`] also ends the programs that it started.
-fn run_program(command: &mut Command) -> io::Result<ExitStatus> {
-    #[cfg(unix)]
-    std::os::unix::process::CommandExt::process_group(command, 0);
-    let running = || PROGRAM.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut child = {
-        let mut running = running();
-        let child = command.spawn()?;
-        *running = Some(child.id());
-        child
-    };
-    let status = child.wait();
-    *running() = None;
-    status
-}
-
-/// Ends the running program of `--on-done` on Unix. No other one is started afterwards: the process must end.
-pub(crate) fn end_program() {
-    // A program that is just being started keeps the lock, and is not waited for.
-    let Ok(running) = PROGRAM.try_lock() else { return };
-    #[cfg(unix)]
-    if let Some(id) = running.and_then(|id| i32::try_from(id).ok()) {
-        use nix::sys::signal::{Signal, killpg};
-
-        // It fails if the program has just ended.
-        let _ = killpg(nix::unistd::Pid::from_raw(id), Signal::SIGKILL);
-    }
-    std::mem::forget(running);
-}
-
-/// The program of `--on-done`. It gets the folder of results as its argument, without a shell.
-#[derive(Debug)]
-pub(crate) struct OnDone(pub(crate) OsString);
-
-impl OnDone {
-    /// Runs the program for a task that was solved or failed. A failure of the program gives a warning.
-    pub(crate) fn run(&self, row: &Row) {
-        if matches!(row.outcome, Outcome::Kept(_) | Outcome::NotDone) {
-            return;
-        }
-        let mut command = Command::new(&self.0);
-        command.arg(&row.output).stdin(Stdio::null());
-        command.env("PARFOCAL_NAME", &row.name).env("PARFOCAL_OUTPUT", &row.output);
-        command.env("PARFOCAL_STATUS", row.outcome.status());
-        let problem = match run_program(&mut command) {
-            Ok(status) if status.success() => return,
-            Ok(status) => status.to_string(),
-            Err(error) => error.to_string(),
-        };
-        let (program, name) = (plain(&self.0.to_string_lossy()), plain(&row.name));
-        let _ = writeln!(io::stderr(), "warning: --on-done {program} of {name}: {problem}");
-    }
+/// When photographs were last changed; `None` if one is gone.
+fn changed(files: &[PathBuf]) -> Option<SystemTime> {
+    let times = files.iter().map(|file| split_page(file).0.metadata().and_then(|found| found.modified()).ok());
+    times.collect::<Option<Vec<_>>>()?.into_iter().max()
 }
 
 /// Progress of a batch: a bar on a terminal, elsewhere a line for each pair.
@@ -391,6 +392,9 @@ impl BatchProgress {
         self.bar.set_message(plain(&row.name));
         if self.json {
             let mut line = json!({ "name": row.name, "status": row.outcome.status() });
+            if let Some(part) = &row.inspection {
+                line["verdict"] = json!(part.verdict);
+            }
             if self.pairs > 0 {
                 (line["done"], line["of"]) = (done.into(), self.pairs.into());
             }

@@ -8,11 +8,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use parfocal::export::{FileKind, abandon};
+use serde_json::{Value, json};
 
+use crate::cli::batch::on_done::end_program;
+use crate::cli::batch::outcome::Outcome;
 use crate::cli::batch::pairs;
-use crate::cli::batch::summary::{BatchSummary, INDEX, Outcome, SUMMARY, of_share};
-use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task, end_program};
+use crate::cli::batch::summary::{BatchSummary, INDEX, Row, SUMMARY, of_share, verdict_files};
+use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task};
 use crate::cli::help::{self, OUTPUT};
+use crate::cli::inspection::arguments::InspectionArguments;
+use crate::cli::inspection::judge::Judge;
+use crate::cli::inspection::log::LogArgument;
 use crate::cli::options::solve::{Request, SolveArguments};
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
@@ -26,6 +32,10 @@ pub(crate) struct Arguments {
     source: PathBuf,
     #[command(flatten)]
     options: SolveArguments,
+    #[command(flatten)]
+    inspection: InspectionArguments,
+    #[command(flatten)]
+    log: LogArgument,
     /// Folder for a folder of results for each pair, and batch.json; created if missing
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
     output: PathBuf,
@@ -44,7 +54,8 @@ pub(crate) struct Arguments {
 fn after_help() -> String {
     format!(
         "{}\n\nA pair that fails is reported and the others go on. Ctrl-C finishes the current pairs and writes the summary;\n\
-         a second Ctrl-C ends the program at once.\n\nExit status: 0 all done, 1 a pair failed, 2 wrong usage, 130 ended by Ctrl-C.\n\n\
+         a second Ctrl-C ends the program at once.\n\nExit status: 0 all done, 1 a pair failed, 2 wrong usage, 130 ended by Ctrl-C; with --golden also 3 a part\n\
+         is no-go, else 4 a part cannot be judged; a pair that fails cannot.\n\n\
          Examples:\n  parfocal batch shots -o results --regularization 0.001\n  parfocal batch list.csv -o results --resume",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
@@ -58,40 +69,72 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let shard = arguments.shard.unwrap_or(Shard::WHOLE);
     let file = arguments.shard.map_or_else(|| SUMMARY.to_string(), Shard::summary);
     let has_page = request.page && arguments.shard.is_none();
-    check_output(&request, out, &file, has_page)?;
-    let found = pairs::find(source, out, arguments.options.raw())?;
-    let tasks: Vec<_> = shard.of(found.groups).map(|group| Arc::new(Task::new(out, group, &request))).collect();
+    check_output(&request, out, &file, has_page, &arguments.inspection)?;
+    let judge = arguments.inspection.judge()?;
+    let mut found = pairs::find(source, out, arguments.options.raw(), judge.is_some())?;
+    let groups = std::mem::take(&mut found.groups);
+    let tasks: Vec<_> = shard.of(groups).map(|group| Arc::new(Task::new(out, group, &request))).collect();
     Task::check_all(&tasks)?;
+    let log = arguments.log.start(source, start_of(judge.as_ref()))?;
+    let end = |request: &Request, judge: Option<&Judge>, rows, is_interrupted| {
+        let summary = BatchSummary::new(source, rows, found.left_over.clone(), is_interrupted, started.elapsed());
+        let summary = if judge.is_some() { summary.with_verdicts() } else { summary };
+        log.write("end", summary.end());
+        summary.write(request, out, &file, has_page)?;
+        request.run.report.print(&summary.table(&out.join(&file)), || summary.to_json())?;
+        Ok::<_, Failure>(summary)
+    };
+    // Without a pair that can be solved, no device is needed.
+    let refusals: Option<Vec<Row>> = tasks.iter().map(|task| task.refusal(judge.as_ref(), &request)).collect();
+    if let Some(rows) = refusals.filter(|rows| !rows.is_empty()) {
+        rows.iter().for_each(|row| log.write("part", json!(row)));
+        return end(&request, judge.as_ref(), rows, false)?.check(request.run.strict);
+    }
     let stop = stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
-    let context = Arc::new(Context { request, resume: arguments.resume, device: devices.least()?, stop });
+    let context = Arc::new(Context { request, resume: arguments.resume, device: devices.least()?, judge, stop });
     let (request, mut stream) = (&context.request, devices.stream(&context)?);
     let progress = BatchProgress::new(tasks.len(), &request.run);
     let rows = tasks.iter().zip(stream.map(tasks.iter().cloned())).map(|(task, result)| {
         let row = result.unwrap_or_else(|_| task.row(Outcome::NotDone));
         if !matches!(row.outcome, Outcome::NotDone) {
             progress.show(&row);
+            log.write("part", json!(&row));
         }
         row
     });
     let rows = rows.collect();
     drop((progress, stream));
     let is_interrupted = context.stop.load(Ordering::Relaxed);
-    let summary = BatchSummary::new(source, rows, found.left_over, is_interrupted, started.elapsed());
-    summary.write(request, out, &file, has_page)?;
-    request.run.report.print(&summary.table(&out.join(&file)), || summary.to_json())?;
+    let summary = end(request, context.judge.as_ref(), rows, is_interrupted)?;
     devices.check()?;
     summary.check(request.run.strict)
 }
 
 /// Refuses an output folder where the summary or the index page cannot be written.
-pub(crate) fn check_output(request: &Request, out: &Path, summary: &str, has_page: bool) -> Result<(), Failure> {
+pub(crate) fn check_output(
+    request: &Request,
+    out: &Path,
+    summary: &str,
+    has_page: bool,
+    inspection: &InspectionArguments,
+) -> Result<(), Failure> {
     destination::check_folder(out)?;
     request.force.to(out).check_named(FileKind::Batch, &[summary])?;
+    if inspection.is_given() {
+        let [table, cases] = verdict_files(summary);
+        request.force.to(out).check_named(FileKind::VerdictTable, &[table])?;
+        request.force.to(out).check_named(FileKind::Junit, &[cases])?;
+    }
     if has_page {
         request.force.to(out).check_named(FileKind::BatchPage, &[INDEX])?;
     }
     Ok(())
+}
+
+/// The first line of a log: the golden parts and limits.
+pub(crate) fn start_of(judge: Option<&Judge>) -> Value {
+    judge.map_or_else(|| json!({}), |judge| json!({ "golden": judge.golden(), "limits": judge.limits() }))
 }
 
 /// A flag that the first Ctrl-C or SIGTERM sets. The second signal removes temporary files, ends the program of

@@ -108,7 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Names of the settings that differ, including nested ones.
-pub(super) fn differing(a: &Value, b: &Value) -> Vec<(String, [Value; 2])> {
+pub(crate) fn differing(a: &Value, b: &Value) -> Vec<(String, [Value; 2])> {
     let keys = |value: &Value| value.as_object().map(|map| map.keys().cloned().collect::<Vec<_>>()).unwrap_or_default();
     let mut names = keys(a);
     names.extend(keys(b).into_iter().filter(|key| a.get(key).is_none()));

@@ -9,12 +9,17 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
 use parfocal::image_io::RawFormat;
+use serde_json::json;
 
+use crate::cli::batch::on_done::OnDone;
+use crate::cli::batch::outcome::Outcome;
 use crate::cli::batch::pairs::{self, Group};
-use crate::cli::batch::summary::{BatchSummary, Outcome, Row, SUMMARY};
-use crate::cli::batch::tasks::{BatchProgress, Context, Devices, OnDone, Task};
+use crate::cli::batch::summary::{BatchSummary, Row, SUMMARY};
+use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task};
 use crate::cli::commands::batch;
 use crate::cli::help::{self, INPUT, OUTPUT};
+use crate::cli::inspection::arguments::InspectionArguments;
+use crate::cli::inspection::log::LogArgument;
 use crate::cli::options::part::within;
 use crate::cli::options::solve::SolveArguments;
 use crate::cli::output::failure::Failure;
@@ -28,6 +33,10 @@ pub(crate) struct Arguments {
     folder: PathBuf,
     #[command(flatten)]
     options: SolveArguments,
+    #[command(flatten)]
+    inspection: InspectionArguments,
+    #[command(flatten)]
+    log: LogArgument,
     /// Folder for a folder of results for each pair, batch.json and index.html; created if missing
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
     output: PathBuf,
@@ -39,8 +48,9 @@ pub(crate) struct Arguments {
     until_idle: Option<f64>,
     /// Program to run for each pair that was solved or failed, with its folder of results as argument
     ///
-    /// The environment holds PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed). No shell is
-    /// involved. One program runs at a time. If it fails, a warning is printed and the pairs go on.
+    /// The environment holds PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed); with --golden also
+    /// PARFOCAL_VERDICT (go, no-go or cannot-judge), PARFOCAL_REASONS and PARFOCAL_TIME. No shell is involved. One
+    /// program runs at a time. If it fails, a warning is printed and the pairs go on.
     #[arg(long, value_name = "PROGRAM", help_heading = OUTPUT)]
     on_done: Option<OsString>,
 }
@@ -56,7 +66,8 @@ fn after_help() -> String {
          A pair that fails is reported, and tried again when its files change. Ctrl-C finishes the current pairs and\n\
          the program of --on-done; a second Ctrl-C ends both at once.\n\n\
          Exit status: 0 all that arrived was solved, 1 a pair failed or FOLDER is gone, 2 wrong usage,\n\
-         130 ended at once.\n\n\
+         130 ended at once; with --golden also 3 a part is no-go, else 4 a part cannot be judged; a pair that fails\n\
+         cannot.\n\n\
          Examples:\n  parfocal watch incoming -o results\n  parfocal watch incoming -o results --on-done ./judge.sh --until-idle 600",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
@@ -64,6 +75,9 @@ fn after_help() -> String {
 
 /// The longest interval between two checks of the folder.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
+
+/// The time that the folder of a part may lack photographs, at most, before the part cannot be judged.
+const GRACE: Duration = Duration::from_secs(30);
 
 /// Solves arriving pairs until Ctrl-C, or until nothing has arrived for a time.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -73,17 +87,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !folder.is_dir() {
         return Err(Failure::Failed(format!("{}: there is no such folder to watch; create it", folder.display())));
     }
-    batch::check_output(&request, out, SUMMARY, request.page)?;
+    batch::check_output(&request, out, SUMMARY, request.page, &arguments.inspection)?;
+    let judge = arguments.inspection.judge()?;
+    let log = arguments.log.start(folder, batch::start_of(judge.as_ref()))?;
     let stop = batch::stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
-    let context = Arc::new(Context { request, resume: true, device: devices.least()?, stop });
+    let context = Arc::new(Context { request, resume: true, device: devices.least()?, judge, stop });
     let (request, stream) = (&context.request, devices.stream(&context)?);
     let (progress, on_done) = (BatchProgress::endless(&request.run), arguments.on_done.clone().map(OnDone));
     let mut watched = WatchedFolder::new(arguments);
     let (mut waiting, mut in_flight, mut rows) = (VecDeque::new(), VecDeque::new(), Vec::<Row>::new());
+    // The summary states every part, and takes longer the more there are.
+    let (mut last_write, mut is_written, mut write_problem) = (LastRun::default(), true, String::new());
     let interval = POLL_INTERVAL.min(watched.settle.max(Duration::from_millis(10)));
     let summary = |rows, watched: &WatchedFolder| {
-        BatchSummary::new(folder, rows, watched.left_over.clone(), false, started.elapsed())
+        let summary = BatchSummary::new(folder, rows, watched.left_over.clone(), false, started.elapsed());
+        if context.judge.is_some() { summary.with_verdicts() } else { summary }
     };
     loop {
         if context.stop.load(Ordering::Relaxed) {
@@ -91,7 +110,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         } else {
             let is_busy = |name: &str| waiting.iter().chain(&in_flight).any(|task: &Arc<Task>| task.name() == name);
             let settled = watched.settled(is_busy).into_iter();
-            waiting.extend(settled.map(|group| Arc::new(Task::new(out, group, request))));
+            waiting.extend(settled.map(|(group, at)| Arc::new(Task::new(out, group, request).arrived(at))));
         }
         while waiting.front().is_some_and(|task| stream.push(Arc::clone(task), Duration::ZERO).is_ok()) {
             in_flight.extend(waiting.pop_front());
@@ -111,25 +130,54 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             limit = Duration::ZERO;
         }
         new.retain(|row| !matches!(row.outcome, Outcome::NotDone));
-        if new.is_empty() {
-            continue;
-        }
         for row in &new {
             progress.show(row);
+            log.write("part", json!(row));
             on_done.iter().for_each(|program| program.run(row));
         }
-        rows.retain(|old| new.iter().all(|row| row.name != old.name));
-        rows.extend(new);
-        let so_far = summary(rows, &watched);
-        so_far.write(request, out, SUMMARY, request.page)?;
-        rows = so_far.into_rows();
-        watched.changed = Instant::now();
+        if !new.is_empty() {
+            rows.retain(|old| new.iter().all(|row| row.name != old.name));
+            rows.extend(new);
+            (is_written, watched.changed) = (false, Instant::now());
+        }
+        if !is_written && (last_write.is_due(9) || in_flight.is_empty() && waiting.is_empty()) {
+            let so_far = summary(rows, &watched);
+            let written = last_write.run(|| so_far.write(request, out, SUMMARY, request.page));
+            (rows, is_written) = (so_far.into_rows(), written.is_ok());
+            // It is written again, and the parts go on. At the end it is an error.
+            let problem = written.err().map_or_else(String::new, |failure| failure.message());
+            if problem != write_problem && !problem.is_empty() {
+                let _ = writeln!(io::stderr(), "warning: {problem}");
+            }
+            write_problem = problem;
+        }
     }
     let summary = summary(rows, &watched);
+    let written = if is_written { Ok(()) } else { summary.write(request, out, SUMMARY, request.page) };
+    log.write("end", summary.end());
     request.run.report.print(&summary.table(&out.join(SUMMARY)), || summary.to_json())?;
+    written?;
     devices.check()?;
-    summary.check(request.run.strict)?;
-    watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))
+    watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))?;
+    summary.check(request.run.strict)
+}
+
+/// When something was last done that takes long, and how long it took.
+#[derive(Default)]
+struct LastRun(Option<(Instant, Duration)>);
+
+impl LastRun {
+    /// Whether a pause of `pauses` times as long has passed.
+    fn is_due(&self, pauses: u32) -> bool {
+        self.0.is_none_or(|(ended, took)| ended.elapsed() >= pauses * took)
+    }
+
+    fn run<T>(&mut self, what: impl FnOnce() -> T) -> T {
+        let began = Instant::now();
+        let done = what();
+        self.0 = Some((Instant::now(), began.elapsed()));
+        done
+    }
 }
 
 /// Size and modification time of the files of a pair.
@@ -148,10 +196,13 @@ struct WatchedFolder<'a> {
     folder: &'a Path,
     out: &'a Path,
     raw: Option<RawFormat>,
+    /// Whether each part needs a verdict.
+    is_judged: bool,
     settle: Duration,
     until_idle: Option<Duration>,
     arrivals: HashMap<String, Arrival>,
     left_over: Vec<String>,
+    last_listing: LastRun,
     /// The error of the last listing of the folder, with which the program fails at its end.
     problem: Option<String>,
     /// The time of the last change of a file, or of the last result.
@@ -164,25 +215,39 @@ impl<'a> WatchedFolder<'a> {
             folder: &arguments.folder,
             out: &arguments.output,
             raw: arguments.options.raw(),
+            is_judged: arguments.inspection.is_given(),
             settle: Duration::from_secs_f64(arguments.settle),
             until_idle: arguments.until_idle.map(Duration::from_secs_f64),
             arrivals: HashMap::new(),
             left_over: Vec::new(),
+            last_listing: LastRun::default(),
             problem: None,
             changed: Instant::now(),
         }
     }
 
-    /// Whether nothing has changed for the time of `--until-idle`, and no pair is pending.
+    /// Whether the last listing found no change for the time of `--until-idle`, and no pair is pending.
     fn is_idle(&self) -> bool {
         let is_waiting = self.arrivals.values().any(|arrival| !arrival.is_taken);
-        self.until_idle.is_some_and(|limit| !is_waiting && self.changed.elapsed() >= limit)
+        let unchanged = self.last_listing.0.map(|(ended, _)| ended.saturating_duration_since(self.changed));
+        self.until_idle.is_some_and(|limit| !is_waiting && unchanged.is_some_and(|time| time >= limit))
     }
 
-    /// Takes the pairs that are not `is_busy` and have files without recent changes. If the folder cannot be listed,
-    /// takes none and warns once.
-    fn settled(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<Group> {
-        let found = pairs::so_far(self.folder, self.out, self.raw).map_err(|failure| failure.message());
+    /// Takes the pairs that are not `is_busy` and have files without recent changes, with the time of the last. If the
+    /// folder cannot be listed, takes none and warns once.
+    fn settled(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<(Group, Instant)> {
+        // A listing takes longer the more parts there are, and arrivals wait for it.
+        if !self.last_listing.is_due(2) {
+            return Vec::new();
+        }
+        let mut last_listing = std::mem::take(&mut self.last_listing);
+        let settled = last_listing.run(|| self.list(is_busy));
+        self.last_listing = last_listing;
+        settled
+    }
+
+    fn list(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<(Group, Instant)> {
+        let found = pairs::so_far(self.folder, self.out, self.raw, self.is_judged).map_err(|failure| failure.message());
         let problem = found.as_ref().err().cloned();
         if let Some(problem) = problem.as_ref().filter(|_| problem != self.problem) {
             let _ = writeln!(io::stderr(), "warning: {problem}");
@@ -192,6 +257,7 @@ impl<'a> WatchedFolder<'a> {
         self.left_over = left_over;
         self.arrivals.retain(|name, _| groups.iter().any(|group| group.name == *name));
         let mut settled = Vec::new();
+        let grace = GRACE.min(self.until_idle.unwrap_or(GRACE));
         for group in groups {
             let Some(files) = self.files(&group) else { continue };
             let now = Instant::now();
@@ -201,9 +267,10 @@ impl<'a> WatchedFolder<'a> {
                 *arrival = Arrival { files, changed: now, is_taken: false };
                 self.changed = now;
             }
-            if !arrival.is_taken && arrival.changed.elapsed() >= self.settle && !is_busy(&group.name) {
+            let settle = if group.is_incomplete { self.settle.max(grace) } else { self.settle };
+            if !arrival.is_taken && arrival.changed.elapsed() >= settle && !is_busy(&group.name) {
                 arrival.is_taken = true;
-                settled.push(group);
+                settled.push((group, arrival.changed));
             }
         }
         settled

@@ -205,7 +205,8 @@ fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
     let Value::Array(values) = value else {
         return Ok(vec![format!("--{key}={}", scalar(option, key, value)?).into()]);
     };
-    let each = option.get_num_args().map_or(1, |n| n.max_values());
+    // Any number of values is given one by one, since the last would take the arguments behind it for more.
+    let each = option.get_num_args().map_or(1, |n| if n.max_values() == usize::MAX { 1 } else { n.max_values() });
     let repeated = matches!(option.get_action(), ArgAction::Append);
     // One value that is written with commas, such as a region X,Y,W,H.
     let is_list = option.get_value_names().is_some_and(|names| names.len() == 1 && names[0].contains(','));

@@ -142,20 +142,34 @@ fn is_count(group: &[Named], n: usize) -> bool {
 }
 
 /// Splits photographs with several numbers into series: if one number counts within several values of the others, and
-/// begins again in each. Where it does not begin again, as in times of day, the photographs are one series.
+/// begins again in each, or if each value of one number occurs with each of the others: `s1_f1, s1_f2, s2_f1, s2_f2`.
+/// Where it does not begin again, as in times of day, the photographs are one series.
 fn apart(group: Vec<Named>) -> Vec<Vec<Named>> {
-    for n in 0..group[0].numbers.len() {
+    // Without number `n`, by the values of the others.
+    let without = |n: usize| {
         let mut parts: BTreeMap<Vec<Number>, Vec<Named>> = BTreeMap::new();
         for named in &group {
             let mut others = named.numbers.clone();
             others.remove(n);
             parts.entry(others).or_default().push(named.clone());
         }
+        parts
+    };
+    let all: Vec<_> = (0..group[0].numbers.len()).map(without).collect();
+    for (n, parts) in all.iter().enumerate() {
         let long: Vec<&Vec<Named>> = parts.values().filter(|part| part.len() >= FEWEST).collect();
         let mut seen = BTreeSet::new();
         let begins_again = long.iter().flat_map(|part| part.iter()).any(|named| !seen.insert(&named.numbers[n]));
         if long.len() > 1 && begins_again {
-            return parts.into_values().collect();
+            return parts.values().cloned().collect();
+        }
+    }
+    for (n, parts) in all.iter().enumerate() {
+        let values = |part: &Vec<Named>| part.iter().map(|named| named.numbers[n].clone()).collect::<BTreeSet<_>>();
+        let mut each = parts.values().map(values);
+        let first = each.next().filter(|first| first.len() > 1 && parts.len() > 1);
+        if first.is_some_and(|first| each.all(|part| part == first)) {
+            return parts.values().cloned().collect();
         }
     }
     vec![group]
@@ -218,9 +232,14 @@ mod tests {
         assert_eq!(scans.iter().map(Vec::len).collect::<Vec<_>>(), [4, 4]);
         let both = found(&["1.jpg", "1.tif", "2.jpg", "2.tif", "3.jpg", "3.tif"]);
         assert_eq!(both, [["1.jpg", "2.jpg", "3.jpg"], ["1.tif", "2.tif", "3.tif"]]);
-        for none in
-            [&["near.png", "middle.png", "far.png"][..], &["a_1.png", "a_2.png"], &["3f2a.png", "b81e.png", "0c.png"]]
-        {
+        let wide = found(&["s1_f1.png", "s2_f1.png", "s3_f1.png", "s1_f2.png", "s2_f2.png", "s3_f2.png"]);
+        assert_eq!(wide.iter().map(Vec::len).collect::<Vec<_>>(), [3, 3]);
+        for none in [
+            &["near.png", "middle.png", "far.png"][..],
+            &["a_1.png", "a_2.png"],
+            &["3f2a.png", "b81e.png", "0c.png"],
+            &["s1_f1.png", "s1_f2.png", "s2_f1.png", "s2_f2.png"],
+        ] {
             assert_eq!(found(none), Vec::<Vec<String>>::new());
         }
     }

@@ -223,6 +223,12 @@ pub enum FileKind {
     Batch,
     /// The index page of a batch.
     BatchPage,
+    /// The verdicts of a batch, CSV.
+    VerdictTable,
+    /// The verdicts of a batch, JUnit.
+    Junit,
+    /// A golden part, EXR.
+    Golden,
     /// A page for man(1).
     Manual,
     /// A picture, PNG.
@@ -252,6 +258,9 @@ impl FileKind {
                 json(path).is_some_and(|file| Kind::of(&file) == self.report())
             }
             Self::Trace => json(path).is_some_and(|trace| is_trace(&trace)),
+            Self::VerdictTable => begins(path, b"serial,", b"serial,time,judged,verdict,"),
+            Self::Junit => begins(path, b"<?xml ", b"<testsuite name=\"parfocal\""),
+            Self::Golden => begins(path, b"\x76\x2f\x31\x01", b"{\"program\":\"parfocal\",\"kind\":\"golden\","),
             Self::Manual => begins(path, b"", b".TH parfocal"),
             Self::BatchPage => begins(path, b"<!doctype html>", b"content=\"parfocal batch\""),
             Self::Png => begins(path, b"\x89PNG\r\n\x1a\n", b"Software\0parfocal "),

@@ -7,7 +7,7 @@ use super::destination::{Destination, INSPECT_FILES};
 use super::image_files::write_drawing;
 use super::report::{Header, Kind, to_json, write_json_to};
 use super::staging::Staging;
-use crate::base::{Error, Similarity};
+use crate::base::{Error, Region, Similarity};
 use crate::files::bounded_read::Hashes;
 use crate::metric::inspect::{Deviation, Gap, Inspection, Limits, Plane, Verdict};
 
@@ -22,8 +22,9 @@ pub struct InspectReport {
     pub verdict: Verdict,
     /// Reasons for any verdict but go; one sentence each.
     pub reasons: Vec<String>,
-    /// The folder of the part.
-    pub part: String,
+    /// The part.
+    #[serde(flatten)]
+    pub part: InspectedPart,
     /// The folders of the golden parts. Positions are stated on the pixels of the first.
     pub golden: Vec<String>,
     /// The quantity that is compared: `depth`, `relative blur` or `focus`.
@@ -33,6 +34,9 @@ pub struct InspectReport {
     /// Tolerances.
     #[serde(flatten)]
     pub limits: Limits,
+    /// The regions of the golden part that are judged; absent if all of it is.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub judged_regions: Vec<Region>,
     /// T: the golden part's pixel x lies at T x in the picture of the part.
     pub transform: Similarity,
     /// The plane of the part minus that of the golden part, in heights and heights per pixel; it is subtracted.
@@ -57,6 +61,17 @@ pub struct InspectReport {
     listed: Option<ListedFiles>,
 }
 
+/// The part of an inspection.
+#[derive(Clone, Debug, Serialize)]
+pub struct InspectedPart {
+    /// The folder of its results.
+    pub part: String,
+    /// Its serial number: the name of its pair or sweep.
+    pub serial: String,
+    /// When its photographs were last changed, or if they are not known when its results were written: UTC, RFC 3339.
+    pub time: String,
+}
+
 /// A region where a part deviates.
 #[derive(Clone, Debug, Serialize)]
 pub struct DeviationReport {
@@ -74,12 +89,12 @@ struct ListedFiles {
 }
 
 impl InspectReport {
-    /// Report of an inspection; part and golden parts are named by their folders. With `doubts` about their results, a
-    /// sentence each, a part cannot be judged as go.
+    /// Report of an inspection; golden parts are named by their folders. With `doubts` about their results, a sentence
+    /// each, a part cannot be judged as go.
     pub fn new(
-        [part, golden]: [&[String]; 2],
+        (part, golden): (InspectedPart, &[String]),
         (quantity, unit): (&str, &'static str),
-        (limits, transform): (Limits, Similarity),
+        (limits, transform, regions): (Limits, Similarity, &[Region]),
         (inspection, size): (&Inspection, [u32; 2]),
         doubts: Vec<String>,
     ) -> Self {
@@ -97,11 +112,12 @@ impl InspectReport {
             version: env!("CARGO_PKG_VERSION"),
             verdict,
             reasons: reasons(inspection, &limits, unit).into_iter().chain(doubts).collect(),
-            part: part.concat(),
+            part,
             golden: golden.to_vec(),
             quantity: quantity.to_string(),
             unit,
             limits,
+            judged_regions: regions.to_vec(),
             transform,
             plane: inspection.plane,
             tilt: inspection.tilt,

@@ -6,6 +6,7 @@ mod arrays;
 mod destination;
 mod folder;
 mod fused;
+mod golden;
 pub(crate) mod image_files;
 mod inspection;
 mod journal;
@@ -24,8 +25,9 @@ pub use arrays::{ArrayKind, Depth16};
 pub use destination::{Destination, FileKind, INSPECT_FILES, SIMULATED_FILES, check_writable, listed_in};
 pub use folder::abandon;
 pub use fused::{FUSED_FILE, FUSED_FLOAT_FILE, fused};
+pub use golden::{GoldenPart, GoldenReport, TaughtPart, read_golden, write_golden};
 pub(crate) use image_files::{SOFTWARE, write_drawing};
-pub use inspection::{DeviationReport, InspectReport, write_inspection};
+pub use inspection::{DeviationReport, InspectReport, InspectedPart, write_inspection};
 pub use maps::{MOST_LABELS, labels, sweep_labels};
 pub use measurements::{MeasurementRequest, profiles_in};
 pub use registration::{

@@ -54,6 +54,8 @@ pub enum Kind {
     Batch,
     /// The inspection of a part.
     Inspection,
+    /// A golden part.
+    Golden,
     /// A calibrated lens.
     Lens,
     /// A benchmark.

@@ -23,6 +23,7 @@ use image::{Rgb, RgbImage};
 
 pub use input::{Basis, Input, Values, pair_warnings};
 pub use metadata::Exif;
+pub(crate) use photograph::NamedChannels;
 pub use photograph::{Photograph, read_frames};
 pub use plain::RawFormat;
 pub use source::split_page;
@@ -96,6 +97,14 @@ pub fn read_kernel(path: &Path) -> Result<Kernel, Error> {
 /// [`Error::File`].
 pub fn read_field(path: &Path) -> Result<(u32, u32, Vec<f32>), Error> {
     Photograph::open(path)?.decode_field()
+}
+
+/// Reads channels of an EXR by their names, and its comments.
+///
+/// # Errors
+/// [`Error::File`].
+pub(crate) fn read_channels(path: &Path, names: &[&str]) -> Result<NamedChannels, Error> {
+    Photograph::open(path)?.decode_channels(names)
 }
 
 /// Converts a photograph to 8-bit RGB, for display.

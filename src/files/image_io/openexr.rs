@@ -72,7 +72,8 @@ impl<'a> Exr<'a> {
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
         let (width, height) = self.header.size;
-        match <[Vec<f32>; 3]>::try_from(self.planes()?) {
+        let names = self.names.clone();
+        match <[Vec<f32>; 3]>::try_from(self.planes(&names)?) {
             Ok([r, g, b]) => {
                 let values = r.into_iter().zip(g).zip(b).flat_map(|((r, g), b)| [r, g, b]).collect();
                 Frame::new(width, height, Channels::Rgb, Samples::F32(values))
@@ -83,7 +84,8 @@ impl<'a> Exr<'a> {
 
     /// Decodes a single channel, including NaN and infinity.
     pub(super) fn decode_field(self) -> Result<Vec<f32>, String> {
-        match <[Vec<f32>; 1]>::try_from(self.planes()?) {
+        let names = self.names.clone();
+        match <[Vec<f32>; 1]>::try_from(self.planes(&names)?) {
             Ok([values]) => Ok(values),
             Err(_) => {
                 Err("is a colour image, and a field has one channel; give the file that parfocal wrote".to_string())
@@ -91,8 +93,13 @@ impl<'a> Exr<'a> {
         }
     }
 
-    /// The selected channels, one or three.
-    fn planes(self) -> Result<Vec<Vec<f32>>, String> {
+    /// The comments of the file.
+    pub(super) fn comments(&self) -> Option<String> {
+        self.reader.headers().first()?.own_attributes.comments.as_ref().map(ToString::to_string)
+    }
+
+    /// Decodes the channels of these names, including NaN and infinity.
+    pub(super) fn planes<S: AsRef<str>>(self, names: &[S]) -> Result<Vec<Vec<f32>>, String> {
         let image = exr::prelude::read()
             .no_deep_data()
             .largest_resolution_level()
@@ -105,7 +112,7 @@ impl<'a> Exr<'a> {
             .map_err(problem)?;
         let channels = &image.layer_data.channel_data;
         let plane = |name| plane(channels, name).map(|samples| samples.values_as_f32().collect());
-        let planes: Option<Vec<Vec<f32>>> = self.names.iter().map(|name| plane(name)).collect();
+        let planes: Option<Vec<Vec<f32>>> = names.iter().map(|name| plane(name.as_ref())).collect();
         planes.ok_or_else(|| format!("cannot be decoded as EXR (a channel is missing); {DAMAGED}"))
     }
 }

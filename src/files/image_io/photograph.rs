@@ -154,6 +154,19 @@ impl Photograph {
         Ok((width, height, guarded(|| exr.decode_field()).map_err(wrap)?))
     }
 
+    /// Decodes an EXR with these channels, including NaN and infinity, and its comments.
+    pub(super) fn decode_channels(self, names: &[&str]) -> Result<NamedChannels, Error> {
+        let wrap = |problem| Error::file(&self.path, problem);
+        let Source::Exr(exr) = self.source()? else {
+            return Err(wrap("is no EXR; give the file that parfocal wrote".to_string()));
+        };
+        self.check_memory().map_err(wrap)?;
+        let comments = exr.comments().unwrap_or_default();
+        let fields = guarded(|| exr.planes(names)).map_err(wrap)?;
+        let (width, height) = self.header.size;
+        Ok(NamedChannels { size: [width, height], comments, fields })
+    }
+
     /// Refuses pixels for which the system refuses memory. The decoders would abort the program.
     fn check_memory(&self) -> Result<(), String> {
         let (width, height) = self.header.size;
@@ -170,6 +183,16 @@ impl Photograph {
     fn source(&self) -> Result<Source<'_>, Error> {
         guarded(|| Source::open(&self.bytes, &self.selected)).map_err(|problem| Error::file(&self.path, problem))
     }
+}
+
+/// Channels of an EXR, of one size.
+pub(crate) struct NamedChannels {
+    /// Width and height, px.
+    pub(crate) size: [u32; 2],
+    /// The comments of the file.
+    pub(crate) comments: String,
+    /// The channels, row-major.
+    pub(crate) fields: Vec<Vec<f32>>,
 }
 
 /// Greatest number of bytes of a file that are read, 4 GiB: the limit of classic TIFF, and the size of the largest

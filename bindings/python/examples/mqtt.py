@@ -1,0 +1,52 @@
+#!/usr/bin/env python3
+"""Publishes the verdict of a part by MQTT: a program for `parfocal watch --on-done`.
+
+Needs Python 3.10 and paho-mqtt 2 (`pip install paho-mqtt`). The broker is MQTT_HOST:MQTT_PORT, the topic MQTT_TOPIC:
+
+    MQTT_HOST=plc.local parfocal watch incoming -o results --config line.toml --on-done ./mqtt.py
+
+Each part is one message of quality 1 ("at least once"). If the broker cannot be reached, the program fails, and `watch`
+prints a warning; the verdict stays in batch.json.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import paho.mqtt.client as mqtt
+
+
+def message(folder: Path) -> dict:
+    """The verdict from the environment, with the deviating regions from inspect.json if the part was solved."""
+    environment = os.environ
+    found = {
+        "serial": environment["PARFOCAL_NAME"],
+        "time": environment["PARFOCAL_TIME"],
+        "verdict": environment["PARFOCAL_VERDICT"],
+        "reasons": environment["PARFOCAL_REASONS"],
+    }
+    report = folder / "inspect.json"
+    if environment["PARFOCAL_STATUS"] == "solved" and report.exists():
+        inspected = json.loads(report.read_text(encoding="utf-8"))
+        # An earlier inspection stays if this one failed.
+        if (inspected["time"], inspected["verdict"]) == (found["time"], found["verdict"]):
+            found |= {key: inspected[key] for key in ("tolerance", "unit", "regions")}
+    return found
+
+
+def publish(payload: str) -> None:
+    """Publishes a message, and waits until the broker has confirmed it."""
+    client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
+    client.connect(os.environ.get("MQTT_HOST", "localhost"), int(os.environ.get("MQTT_PORT", "1883")))
+    client.loop_start()
+    sent = client.publish(os.environ.get("MQTT_TOPIC", "parfocal/verdict"), payload, qos=1)
+    sent.wait_for_publish(timeout=10)
+    client.loop_stop()
+    if not sent.is_published():
+        sys.exit("mqtt.py: the broker did not confirm the message within 10 s")
+    client.disconnect()
+
+
+if __name__ == "__main__":
+    publish(json.dumps(message(Path(sys.argv[1]))))

@@ -1,0 +1,119 @@
+//! The judgement of a part against golden parts, for `inspect`, `batch` and `watch`.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use image::RgbImage;
+use parfocal::export::{Destination, InspectReport, InspectedPart, write_inspection};
+use parfocal::metric::inspect::{Heights, Limits, inspect};
+use parfocal::page::inspection;
+use parfocal::settings::Decode;
+use parfocal::transform::Brightness;
+use parfocal::{Region, resample};
+
+use crate::cli::inspection::golden::{Combined, Field, Golden, Part};
+use crate::cli::output::failure::Failure;
+
+/// Golden parts and limits, by which parts are judged.
+pub(crate) struct Judge {
+    golden: Golden,
+    limits: Limits,
+    /// The regions of the golden part that are judged; all of it if there are none.
+    regions: Vec<Region>,
+    in_place: bool,
+    /// For each quantity one golden part from all.
+    combined: Vec<OnceLock<Result<Combined, Failure>>>,
+}
+
+impl Judge {
+    pub(crate) fn new(mut golden: Golden, limits: Limits, regions: &[Region], in_place: bool) -> Result<Self, Failure> {
+        golden.restrict(regions)?;
+        let combined = golden.fields.iter().map(|_| OnceLock::new()).collect();
+        Ok(Self { golden, limits, regions: regions.to_vec(), in_place, combined })
+    }
+
+    /// The folders of the golden parts, or the file of a taught one.
+    pub(crate) fn golden(&self) -> &[String] {
+        &self.golden.names
+    }
+
+    /// The tolerance and the other limits.
+    pub(crate) fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// Judges the results in a folder.
+    pub(crate) fn judge(&self, folder: &Path, label: InspectedPart) -> Result<Judged, Failure> {
+        let (part, golden) = (Part::read(folder)?, &self.golden);
+        let (index, field) = self.common(&part)?;
+        part.check(&golden.first)?;
+        let of_golden = self.combined[index].get_or_init(|| golden.combined(field, &self.limits));
+        let Combined { heights: combined, disagreeing } = of_golden.as_ref().map_err(Failure::clone)?;
+        let transform = part.register(&golden.first, self.in_place)?;
+        let size = [combined.width, combined.height];
+        let Some(own) = part.heights(&field.name, field.unit) else { return Err(self.nothing_common(&part)) };
+        let heights = own.resample(size, &transform);
+        let found = inspect(&heights, combined, &self.limits).map_err(|e| part.failed(&golden.first, e))?;
+        let doubts = part.doubt().into_iter().chain(golden.doubts.iter().cloned()).chain(disagreeing.clone()).collect();
+        let quantity = (field.name.as_str(), field.unit);
+        let report = InspectReport::new(
+            (label, &golden.names),
+            quantity,
+            (self.limits, transform, &self.regions),
+            (&found, size),
+            doubts,
+        );
+        let words = format!(
+            "{}: tolerance {} {}, {} σ",
+            report.verdict.text(),
+            self.limits.tolerance,
+            field.unit,
+            self.limits.sigmas
+        );
+        let unchanged = Brightness::identity(size);
+        let moved = resample::registered(&part.picture, &transform.into(), &unchanged, Decode::None);
+        let picture = inspection::draw(&moved, &found, field.unit, &words);
+        Ok(Judged { report, picture })
+    }
+
+    /// The best quantity that the part and all golden parts have.
+    fn common(&self, part: &Part) -> Result<(usize, &Field<Vec<Heights>>), Failure> {
+        let fields = self.golden.fields.iter().enumerate().rev();
+        let mut common = fields.filter(|(_, field)| part.heights(&field.name, field.unit).is_some());
+        common.next().ok_or_else(|| self.nothing_common(part))
+    }
+
+    fn nothing_common(&self, part: &Part) -> Failure {
+        let names: Vec<String> =
+            self.golden.fields.iter().map(|field| format!("{} in {}", field.name, field.unit)).collect();
+        Failure::Failed(format!(
+            "{}: has no quantity in common with the golden parts, which have {}: solve it with their lens or focus \
+             positions; pairs and sweeps cannot be compared",
+            part.name,
+            names.join(" and ")
+        ))
+    }
+}
+
+/// A judged part.
+pub(crate) struct Judged {
+    pub(crate) report: InspectReport,
+    picture: RgbImage,
+}
+
+impl Judged {
+    /// Writes inspect.json and inspect.png, both or none.
+    pub(crate) fn write(&self, out: Destination<'_>) -> Result<(), Failure> {
+        Ok(write_inspection(out, &self.report, &self.picture)?)
+    }
+}
+
+/// The label of the results in a folder, of which no photographs are known: the name of the folder, and the time of
+/// the report.
+pub(crate) fn label_of(folder: &PathBuf) -> InspectedPart {
+    let own = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.clone());
+    let serial = own.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let changed = folder.join(parfocal::export::REPORT_FILE).metadata().and_then(|found| found.modified()).ok();
+    let time = crate::cli::inspection::verdict::utc(changed.unwrap_or_else(std::time::SystemTime::now));
+    InspectedPart { part: folder.display().to_string(), serial, time }
+}
