@@ -29,7 +29,10 @@ Environment:
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Photographs in, depth out", &["solve", "batch", "watch", "stack"]),
     ("Registration alone", &["register", "apply"]),
-    ("Results of a solve", &["open", "view", "depth", "measure", "roughness", "inspect", "compare", "calibrate"]),
+    (
+        "Results of a solve",
+        &["open", "view", "depth", "measure", "roughness", "repeat", "inspect", "compare", "calibrate"],
+    ),
     ("Laboratory", &["simulate", "evaluate", "bench"]),
     ("Set-up", &["devices", "config", "completions", "man", "help"]),
 ];

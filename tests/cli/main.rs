@@ -33,6 +33,7 @@ mod metric;
 mod outputs;
 mod page;
 mod register;
+mod repeat;
 mod report_html;
 mod report_html_sweep;
 mod results;

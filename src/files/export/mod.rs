@@ -12,6 +12,7 @@ mod journal;
 mod maps;
 mod measurements;
 mod registration;
+mod repeat;
 mod report;
 mod results;
 mod scale;
@@ -21,7 +22,7 @@ mod write;
 
 pub use crate::files::bounded_read::{Hash, is_whole};
 pub use arrays::{ArrayKind, Depth16};
-pub use destination::{Destination, FileKind, INSPECT_FILES, SIMULATED_FILES, check_writable, listed_in};
+pub use destination::{Destination, FileKind, INSPECT_FILES, REPEAT_FILES, SIMULATED_FILES, check_writable, listed_in};
 pub use folder::abandon;
 pub use fused::{FUSED_FILE, FUSED_FLOAT_FILE, fused};
 pub(crate) use image_files::{SOFTWARE, write_drawing};
@@ -31,6 +32,7 @@ pub use measurements::{MeasurementRequest, profiles_in};
 pub use registration::{
     FrameRegistration, Registration, registered_ending, registered_kind, write_json, write_registered, write_report,
 };
+pub use repeat::{ReadingReport, RepeatReport, ValueReport, write_repeat};
 pub use report::{
     Depth16Report, DepthReport, DeviceReport, FieldReport, FrameReport, Header, Kind, LevelReport, Measurements,
     NearerBy, NeverReport, ProfileReport, REPORT_FILE, RangeReport, Report, ShadingReport, SizeReport, StepReport,

@@ -54,6 +54,8 @@ pub enum Kind {
     Batch,
     /// The inspection of a part.
     Inspection,
+    /// Repeated measurements.
+    Repeatability,
     /// A calibrated lens.
     Lens,
     /// A benchmark.
