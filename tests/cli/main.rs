@@ -32,6 +32,7 @@ mod kills;
 mod metric;
 mod outputs;
 mod page;
+mod pixel_size;
 mod register;
 mod repeat;
 mod report_html;

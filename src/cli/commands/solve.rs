@@ -197,6 +197,7 @@ pub(crate) fn write_results(
     names: Vec<String>,
     labels: Option<Extra<'_>>,
 ) -> Result<Report, Failure> {
+    results.report.pixel_size_um = request.pixel_size;
     if !request.wanted.is_empty() {
         results.report.measurements = Some(request.wanted.measure(&results)?);
     }
