@@ -23,6 +23,7 @@ mod batch;
 mod bench;
 mod browser;
 mod evaluate;
+mod exports;
 mod formats;
 mod guide;
 mod input;

@@ -7,9 +7,10 @@ mod formats;
 use std::io::Write;
 
 pub(crate) use formats::triangles;
+use tiff::encoder::colortype::Gray32Float;
 
 use crate::base::{Error, Frame, Lens, Region};
-use crate::files::export::{Extra, Nearer, Quantity, Results, Scale};
+use crate::files::export::{Extra, Nearer, Quantity, Results, Scale, write_tiff};
 use crate::files::image_io::preview;
 
 /// A file format.
@@ -215,6 +216,27 @@ impl Points {
         Extra::new(name, move |_, w| write(w).map_err(|e| e.to_string()))
     }
 }
+
+impl Points {
+    /// The coordinates as three images in 32-bit floats, for HALCON and others: `surface_x.tiff` to the right,
+    /// `surface_y.tiff` down, `surface_z.tiff` away from the camera. A hole is NaN in all three.
+    pub fn coordinate_files(&self) -> [Extra<'_>; 3] {
+        let axes = [("x", "to the right", 1.0), ("y", "down", -1.0), ("z", "away from the camera", -1.0)];
+        std::array::from_fn(|n| {
+            let (axis, direction, sign) = axes[n];
+            let write = move |w: &mut dyn Write| {
+                let of = |p: &[f32; 3]| if p.iter().all(|c| c.is_finite()) { sign * p[n] } else { f32::NAN };
+                let values: Vec<f32> = self.positions.iter().map(of).collect();
+                let description = format!("{axis}, {direction}; NaN where it is not measured\nunits={}\n", self.unit);
+                write_tiff::<Gray32Float>(w, (self.width as u32, self.height as u32), &values, &description)
+            };
+            Extra::new(COORDINATE_FILES[n], move |_, w| write(w))
+        })
+    }
+}
+
+/// Names of the files of coordinates.
+pub const COORDINATE_FILES: [&str; 3] = ["surface_x.tiff", "surface_y.tiff", "surface_z.tiff"];
 
 /// Exaggeration, px per unit of a scale, at which its range is 15 % of the longer side.
 fn relief(scale: Scale, width: u32, height: u32) -> f64 {
