@@ -38,7 +38,8 @@ pub fn repeat_page(report: &RepeatReport) -> Result<String, String> {
          <meta name=\"generator\" content=\"parfocal repeat\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src \
-         data:\">\n<title>Repeated measurements – parfocal</title>\n<style>{STYLE}{OWN_STYLE}</style>\n</head>\n<body>\n\
+         data:\">\n<title>Repeated measurements – parfocal</title>\n<style>{STYLE}{OWN_STYLE}</style>\n</head>\n\
+         <body>\n\
          <header><h1>Repeated measurements: {}{unit}</h1>{warnings}</header>\n<main>\n{}\
          <section><h2>Measured</h2>{results}</section>\n</main>\n</body>\n</html>\n",
         text(&report.quantity),
@@ -242,9 +243,11 @@ fn picture(plot: &Plot, alternative: &str) -> Result<String, String> {
 }
 
 const OWN_STYLE: &str = "
-section { background: var(--panel); border: 1px solid var(--line); border-radius: 10px; padding: 4px 16px 14px; margin: 12px 0; }
+section { background: var(--panel); border: 1px solid var(--line); border-radius: 10px;
+  padding: 4px 16px 14px; margin: 12px 0; }
 section img { width: auto; max-width: 100%; height: auto; background: none; }
-table { border-collapse: collapse; margin: 8px 0 14px; } th, td { text-align: left; padding: 3px 14px 3px 0; white-space: nowrap; }
+table { border-collapse: collapse; margin: 8px 0 14px; }
+th, td { text-align: left; padding: 3px 14px 3px 0; white-space: nowrap; }
 section { overflow-x: auto; }
 th { font-weight: 500; color: var(--soft); } td { font-variant-numeric: tabular-nums; }
 ";

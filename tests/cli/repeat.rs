@@ -145,12 +145,19 @@ fn a_type_one_study_has_its_indices_and_says_that_few_readings_are_few() {
     let names: Vec<String> = (1..7).map(|n| format!("r{n}")).collect();
     (1..).zip(&names).for_each(|(seed, name)| desk.results(name, seed, 0.05));
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let (report, summary) = desk.done(&[&names[..], &STEP, &["--reference", "2.01", "--tolerance", "0.5"]].concat());
+    let (report, summary) =
+        desk.done(&[&names[..], &STEP, &["--reference", "2.01", "--tolerance", "0.5", "-o", "one"]].concat());
     let value = &report["values"][0];
     let (mean, s) = (&value["repeatability"]["mean"], &value["repeatability"]["standard_deviation"]["value"]);
     let (mean, s) = (mean.as_f64().unwrap(), s.as_f64().unwrap());
     close(&value["type_one"]["cg"]["value"], 0.1 / (6.0 * s), 1e-9);
     close(&value["type_one"]["cgk"]["value"], (0.05 - (mean - 2.01).abs()) / (3.0 * s), 1e-9);
+    let table = fs::read_to_string(desk.path("one/repeat_values.csv")).unwrap();
+    let [names, numbers] = [0, 1].map(|n| table.lines().nth(n).unwrap().split(',').collect::<Vec<_>>());
+    let cell = |name: &str| numbers[names.iter().position(|found| *found == name).unwrap()].parse::<f64>().unwrap();
+    assert_eq!((names.len(), numbers.len(), cell("readings")), (19, 19, 6.0));
+    close(&value["type_one"]["cgk"]["low"], cell("cgk_low"), 1e-12);
+    close(&value["type_one"]["bias"]["value"], cell("bias_px2"), 1e-12);
     assert!(
         summary.contains("Cgk            ") && summary.contains("of 6 readings is uncertain; take 25"),
         "{summary}"

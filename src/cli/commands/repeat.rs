@@ -68,9 +68,9 @@ const AFTER_HELP: &str = "\
 Photograph one part several times without moving anything, and solve each time with the same settings.
 
 noise      of a height map, over the pixels that all results measure: Sq of the difference of two results over the root
-           of 2 (ISO 25178-700), all pairs together. Their mean heights, and with --form their tilt, are subtracted first
-sigma      the standard deviations that the results state, against the differences seen: 1, 68.3 % and 95.4 % if these are
-           right. Without the scale of V, which the results have in common
+           of 2 (ISO 25178-700), all pairs together. Mean heights, and with --form the tilt, are subtracted first
+sigma      the differences seen over the standard deviations that the results state: 1, and 68.3 % and 95.4 % within 1
+           and 2, if these are right. They are without the scale of V, which the results have in common
 step       mean and standard deviation of each step, in mm if depth is known
 type 1     with --reference and --tolerance: Cg = 0.2 T / 6 s, Cgk = (0.1 T - |bias|) / 3 s; use 25 results or more
 gauge R&R  with --study: operators x parts x trials, crossed analysis of variance (AIAG, MSA, 4th edition)
@@ -81,6 +81,7 @@ unit, as in value_mm.
 Results, with -o, all or none:
   repeat.html, repeat.json       all numbers, with plots
   repeat_readings.csv            each reading
+  repeat_values.csv              mean, standard deviation, Cg and Cgk of each value
   repeat_pairs.csv               the noise of each pair of results
   repeat_gauge.csv               analysis of variance, components, categories
 
@@ -373,7 +374,8 @@ fn of_maps(maps: &RepeatedMaps, count: usize, unit: &str) -> Vec<String> {
     ));
     lines.push(format!("shift          {} {unit} between the mean heights", with_ends(maps.shift_deviation)));
     lines.push(format!(
-        "sigma          stated {} {unit}; seen over stated {:.2} ± {:.2}; {one} % within 1 (68.3), {two} % within 2 (95.4)",
+        "sigma          stated {} {unit}; seen over stated {:.2} ± {:.2}; \
+         {one} % within 1 (68.3), {two} % within 2 (95.4)",
         number(maps.stated),
         maps.seen_over_stated.value,
         maps.seen_over_stated.standard_error

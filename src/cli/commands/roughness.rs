@@ -26,10 +26,12 @@ pub(crate) struct Arguments {
     /// The form that is removed
     #[arg(long, value_name = "FORM", help_heading = MEASUREMENTS, value_enum, default_value_t)]
     form: Form,
-    /// Cutoff wavelength of the S-filter, which removes shorter waves: px, or µm if the pixel size is known [default: none]
+    /// Cutoff wavelength of the S-filter, which removes shorter waves: px, or µm if the pixel size is
+    /// known [default: none]
     #[arg(long, value_name = "LENGTH", help_heading = MEASUREMENTS, value_parser = length)]
     s_filter: Option<f64>,
-    /// Cutoff wavelength of the L-filter, which removes longer waves: px, or µm if the pixel size is known [default: none]
+    /// Cutoff wavelength of the L-filter, which removes longer waves: px, or µm if the pixel size is
+    /// known [default: none]
     #[arg(long, value_name = "LENGTH", help_heading = MEASUREMENTS, value_parser = length)]
     l_filter: Option<f64>,
     /// Take the robust L-filter, which scratches and peaks do not move

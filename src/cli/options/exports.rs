@@ -18,7 +18,8 @@ use crate::cli::output::failure::Failure;
 /// The requested additional files.
 #[derive(clap::Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct Exports {
-    /// Write also (comma-separated): ply, cloud, glb, stl, obj, x3p, sdf, sdf-ascii, xyz, depth16, npy, tiff, zarr, labels
+    /// Write also (comma-separated): ply, cloud, glb, stl, obj, x3p, sdf, sdf-ascii, xyz, depth16, npy, tiff, zarr,
+    /// labels
     ///
     /// The surface, in mm if the lens is known: ply (surface.ply, a mesh with colour and normals), cloud (points.ply,
     /// points with both), glb (surface.glb, glTF with the fused image as texture), stl (surface.stl, triangles), obj
@@ -30,8 +31,8 @@ pub(crate) struct Exports {
     /// in one file).
     ///
     /// The surface in metric units, if depth in mm and the size of a pixel are known (--pixel-size, or the lens): x3p
-    /// (surface.x3p, ISO 25178-72), sdf (surface.sdf, ISO 25178-71 in binary), sdf-ascii (surface_ascii.sdf, the same as
-    /// text), xyz (surface_x.tiff, surface_y.tiff and surface_z.tiff: right, down, away from the camera, 32-bit floats).
+    /// (surface.x3p, ISO 25178-72), sdf (surface.sdf, ISO 25178-71 in binary), sdf-ascii (surface_ascii.sdf, the same
+    /// as text), xyz (surface_x.tiff, surface_y.tiff and surface_z.tiff: right, down, away from the camera, in floats).
     ///
     /// labels (labels.png): 1 where I1 is sharper, 2 where I2 is sharper, 3 where V is within its standard deviation of
     /// 0, 0 where not valid; of a sweep the number of the frame whose focus is nearest to the pixel.

@@ -125,6 +125,30 @@ impl RepeatReport {
         Ok(())
     }
 
+    /// The scatter of each value, and its type-1 study, as CSV.
+    fn write_values(&self, writer: &mut dyn Write) -> io::Result<()> {
+        let with_ends = |name: &str| ["", "_low", "_high"].map(|end| self.with_unit(&format!("{name}{end}")));
+        let plain = ["name", "readings"].map(String::from);
+        let of_readings = ["mean", "mean_standard_error", "range"].map(|name| self.with_unit(name));
+        let stated = ["reference", "tolerance"].map(|name| self.with_unit(name));
+        let indices = ["cg", "cg_low", "cg_high", "cgk", "cgk_low", "cgk_high"].map(String::from);
+        let (deviation, bias) = (with_ends("standard_deviation"), with_ends("bias"));
+        row(writer, &[&plain[..], &of_readings, &deviation, &stated, &bias, &indices].concat())?;
+        for of in &self.values {
+            let Some(found) = &of.repeatability else { continue };
+            let plain = [of.name.clone(), found.count.to_string()];
+            let of_readings = [found.mean, found.mean_standard_error, found.range].map(number);
+            let study = of.type_one.as_ref();
+            let stated = [study.map(|s| s.reference), study.map(|s| s.tolerance)];
+            let stated = stated.map(|v| v.map_or(String::new(), number));
+            let bias = ends(study.map(|s| s.bias));
+            let [cg, cgk] = [study.and_then(|s| s.cg), study.and_then(|s| s.cgk)].map(ends);
+            let deviation = ends(Some(found.standard_deviation));
+            row(writer, &[&plain[..], &of_readings, &deviation, &stated, &bias, &cg, &cgk].concat())?;
+        }
+        Ok(())
+    }
+
     /// The pairs of maps as CSV.
     fn write_pairs(&self, maps: &RepeatedMaps, writer: &mut dyn Write) -> io::Result<()> {
         let [noise, shift] = ["noise", "shift"].map(|name| self.with_unit(name));
@@ -194,12 +218,15 @@ fn row(writer: &mut dyn Write, cells: &[impl AsRef<str>]) -> io::Result<()> {
 /// # Errors
 /// [`Error::File`].
 pub fn write_repeat<'d>(out: impl Into<Destination<'d>>, report: &RepeatReport, page: &str) -> Result<(), Error> {
-    let [json, html, readings, pairs, gauge] = REPEAT_FILES;
+    let [json, html, readings, values, pairs, gauge] = REPEAT_FILES;
     let mut staging = Staging::replacing(out.into(), json)?;
     let text = |e: io::Error| e.to_string();
     staging.add(html, |w| w.write_all(page.as_bytes()).map_err(text))?;
     if !report.values.is_empty() {
         staging.add(readings, |w| report.write_readings(w).map_err(text))?;
+    }
+    if report.values.iter().any(|value| value.repeatability.is_some()) {
+        staging.add(values, |w| report.write_values(w).map_err(text))?;
     }
     if let Some(maps) = &report.maps {
         staging.add(pairs, |w| report.write_pairs(maps, w).map_err(text))?;

@@ -51,7 +51,8 @@ pub struct Points {
 
 impl Points {
     /// The surface of results without filled-in values. It is in mm if depth is known, with the size of a pixel or the
-    /// lens, and no exaggeration is set; else it is exaggerated. The default exaggeration makes the relief 15 % of the longer side.
+    /// lens, and no exaggeration is set; else it is exaggerated. The default exaggeration makes the
+    /// relief 15 % of the longer side.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if the image does not have the size of the results.

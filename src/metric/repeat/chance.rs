@@ -73,7 +73,8 @@ pub(super) fn f_tail(f: f64, [upper, lower]: [f64; 2]) -> f64 {
     if f.is_infinite() { 0.0 } else { incomplete_beta(lower / (lower + upper * f), lower / 2.0, upper / 2.0) }
 }
 
-/// Returns the regularized incomplete beta function I_x(a, b), by its continued fraction (Abramowitz and Stegun 26.5.8).
+/// Returns the regularized incomplete beta function I_x(a, b), by its continued fraction (Abramowitz and Stegun
+/// 26.5.8).
 fn incomplete_beta(x: f64, a: f64, b: f64) -> f64 {
     // The fraction converges quickly below the mean.
     if x > (a + 1.0) / (a + b + 2.0) {

@@ -83,10 +83,11 @@ struct Tile {
 
 /// Compares repeated height maps of one unmoved part.
 ///
-/// The mean of each map is subtracted, and with [`Form::Plane`] or [`Form::Quadric`] also that of its difference from
-/// the first map, so that neither a shift nor a drift counts as noise. Standard errors are by the scatter between 64
-/// tiles of the area, so that they allow for noise being alike at adjacent pixels. They hold where the noise is about the
-/// same everywhere, and are too wide elsewhere.
+/// The mean of each map is subtracted. With [`Form::Plane`] or [`Form::Quadric`] the form of its difference from the
+/// first map is subtracted too, so that neither a shift nor a drift counts as noise.
+///
+/// Standard errors are by the scatter between 64 tiles of the area: they allow for noise that is alike at adjacent
+/// pixels. Where noise differs from place to place they are too wide.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for fewer than two or more than [`MOST_MAPS`] maps, for maps of different sizes, and for
@@ -217,8 +218,8 @@ fn mean(values: &[f64]) -> f64 {
     sum / count
 }
 
-/// Returns a sum over all pixels per pixel. Its standard error is by the scatter between tiles (ratio estimator, Cochran
-/// 1977, *Sampling Techniques*, 6.3).
+/// Returns a sum over all pixels per pixel. Its standard error is by the scatter between tiles: the ratio estimator
+/// (Cochran 1977, *Sampling Techniques*, 6.3).
 fn ratio_of_sums(tiles: &[Tile], n: usize) -> Estimate {
     let filled: Vec<&Tile> = tiles.iter().filter(|tile| tile.count > 0.0).collect();
     let count = filled.iter().map(|tile| tile.count).sum::<f64>();

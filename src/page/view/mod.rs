@@ -17,8 +17,8 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! Heights are nearness, from the 1st to the 99th percentile. They are metric only if the size of a pixel is known. The rasteriser runs on
-//! the CPU and gives the same picture on every machine.
+//! Heights are nearness, from the 1st to the 99th percentile. They are metric only if the size of a pixel is
+//! known. The rasteriser runs on the CPU and gives the same picture on every machine.
 
 mod mesh;
 mod picture;
@@ -119,8 +119,8 @@ impl<'a> Surface<'a> {
         Ok(Self { names, to_scale, ..Self::on(&quantity.values, fused, quantity.scale())? })
     }
 
-    /// The [relief](View::relief) that is true to scale at the middle depth, if the size of a pixel is known; else the default
-    /// one.
+    /// The [relief](View::relief) that is true to scale at the middle depth, if the size of a pixel is known;
+    /// else the default one.
     pub fn relief(&self) -> f64 {
         self.to_scale.unwrap_or(View::default().relief)
     }
