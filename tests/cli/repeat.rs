@@ -146,7 +146,7 @@ fn a_type_one_study_has_its_indices_and_says_that_few_readings_are_few() {
     (1..).zip(&names).for_each(|(seed, name)| desk.results(name, seed, 0.05));
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let (report, summary) =
-        desk.done(&[&names[..], &STEP, &["--reference", "2.01", "--tolerance", "0.5", "-o", "one"]].concat());
+        desk.done(&[&names[..], &STEP, &["--true-value", "2.01", "--tolerance-width", "0.5", "-o", "one"]].concat());
     let value = &report["values"][0];
     let (mean, s) = (&value["repeatability"]["mean"], &value["repeatability"]["standard_deviation"]["value"]);
     let (mean, s) = (mean.as_f64().unwrap(), s.as_f64().unwrap());
@@ -168,7 +168,7 @@ fn a_type_one_study_has_its_indices_and_says_that_few_readings_are_few() {
 fn the_table_of_the_example_of_aiag_gives_its_published_components() {
     let desk = Desk::new();
     desk.aiag("study.csv");
-    let (report, summary) = desk.done(&["--study", "study.csv", "--tolerance", "10", "-o", "study"]);
+    let (report, summary) = desk.done(&["--study", "study.csv", "--tolerance-width", "10", "-o", "study"]);
     for (n, name, deviation, study) in [
         (0, "repeatability", 0.199933, 18.4),
         (1, "operator", 0.226838, 20.9),
@@ -225,15 +225,15 @@ fn what_cannot_be_repeated_is_refused() {
         (&["r1", "r1"], 2, &["r1: was given twice"]),
         (&["r1", "absent"], 1, &["absent", "no folder"]),
         (&["r1", "r2", "--form", "cylinder"], 2, &["no cylinder"]),
-        (&["r1", "r2", "--reference", "1"], 2, &["--tolerance"]),
-        (&["r1", "r2", "--reference", "1", "--tolerance", "1"], 2, &["give --step once"]),
-        (&["r1", "r2", "--tolerance", "0"], 2, &["above 0"]),
+        (&["r1", "r2", "--true-value", "1"], 2, &["--tolerance-width"]),
+        (&["r1", "r2", "--true-value", "1", "--tolerance-width", "1"], 2, &["give --step once"]),
+        (&["r1", "r2", "--tolerance-width", "0"], 2, &["above 0"]),
         (&["r1", "r2", "--step", "0,0,200,9", "0,0,9,9"], 2, &["r1", "0,0,200,9"]),
         (&["r1", "r2", "--roi", "0,0,8,8"], 2, &["larger area"]),
         (&["r1", "--study", "study.csv"], 2, &["--study"]),
         (&["--study", "absent.csv"], 1, &["absent.csv", "cannot be read"]),
         (&["--study", "bad.csv"], 1, &["bad.csv", "line 2", "'x' is no value"]),
-        (&["--study", "study.csv", "--reference", "1", "--tolerance", "1"], 2, &["one part by one operator"]),
+        (&["--study", "study.csv", "--true-value", "1", "--tolerance-width", "1"], 2, &["one part by one operator"]),
     ] {
         desk.refuses(arguments, status, parts);
     }

@@ -39,13 +39,13 @@ pub(crate) struct Arguments {
           value_parser = region)]
     step: Vec<Region>,
     /// The true value of the step or of the table's values, for a type-1 study
-    #[arg(long, value_name = "VALUE", help_heading = MEASUREMENTS, requires = "tolerance",
+    #[arg(long, value_name = "VALUE", help_heading = MEASUREMENTS, requires = "tolerance_width",
           value_parser = within(-1e9..=1e9, "give a number from -1e9 to 1e9"))]
-    reference: Option<f64>,
+    true_value: Option<f64>,
     /// The width of the tolerance, upper limit less lower limit, in the unit of the value
-    #[arg(long, value_name = "VALUE", help_heading = MEASUREMENTS,
+    #[arg(long, value_name = "WIDTH", help_heading = MEASUREMENTS,
           value_parser = within(1e-9..=1e9, "give a width above 0, up to 1e9"))]
-    tolerance: Option<f64>,
+    tolerance_width: Option<f64>,
     /// The form that is subtracted from the differences of maps: none (their mean), plane or quadric
     #[arg(long, value_name = "FORM", help_heading = MEASUREMENTS, value_enum, default_value_t = Form::None)]
     form: Form,
@@ -72,7 +72,7 @@ noise      of a height map, over the pixels that all results measure: Sq of the 
 sigma      the differences seen over the standard deviations that the results state: 1, and 68.3 % and 95.4 % within 1
            and 2, if these are right. They are without the scale of V, which the results have in common
 step       mean and standard deviation of each step, in mm if depth is known
-type 1     with --reference and --tolerance: Cg = 0.2 T / 6 s, Cgk = (0.1 T - |bias|) / 3 s; use 25 results or more
+type 1     with --true-value and --tolerance-width T: Cg = 0.2 T / 6 s, Cgk = (0.1 T - |bias|) / 3 s; use 25 results or more
 gauge R&R  with --study: operators x parts x trials, crossed analysis of variance (AIAG, MSA, 4th edition)
 
 Numbers in brackets are intervals of 95 %. Folders in a table are relative to the table. A column value may state its
@@ -87,16 +87,16 @@ Results, with -o, all or none:
 
 Examples:
   parfocal repeat shot1 shot2 shot3 --step 40,60,32,32 200,60,32,32 -o repeated
-  parfocal repeat shot* --step 40,60,32,32 200,60,32,32 --reference 0.5 --tolerance 0.1
-  parfocal repeat --study study.csv --tolerance 0.1 -o study
+  parfocal repeat shot* --step 40,60,32,32 200,60,32,32 --true-value 0.5 --tolerance-width 0.1
+  parfocal repeat --study study.csv --tolerance-width 0.1 -o study
 
 Exit status: 0 done, 1 failed, 2 wrong usage.";
 
 /// Reads, evaluates, writes and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let steps = arguments.step.len() / 2;
-    if arguments.reference.is_some() && steps != 1 && arguments.study.is_none() {
-        return Err(Failure::Usage(format!("--reference is of one step, and there are {steps}: give --step once")));
+    if arguments.true_value.is_some() && steps != 1 && arguments.study.is_none() {
+        return Err(Failure::Usage(format!("--true-value is of one step, and there are {steps}: give --step once")));
     }
     if let Some(out) = &arguments.output {
         check_output(arguments, out)?;
@@ -252,7 +252,7 @@ impl Arguments {
     fn value(&self, name: String, readings: Vec<ReadingReport>, warnings: &mut Vec<String>) -> ValueReport {
         let values: Vec<f64> = readings.iter().map(|reading| reading.value).collect();
         let repeatability = Repeatability::of(&values);
-        let type_one = repeatability.zip(self.reference).zip(self.tolerance);
+        let type_one = repeatability.zip(self.true_value).zip(self.tolerance_width);
         let type_one = type_one.map(|((found, reference), tolerance)| TypeOne::new(&found, reference, tolerance));
         if type_one.is_some() && values.len() < LEAST_READINGS {
             let few = format!("a type-1 study of {} readings is uncertain; take {LEAST_READINGS}", values.len());
@@ -301,12 +301,12 @@ fn of_table(arguments: &Arguments, table: &Path) -> Result<RepeatReport, Failure
         report.values.push(value);
         return Ok(report);
     }
-    if arguments.reference.is_some() {
-        let problem = "--reference is for repeated readings of one part by one operator, and the table has several";
+    if arguments.true_value.is_some() {
+        let problem = "--true-value is for repeated readings of one part by one operator, and the table has several";
         return Err(Failure::Usage(problem.to_string()));
     }
     let study = study(&readings).map_err(failed)?;
-    report.gauge = Some(study.analyse(arguments.tolerance).map_err(|e| failed(e.to_string()))?);
+    report.gauge = Some(study.analyse(arguments.tolerance_width).map_err(|e| failed(e.to_string()))?);
     report.values.push(ValueReport { name: quantity, readings, repeatability: None, type_one: None });
     Ok(report)
 }

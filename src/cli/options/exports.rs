@@ -18,8 +18,7 @@ use crate::cli::output::failure::Failure;
 /// The requested additional files.
 #[derive(clap::Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct Exports {
-    /// Write also (comma-separated): ply, cloud, glb, stl, obj, x3p, sdf, sdf-ascii, xyz, depth16, npy, tiff, zarr,
-    /// labels
+    /// Write also (comma-separated): ply, glb, stl, obj, x3p, sdf, xyz, npy, tiff, zarr and others
     ///
     /// The surface, in mm if the lens is known: ply (surface.ply, a mesh with colour and normals), cloud (points.ply,
     /// points with both), glb (surface.glb, glTF with the fused image as texture), stl (surface.stl, triangles), obj
