@@ -4,6 +4,7 @@ use crate::cli::batch::pairs;
 use crate::cli::commands::calibrate;
 use crate::cli::options::config_file;
 use crate::cli::options::lens;
+use crate::cli::options::study_table;
 use harness::{Share, Target};
 
 #[path = "../../tests/common/fuzz.rs"]
@@ -30,10 +31,12 @@ fn text_files_of_any_content_are_read_or_refused() {
         r#"{"depth": {"lens": {"focal_length_mm": 50.0, "f_number": 2.8, "pixel_pitch_mm": 5e-3, "focus_mm": [1e3, 2e3]}}}"#,
     ];
     let steps = [r#"[{"region": [10, 20, 30, 40], "depth_mm": 512.5}, {"region": [0, 0, 8, 8], "depth_mm": 7e2}]"#];
+    let study = ["operator,part,trial,value_mm\nA,1,1,0.5\nA,1,2,-1e-3\n", "part;results\n1;first\n2;\"sec;ond\"\n"];
     let targets = [
         target("config", "options.toml", &config, config_file::reads),
         target("list", "list.csv", &list, pairs::reads),
         target("lens", "lens.json", &lens, lens::reads),
+        target("study", "study.csv", &study, study_table::reads),
         target("steps", "steps.json", &steps, calibrate::reads),
     ];
     // A case takes some 20 µs.

@@ -30,7 +30,7 @@ Environment:
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Photographs in, depth out", &["solve", "batch", "watch", "stack"]),
     ("Registration alone", &["register", "apply"]),
-    ("Results of a solve", &["open", "view", "depth", "measure", "roughness", "compare", "calibrate"]),
+    ("Results of a solve", &["open", "view", "depth", "measure", "roughness", "repeat", "compare", "calibrate"]),
     ("Good parts and bad ones", &["teach", "inspect"]),
     ("Laboratory", &["simulate", "evaluate", "bench"]),
     ("Set-up", &["devices", "config", "completions", "man", "help"]),

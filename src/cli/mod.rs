@@ -15,6 +15,7 @@ mod commands {
     pub mod inspect;
     pub mod measure;
     pub mod register;
+    pub mod repeat;
     pub mod roughness;
     pub mod setup;
     pub mod simulate;
@@ -36,6 +37,7 @@ mod options {
     pub mod series;
     pub mod settings;
     pub mod solve;
+    pub mod study_table;
 }
 
 /// Results, progress, summaries and errors.
@@ -72,8 +74,8 @@ use std::thread;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use self::commands::{
-    apply, bench, calibrate, compare, depth, inspect, measure, register, roughness, setup, simulate, solve, stack,
-    teach, view, watch,
+    apply, bench, calibrate, compare, depth, inspect, measure, register, repeat, roughness, setup, simulate, solve,
+    stack, teach, view, watch,
 };
 use self::options::config_file;
 use self::output::failure::{self, Failure};
@@ -100,6 +102,7 @@ enum Command {
     Calibrate(Box<calibrate::Arguments>),
     Measure(measure::Arguments),
     Roughness(roughness::Arguments),
+    Repeat(repeat::Arguments),
     View(view::Arguments),
     Open(view::PageArguments),
     Compare(compare::Arguments),
@@ -151,6 +154,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
         Command::Roughness(arguments) => roughness::run(&arguments),
+        Command::Repeat(arguments) => repeat::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Open(arguments) => view::open(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),

@@ -1,4 +1,5 @@
-//! Metric depth from relative blur, calibration of the lens, measurements, surface texture, and inspection of parts.
+//! Metric depth from relative blur, calibration of the lens, measurements, surface texture, repeated measurements, and
+//! inspection of parts.
 
 mod calibrate;
 mod evidence;
@@ -8,6 +9,7 @@ pub mod inspect;
 pub mod measure;
 mod plane;
 mod regions;
+pub mod repeat;
 pub mod roughness;
 
 pub(crate) use evidence::evidence;

@@ -81,7 +81,7 @@ fn small(picture: &RgbImage) -> Option<String> {
 }
 
 /// Escapes text for HTML elements and attributes.
-fn text(text: &str) -> String {
+pub(super) fn text(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -96,7 +96,8 @@ fn text(text: &str) -> String {
     escaped
 }
 
-const STYLE: &str = "
+/// The style of pages without scripts.
+pub(super) const STYLE: &str = "
 :root { color-scheme: light dark; --page: light-dark(#f4f5f6, #15181b); --panel: light-dark(#fff, #1d2125);
   --line: light-dark(#dcdfe3, #32383e); --text: light-dark(#1c2126, #e6e9ec); --soft: light-dark(#545e69, #a3adb7);
   --accent: light-dark(#0b63a5, #6cb4ee); --bad: light-dark(#a85400, #f0a657); --good: light-dark(#1d7a46, #5ecb8f);

@@ -3,5 +3,6 @@
 pub mod batch_html;
 pub mod figure;
 pub mod inspection;
+pub mod repeat;
 pub mod report_html;
 pub mod view;

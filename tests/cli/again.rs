@@ -179,7 +179,7 @@ fn independent_readers_read_the_surface_in_millimetres() {
 const READER: &str = "
 import json, sys, numpy, tifffile, zarr
 folder, quantity = sys.argv[1:]
-stored = zarr.open(folder + '/depth.zarr.zip', mode='r')
+stored = zarr.open_group(zarr.storage.ZipStore(folder + '/depth.zarr.zip', mode='r'), mode='r')
 found = {}
 for name, within in (('depth', quantity), ('deviation', 'standard_deviation')):
     arrays = [numpy.load(f'{folder}/{name}.npy'), tifffile.imread(f'{folder}/{name}.tiff'), stored[within][:]]

@@ -3,11 +3,13 @@
 use std::path::PathBuf;
 
 use parfocal::export::{DEPTH_FILE, DEPTH_PICTURE_FILE, DepthReport, Kind, REPORT_FILE, Results};
+use serde::Serialize;
 
 use crate::cli::commands::view::VIEW;
 use crate::cli::help::INPUT;
 use crate::cli::options::exports::DerivedOutputs;
 use crate::cli::options::lens::LensArguments;
+use crate::cli::options::part::PixelSizeArgument;
 use crate::cli::options::photographs::{self, FocusPositionArguments};
 use crate::cli::options::run::ColorsArgument;
 use crate::cli::options::run::ResultsArguments;
@@ -15,7 +17,7 @@ use crate::cli::options::settings::one_or_two;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
-/// Convert results to depth in mm, once the lens, or the focus positions of a sweep, are known.
+/// Convert results to depth in mm, once the lens, or the focus positions of a sweep, are known; set the pixel size.
 ///
 /// Nothing is solved again.
 #[derive(clap::Args, Debug)]
@@ -31,6 +33,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
     #[command(flatten)]
+    pixel: PixelSizeArgument,
+    #[command(flatten)]
     colors: ColorsArgument,
 }
 
@@ -43,7 +47,9 @@ Results, in the same folder, all or none:
   depth16.png, depth16.tiff
                 the same in 16 bits, where the solve has written them
   report.html, surface.ply and the like
-                with the new depth, where the solve has written them; with a lens the surface is in mm
+                with the new depth, where the solve has written them; with a lens, or --pixel-size, the surface is in mm
+
+With --pixel-size alone, depth stays as it is.
 
 Exit status: 0 done, 1 failed, 2 wrong usage.";
 
@@ -54,7 +60,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Invalid options are reported first.
     arguments.lens.stated()?;
     let mut solved = Results::read(results)?;
-    let doubt = if solved.report.kind == Kind::Sweep {
+    let pixel = arguments.pixel.pixel_size;
+    solved.report.pixel_size_um = pixel.or(solved.report.pixel_size_um);
+    let is_stated = arguments.lens.is_given() || arguments.focus_at.positions().is_some() || arguments.nearer.is_some();
+    let doubt = if pixel.is_some() && !is_stated {
+        // Depth stays as it is.
+        None
+    } else if solved.report.kind == Kind::Sweep {
         let positions = arguments.focus_at.positions().filter(|_| !arguments.lens.is_given());
         let positions = positions.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
         let nearer = photographs::nearer_end(arguments.nearer, &positions)?;
@@ -76,8 +88,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     solved.report.surface = derived.surface().or(solved.report.surface.take());
     let palette = Some(arguments.colors.palette());
     solved.write_depth(&derived.drawing(palette), derived.files(palette), force)?;
-    let Some(report) = &solved.report.depth else { return Ok(()) };
-    let mut lines = vec![format!("depth          {}", summary(report))];
+    let mut lines: Vec<String> =
+        solved.report.depth.iter().map(|depth| format!("depth          {}", summary(depth))).collect();
+    lines.extend(pixel.map(|um| format!("pixel          {um} µm on the surface")));
     lines.extend(doubt.map(|doubt| format!("warning        {doubt}")));
     lines.extend(derived.warning());
     let view = results.join(VIEW);
@@ -87,7 +100,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }),
     );
     lines.push(format!("results        {}", results.display()));
-    arguments.of.report(&lines.join("\n"), report)
+    arguments.of.report(
+        &lines.join("\n"),
+        &Stated { depth: solved.report.depth.as_ref(), pixel_size_um: solved.report.pixel_size_um },
+    )
+}
+
+/// What is printed with `--json`: depth as in the report, and the size of a pixel if it is stated.
+#[derive(Serialize)]
+struct Stated<'a> {
+    #[serde(flatten)]
+    depth: Option<&'a DepthReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pixel_size_um: Option<f64>,
 }
 
 /// The range of depth and the number of pixels beyond it.

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use crate::cli::commands::depth::{decimals, signed};
 use crate::cli::help::{MEASUREMENTS, REGION};
-use crate::cli::options::part::{check_size, line, region, within};
+use crate::cli::options::part::{PixelSizeArgument, check_size, line, region, within};
 use crate::cli::options::run::ReportArguments;
 use crate::cli::output::failure::Failure;
 
@@ -26,10 +26,12 @@ pub(crate) struct Arguments {
     /// The form that is removed
     #[arg(long, value_name = "FORM", help_heading = MEASUREMENTS, value_enum, default_value_t)]
     form: Form,
-    /// Cutoff wavelength of the S-filter, which removes shorter waves: px, or µm with --pixel-size [default: none]
+    /// Cutoff wavelength of the S-filter, which removes shorter waves: px, or µm if the pixel size is
+    /// known [default: none]
     #[arg(long, value_name = "LENGTH", help_heading = MEASUREMENTS, value_parser = length)]
     s_filter: Option<f64>,
-    /// Cutoff wavelength of the L-filter, which removes longer waves: px, or µm with --pixel-size [default: none]
+    /// Cutoff wavelength of the L-filter, which removes longer waves: px, or µm if the pixel size is
+    /// known [default: none]
     #[arg(long, value_name = "LENGTH", help_heading = MEASUREMENTS, value_parser = length)]
     l_filter: Option<f64>,
     /// Take the robust L-filter, which scratches and peaks do not move
@@ -38,9 +40,8 @@ pub(crate) struct Arguments {
     /// Evaluate Ra, Rq and Rz along this line instead of the rows; WIDTH as in --profile of measure
     #[arg(long, value_name = "X1,Y1,X2,Y2[,WIDTH]", help_heading = MEASUREMENTS, value_parser = line)]
     line: Option<Line>,
-    /// The size of a pixel on the surface, µm: the pixel pitch over the magnification
-    #[arg(long, value_name = "UM", help_heading = MEASUREMENTS, value_parser = length)]
-    pixel_size: Option<f64>,
+    #[command(flatten)]
+    pixel: PixelSizeArgument,
     /// Realizations of noise from which the standard deviations follow, 2 to 10000
     #[arg(long, value_name = "COUNT", help_heading = MEASUREMENTS, default_value_t = 20,
           value_parser = within(2usize..=10_000, "give a number from 2 to 10000"))]
@@ -64,8 +65,8 @@ const AFTER_HELP: &str = "\
 Heights are depth in mm where it is known, else V in px², or the focus of a sweep in its unit. They are positive
 towards the camera. The form is removed first, then the S-filter and the L-filter are applied (Gaussian, ISO 16610-61;
 with --robust ISO 16610-71 of order 0; along profiles ISO 16610-21). Missing pixels are not filled in: filters weight
-the measured pixels, and parameters are over measured pixels. Sdr needs heights in mm and --pixel-size. Sal and Str are
-at the autocorrelation 0.2.
+the measured pixels, and parameters are over measured pixels. The size of a pixel is that of the results unless
+--pixel-size states another. Sdr needs it, and heights in mm. Sal and Str are at the autocorrelation 0.2.
 
 Each ± is a standard deviation. \"noise\" is the scatter of the parameter when noise with the standard deviations of the
 results is added, in seeded realizations. \"scale\" is the part by the scale of V of a pair, which is the same everywhere.
@@ -135,12 +136,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Failed(format!("{}: has no heights; solve again", arguments.results.display())));
     };
     let common = results.by_scale(&measured);
-    let evaluation = arguments.evaluation(&results, quantity.unit);
+    let pixel = arguments.pixel.pixel_size.or(results.report.pixel_size_um);
+    let evaluation = arguments.evaluation(&results, quantity.unit, pixel);
     evaluation.check(region, size).map_err(|e| usage(&e))?;
     let heights = quantity.heights(size)?;
     let area = Area { region, mask: mask.as_ref() };
     let found = roughness(&heights, common.as_deref(), &area, &evaluation).map_err(|e| usage(&e))?;
-    let report = arguments.report(&results, &quantity, region, evaluation, &found);
+    let report = arguments.report(&results, &quantity, (region, pixel), evaluation, &found);
     arguments.report.print(&report.summary(), || serde_json::to_string_pretty(&report))
 }
 
@@ -150,8 +152,9 @@ fn usage(error: &Error) -> Failure {
 }
 
 impl Arguments {
-    fn evaluation(&self, results: &Results<'_>, unit: &str) -> Evaluation {
-        let in_px = |length: f64| length / self.pixel_size.unwrap_or(1.0);
+    /// How the surface is evaluated. `pixel` is the size of a pixel, µm.
+    fn evaluation(&self, results: &Results<'_>, unit: &str, pixel: Option<f64>) -> Evaluation {
+        let in_px = |length: f64| length / pixel.unwrap_or(1.0);
         let window = if results.report.kind == Kind::Sweep { SWEEP_WINDOW } else { PAIR_WINDOW };
         Evaluation {
             form: self.form,
@@ -161,7 +164,7 @@ impl Arguments {
             line: self.line,
             realizations: self.realizations,
             noise_window_px: self.noise_window.unwrap_or(window),
-            pixel_size: self.pixel_size.filter(|_| unit == "mm").map(|um| um / 1000.0),
+            pixel_size: pixel.filter(|_| unit == "mm").map(|um| um / 1000.0),
         }
     }
 
@@ -169,20 +172,20 @@ impl Arguments {
         &self,
         results: &Results<'_>,
         quantity: &Quantity<'_>,
-        region: Region,
+        (region, pixel): (Region, Option<f64>),
         evaluation: Evaluation,
         found: &Roughness,
     ) -> RoughnessReport {
-        let lateral = if self.pixel_size.is_some() { "µm" } else { "px" };
+        let lateral = if pixel.is_some() { "µm" } else { "px" };
         let is_slope = evaluation.pixel_size.is_some();
         let parameter = |found: &Parameter| {
             let (unit, factor) = match found.dimension {
                 Dimension::Height => (quantity.unit.to_string(), 1.0),
                 Dimension::Number => (String::new(), 1.0),
                 Dimension::Percent => ("%".to_string(), 1.0),
-                Dimension::Length => (lateral.to_string(), self.pixel_size.unwrap_or(1.0)),
+                Dimension::Length => (lateral.to_string(), pixel.unwrap_or(1.0)),
                 Dimension::Gradient if is_slope => (String::new(), 1.0),
-                Dimension::Gradient => (gradient(quantity.unit, lateral), 1.0 / self.pixel_size.unwrap_or(1.0)),
+                Dimension::Gradient => (gradient(quantity.unit, lateral), 1.0 / pixel.unwrap_or(1.0)),
             };
             ParameterReport {
                 name: found.name,
@@ -200,7 +203,7 @@ impl Arguments {
             quantity: quantity.label(),
             unit: quantity.unit,
             lateral_unit: lateral,
-            pixel_size_um: self.pixel_size,
+            pixel_size_um: pixel,
             region: region.into(),
             mask: self.mask.clone(),
             evaluation,
@@ -276,7 +279,7 @@ impl RoughnessReport {
         let (name, value, unit) = (parameter.name, parameter.value, &parameter.unit);
         if !value.is_finite() {
             let reason = match name {
-                "Sdr" => "not defined without heights in mm and --pixel-size",
+                "Sdr" => "not defined without heights in mm and a pixel size; give --pixel-size",
                 "Sal" | "Str" => "not determined: heights are alike over the whole area",
                 "Ra" | "Rq" | "Rz" => "not determined: no row is measured to at least half; give --line",
                 _ => "not determined",

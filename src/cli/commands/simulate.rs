@@ -39,6 +39,9 @@ pub(crate) struct Arguments {
     /// Seed of texture, dots, relief and noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Seed of the noise alone, for repeated photographs of one scene [default: --seed]
+    #[arg(long, value_name = "N")]
+    noise_seed: Option<u64>,
     #[command(flatten)]
     report: ReportArguments,
 
@@ -257,7 +260,8 @@ fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
     scene.kernel = arguments.kernel.unwrap_or(scene.kernel);
     scene.exposure.gain = arguments.i2_gain;
     scene.exposure.offset = arguments.i2_offset;
-    Ok(Scene { seed: arguments.seed, noise: arguments.noise, contrast: arguments.contrast, ..scene })
+    let Arguments { seed, noise_seed, noise, contrast, .. } = *arguments;
+    Ok(Scene { seed, noise_seed, noise, contrast, ..scene })
 }
 
 fn set(field: &mut f64, value: Option<f64>) {

@@ -153,7 +153,8 @@ pub(crate) fn check_inputs(request: &Request, photographs: &[PathBuf], out: &Pat
     destination::check(out, REPORT_FILE, &possible, &inputs)
 }
 
-/// Refuses an output folder in which a file of another program has the name of a result.
+/// Refuses exports that the results cannot have, and an output folder in which a file of another program has the name
+/// of a result.
 pub(crate) fn check_results(
     request: &Request,
     kind: Kind,
@@ -161,6 +162,7 @@ pub(crate) fn check_results(
     in_mm: bool,
     in_floats: bool,
 ) -> Result<(), Failure> {
+    request.models.check_metric(in_mm && (kind == Kind::Pair || request.pixel_size.is_some()))?;
     let more = [(request.page, PAGE_FILE), (in_mm, DEPTH_FILE), (in_floats, FUSED_FLOAT_FILE)];
     let more = more.into_iter().filter(|(is_written, _)| *is_written).map(|(_, name)| name);
     let profiles = request.wanted.files();
@@ -197,6 +199,7 @@ pub(crate) fn write_results(
     names: Vec<String>,
     labels: Option<Extra<'_>>,
 ) -> Result<Report, Failure> {
+    results.report.pixel_size_um = request.pixel_size;
     if !request.wanted.is_empty() {
         results.report.measurements = Some(request.wanted.measure(&results)?);
     }

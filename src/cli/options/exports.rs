@@ -3,8 +3,10 @@
 use std::ops::RangeInclusive;
 
 use clap::ValueEnum;
-use parfocal::export::{self, ArrayKind, Drawing, Extra, PAGE_FILE, Palette, Report, Results, SurfaceReport};
-use parfocal::model::{Model, Points};
+use parfocal::export::{
+    self, ArrayKind, Drawing, Extra, PAGE_FILE, Palette, Report, Results, SurfaceReport, TopographyKind,
+};
+use parfocal::model::{COORDINATE_FILES, Model, Points};
 use parfocal::page::{figure::PLOTTER, report_html::ExistingPage};
 use parfocal::{Error, Frame};
 use serde::Serialize;
@@ -16,7 +18,7 @@ use crate::cli::output::failure::Failure;
 /// The requested additional files.
 #[derive(clap::Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct Exports {
-    /// Write also (comma-separated): ply, cloud, glb, stl, obj, depth16, npy, tiff, zarr, labels
+    /// Write also (comma-separated): ply, glb, stl, obj, x3p, sdf, xyz, npy, tiff, zarr and others
     ///
     /// The surface, in mm if the lens is known: ply (surface.ply, a mesh with colour and normals), cloud (points.ply,
     /// points with both), glb (surface.glb, glTF with the fused image as texture), stl (surface.stl, triangles), obj
@@ -26,6 +28,10 @@ pub(crate) struct Exports {
     /// not valid; scale and offset are in the files and in report.json), npy (depth.npy and deviation.npy, 32-bit
     /// floats, NaN where not measured), tiff (depth.tiff and deviation.tiff, the same), zarr (depth.zarr.zip, the same
     /// in one file).
+    ///
+    /// The surface in metric units, if depth in mm and the size of a pixel are known (--pixel-size, or the lens): x3p
+    /// (surface.x3p, ISO 25178-72), sdf (surface.sdf, ISO 25178-71 in binary), sdf-ascii (surface_ascii.sdf, the same
+    /// as text), xyz (surface_x.tiff, surface_y.tiff and surface_z.tiff: right, down, away from the camera, in floats).
     ///
     /// labels (labels.png): 1 where I1 is sharper, 2 where I2 is sharper, 3 where V is within its standard deviation of
     /// 0, 0 where not valid; of a sweep the number of the frame whose focus is nearest to the pixel.
@@ -48,6 +54,10 @@ enum Kind {
     Glb,
     Stl,
     Obj,
+    X3p,
+    Sdf,
+    SdfAscii,
+    Xyz,
     Depth16,
     Npy,
     Tiff,
@@ -64,6 +74,10 @@ impl Kind {
             Kind::Glb => &["surface.glb"],
             Kind::Stl => &["surface.stl"],
             Kind::Obj => &["surface.obj"],
+            Kind::X3p => &["surface.x3p"],
+            Kind::Sdf => &["surface.sdf"],
+            Kind::SdfAscii => &["surface_ascii.sdf"],
+            Kind::Xyz => &COORDINATE_FILES,
             Kind::Depth16 => &["depth16.png", "depth16.tiff"],
             Kind::Npy => ArrayKind::Npy.files(),
             Kind::Tiff => ArrayKind::Tiff.files(),
@@ -76,6 +90,10 @@ impl Kind {
 /// The kinds that write depth as 32-bit floats.
 const ARRAYS: [(Kind, ArrayKind); 3] =
     [(Kind::Npy, ArrayKind::Npy), (Kind::Tiff, ArrayKind::Tiff), (Kind::Zarr, ArrayKind::Zarr)];
+
+/// The kinds of surface texture.
+const TOPOGRAPHIES: [(Kind, TopographyKind); 3] =
+    [(Kind::X3p, TopographyKind::X3p), (Kind::Sdf, TopographyKind::Sdf), (Kind::SdfAscii, TopographyKind::SdfAscii)];
 
 /// The kinds of surfaces.
 const MODELS: [(Kind, Model); 5] = [
@@ -101,7 +119,9 @@ impl Exports {
         let (mesh_cells, z_scale) =
             report.surface.as_ref().map_or((None, None), |stated| (stated.mesh_cells, stated.z_scale));
         let is_there = |kind: &Kind| kind.files().iter().all(|name| report.has_file(name));
-        let kinds = MODELS.iter().map(|(kind, _)| *kind).chain(ARRAYS.map(|(kind, _)| kind)).filter(is_there).collect();
+        let models = MODELS.iter().map(|(kind, _)| *kind).chain([Kind::Xyz]);
+        let fields = ARRAYS.map(|(kind, _)| kind).into_iter().chain(TOPOGRAPHIES.map(|(kind, _)| kind));
+        let kinds = models.chain(fields).filter(is_there).collect();
         // The writer of the report has checked these numbers.
         Self {
             kinds,
@@ -112,7 +132,7 @@ impl Exports {
 
     /// The surface, if a file of it is requested.
     pub(crate) fn surface(&self, results: &Results<'_>) -> Result<Option<Surface>, Error> {
-        if self.models().next().is_none() {
+        if self.models().next().is_none() && !self.kinds.contains(&Kind::Xyz) {
             return Ok(None);
         }
         let fused = results.fused()?;
@@ -135,13 +155,32 @@ impl Exports {
     pub(crate) fn surface_files<'a>(&self, surface: Option<&'a Surface>) -> Vec<Extra<'a>> {
         let Some(Surface { fused, points }) = surface else { return Vec::new() };
         let nodes = self.mesh_cells.map(|n| n as usize);
-        self.models().map(|model| points.file(model, fused, nodes)).collect()
+        let coordinates = self.kinds.contains(&Kind::Xyz).then(|| points.coordinate_files());
+        let models = self.models().map(|model| points.file(model, fused, nodes));
+        models.chain(coordinates.into_iter().flatten()).collect()
     }
 
-    /// The requested files of depth in floats.
+    /// The requested files of depth in floats, and of surface texture.
     pub(crate) fn array_files<'a>(&self) -> Vec<Extra<'a>> {
         let kinds = ARRAYS.iter().filter(|(kind, _)| self.kinds.contains(kind));
-        kinds.flat_map(|(_, kind)| kind.extras()).collect()
+        let topographies = TOPOGRAPHIES.iter().filter(|(kind, _)| self.kinds.contains(kind));
+        kinds.flat_map(|(_, kind)| kind.extras()).chain(topographies.map(|(_, kind)| kind.extra())).collect()
+    }
+
+    /// Refuses metric formats unless depth will be in mm and the size of a pixel is known, and with an exaggeration.
+    pub(crate) fn check_metric(&self, is_metric: bool) -> Result<(), Failure> {
+        let kinds = TOPOGRAPHIES.iter().map(|(kind, _)| kind).chain([&Kind::Xyz]);
+        let Some(name) = kinds.filter(|kind| self.kinds.contains(kind)).find_map(ValueEnum::to_possible_value) else {
+            return Ok(());
+        };
+        let problem = match (is_metric, self.z_scale) {
+            (true, None) => return Ok(()),
+            (true, Some(_)) => "has heights in mm, without an exaggeration; leave --z-scale out",
+            (false, _) => {
+                "needs depth in mm and the size of a pixel: of a pair the lens, of a sweep --focus-at and --pixel-size"
+            }
+        };
+        Err(Failure::Usage(format!("--export {}: {problem}", name.get_name())))
     }
 
     /// Whether `labels.png` is requested.

@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use parfocal::export::{MeasurementRequest, Results};
+use parfocal::export::{MeasurementRequest, PIXEL_SIZES_UM, Results};
 use parfocal::metric::measure::Line;
 use parfocal::{Mask, Region, SolveOptions, image_io, settings::FieldCurvature};
 use serde::Serialize;
@@ -144,6 +144,18 @@ fn flat_reference(folder: &Path) -> Result<FieldCurvature, Failure> {
     }
     FieldCurvature::of_flat_target(flat.report.photograph.into(), flat.values(), &flat.uncertainty_without_scale())
         .map_err(|e| Failure::Failed(format!("{}: {e}", folder.display())))
+}
+
+/// The option of the size of a pixel.
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub(crate) struct PixelSizeArgument {
+    /// The size of a pixel on the surface, µm: the pixel pitch over the magnification
+    ///
+    /// The same everywhere, as under a microscope or a telecentric lens. Lengths along the surface are then known; with
+    /// depth in mm so is the shape.
+    #[arg(long, value_name = "UM", help_heading = MEASUREMENTS,
+          value_parser = within(PIXEL_SIZES_UM, "give a size in µm above 0, from 1e-6 to 1e6"))]
+    pub(crate) pixel_size: Option<f64>,
 }
 
 /// Regions and lines to measure.

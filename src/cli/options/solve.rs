@@ -13,7 +13,7 @@ use sha2::{Digest, Sha256};
 use crate::cli::help::{INPUT, OUTPUT, REGISTRATION};
 use crate::cli::options::exports::Exports;
 use crate::cli::options::lens::{self, LensArguments, PartOfLens};
-use crate::cli::options::part::{MeasureArguments, Part, ScopeArguments};
+use crate::cli::options::part::{MeasureArguments, Part, PixelSizeArgument, ScopeArguments};
 use crate::cli::options::run::{ColorsArgument, RunArguments};
 use crate::cli::options::settings::{SettingsArguments, one_or_two};
 use crate::cli::output::destination::ForceArgument;
@@ -50,6 +50,8 @@ pub(crate) struct SolveArguments {
 pub(crate) struct ResultArguments {
     #[command(flatten)]
     measure: MeasureArguments,
+    #[command(flatten)]
+    pixel: PixelSizeArgument,
     #[command(flatten)]
     colors: ColorsArgument,
     /// Do not write report.html
@@ -98,6 +100,7 @@ impl ResultArguments {
             part,
             lens: None,
             wanted: self.measure.request(),
+            pixel_size: self.pixel.pixel_size,
             palette: self.colors.palette(),
             page: !self.no_html,
             models: self.models.clone(),
@@ -130,6 +133,8 @@ pub(crate) struct Request {
     /// The stated fields of the lens. With a complete lens, depth in mm is computed.
     pub(crate) lens: Option<PartOfLens>,
     pub(crate) wanted: MeasurementRequest,
+    /// The size of a pixel on the surface, µm.
+    pub(crate) pixel_size: Option<f64>,
     pub(crate) palette: Palette,
     /// Whether report.html is written.
     pub(crate) page: bool,
@@ -277,6 +282,7 @@ mod tests {
             &["--roi", "0,0,9,9"],
             &["--kappa", "0.4"],
             &["--profile", "0,0,9,9"],
+            &["--pixel-size", "4.5"],
             &["--colors", "grey"],
             &["--no-html"],
             &["--export", "ply"],

@@ -2,6 +2,8 @@
 
 use std::io::{Cursor, Write};
 
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
 use png::ColorType;
 use serde_json::json;
 use tiff::encoder::TiffEncoder;
@@ -12,6 +14,7 @@ use super::image_files::{Description, Pixels, SOFTWARE, add_text, finish_png, pn
 use super::report::Depth16Report;
 use super::results::{Extra, Results};
 use super::scale::Quantity;
+use super::zip::Zip;
 
 /// A format of arrays in floats. Pixels that are not measured are NaN.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,6 +63,7 @@ struct Arrays {
     unit: String,
     values: Vec<f32>,
     deviation: Vec<f32>,
+    pixel_size_um: Option<f64>,
 }
 
 /// The unit in ASCII.
@@ -74,7 +78,8 @@ impl Arrays {
         // A value that is not measured has no standard deviation either.
         let known = |(v, s): (&f32, &f32)| if v.is_finite() { *s } else { f32::NAN };
         let deviation = values.iter().zip(deviation.iter()).map(known).collect();
-        Self { size: results.size(), name, unit: ascii(quantity.unit), values: values.into_owned(), deviation }
+        let (unit, pixel_size_um) = (ascii(quantity.unit), results.report.pixel_size_um);
+        Self { size: results.size(), name, unit, values: values.into_owned(), deviation, pixel_size_um }
     }
 
     fn comments(&self, is_deviation: bool) -> String {
@@ -83,43 +88,64 @@ impl Arrays {
     }
 
     fn write_tiff(&self, writer: &mut dyn Write, values: &[f32], is_deviation: bool) -> Result<(), String> {
-        let description = format!("{}\nunits={}\n", self.comments(is_deviation), self.unit);
+        let pixel = self.pixel_size_um.map_or(String::new(), |um| format!("pixel_size_um={um}\n"));
+        let description = format!("{}\nunits={}\n{pixel}", self.comments(is_deviation), self.unit);
         write_tiff::<Gray32Float>(writer, self.size, values, &description)
     }
 
     /// Writes Zarr, version 2 (Zarr Community 2015), in one ZIP file like `zarr.storage.ZipStore`. It is a group of two
-    /// uncompressed arrays in square chunks: `depth`, `relative_blur` or `focus`, and `standard_deviation`.
+    /// arrays in square chunks: `depth`, `relative_blur` or `focus`, and `standard_deviation`. Chunks are shuffled by
+    /// bytes and compressed by zlib.
     fn write_zarr(&self, writer: &mut dyn Write) -> Result<(), String> {
-        let mut zip = Zip::new(writer);
-        let text =
-            |zip: &mut Zip<'_>, name: &str, value: serde_json::Value| zip.add(name, value.to_string().as_bytes());
-        text(&mut zip, ".zgroup", json!({ "zarr_format": 2 }))?;
-        text(&mut zip, ".zattrs", json!({ "software": SOFTWARE }))?;
-        for (name, values, is_deviation) in
-            [(self.name, &self.values, false), ("standard_deviation", &self.deviation, true)]
-        {
-            let (width, height) = (self.size.0 as usize, self.size.1 as usize);
+        let (width, height) = (self.size.0 as usize, self.size.1 as usize);
+        let mut group = json!({ "software": SOFTWARE });
+        if let Some(um) = self.pixel_size_um {
+            group["pixel_size_um"] = um.into();
+        }
+        let mut metadata = vec![(".zgroup".to_string(), json!({ "zarr_format": 2 })), (".zattrs".to_string(), group)];
+        let arrays = [(self.name, &self.values, false), ("standard_deviation", &self.deviation, true)];
+        for (name, _, is_deviation) in arrays {
             let array = json!({
-                "zarr_format": 2, "shape": [height, width], "chunks": [CHUNK, CHUNK], "dtype": "<f4", "compressor": null,
-                "fill_value": "NaN", "order": "C", "filters": null,
+                "zarr_format": 2, "shape": [height, width], "chunks": [CHUNK, CHUNK], "dtype": "<f4",
+                "compressor": { "id": "zlib", "level": COMPRESSION }, "fill_value": "NaN", "order": "C",
+                "filters": [{ "id": "shuffle", "elementsize": 4 }],
             });
-            text(&mut zip, &format!("{name}/.zarray"), array)?;
             let attributes = json!({
                 "units": self.unit, "comments": self.comments(is_deviation), "_ARRAY_DIMENSIONS": ["y", "x"],
             });
-            text(&mut zip, &format!("{name}/.zattrs"), attributes)?;
+            metadata.extend([(format!("{name}/.zarray"), array), (format!("{name}/.zattrs"), attributes)]);
+        }
+        let mut zip = Zip::new(writer);
+        for (name, value) in &metadata {
+            zip.add(name, value.to_string().as_bytes())?;
+        }
+        // All of it in one file, which xarray reads first.
+        let all: serde_json::Map<String, serde_json::Value> = metadata.into_iter().collect();
+        let consolidated = json!({ "zarr_consolidated_format": 1, "metadata": all });
+        zip.add(".zmetadata", consolidated.to_string().as_bytes())?;
+        for (name, values, _) in arrays {
             let columns = width.div_ceil(CHUNK);
             for (row, column) in (0..height.div_ceil(CHUNK)).flat_map(|row| (0..columns).map(move |c| (row, c))) {
-                let bytes = chunk(values, [width, height], [column * CHUNK, row * CHUNK]);
-                zip.add(&format!("{name}/{row}.{column}"), &bytes)?;
+                let bytes = shuffled(&chunk(values, [width, height], [column * CHUNK, row * CHUNK]));
+                let mut compressor = ZlibEncoder::new(Vec::new(), Compression::new(COMPRESSION));
+                let packed = compressor.write_all(&bytes).and_then(|()| compressor.finish());
+                zip.add(&format!("{name}/{row}.{column}"), &packed.map_err(|e| e.to_string())?)?;
             }
         }
         zip.finish()
     }
 }
 
+/// Level of compression of a chunk, 0 to 9.
+const COMPRESSION: u32 = 6;
+
+/// The first bytes of all floats, then the second ones, and so on: bytes that are alike compress better.
+fn shuffled(bytes: &[u8]) -> Vec<u8> {
+    (0..4).flat_map(|n| bytes.iter().skip(n).step_by(4).copied()).collect()
+}
+
 /// Writes a TIFF of one channel.
-fn write_tiff<C: tiff::encoder::colortype::ColorType>(
+pub(crate) fn write_tiff<C: tiff::encoder::colortype::ColorType>(
     writer: &mut dyn Write,
     (width, height): (u32, u32),
     samples: &[C::Inner],
@@ -152,72 +178,6 @@ fn chunk(values: &[f32], [width, height]: [usize; 2], [left, top]: [usize; 2]) -
         bytes.extend((left..left + CHUNK).flat_map(|x| at(x).to_le_bytes()));
     }
     bytes
-}
-
-/// A ZIP archive (PKWARE's APPNOTE 6.3.3) of stored files, with less than 4 GiB in total. It is written sequentially.
-struct Zip<'a> {
-    writer: &'a mut dyn Write,
-    /// Bytes written.
-    at: u64,
-    /// Central directory so far.
-    directory: Vec<u8>,
-    files: u64,
-}
-
-/// 1980-01-01, the first date of the format. A fixed date makes archives reproducible.
-const DATE: u16 = 1 << 5 | 1;
-
-impl<'a> Zip<'a> {
-    fn new(writer: &'a mut dyn Write) -> Self {
-        Self { writer, at: 0, directory: Vec::new(), files: 0 }
-    }
-
-    /// Adds a file.
-    fn add(&mut self, name: &str, bytes: &[u8]) -> Result<(), String> {
-        let (length, start) = (narrow::<u32>(bytes.len() as u64)?, narrow::<u32>(self.at)?);
-        let mut entry = Vec::new();
-        // Version 2.0, no flags, stored, time, date, checksum, both sizes, name, no extra field.
-        for word in [20, 0, 0, 0, DATE] {
-            entry.extend(word.to_le_bytes());
-        }
-        entry.extend([crc32fast::hash(bytes), length, length].iter().flat_map(|n| n.to_le_bytes()));
-        entry.extend([narrow::<u16>(name.len() as u64)?, 0].iter().flat_map(|n| n.to_le_bytes()));
-        for part in [&b"PK\x03\x04"[..], &entry, name.as_bytes(), bytes] {
-            self.out(part)?;
-        }
-        self.directory.extend(b"PK\x01\x02");
-        self.directory.extend(20u16.to_le_bytes());
-        self.directory.extend(&entry);
-        // Comment, disk, internal and external attributes.
-        self.directory.extend([0; 10]);
-        self.directory.extend(start.to_le_bytes());
-        self.directory.extend(name.as_bytes());
-        self.files += 1;
-        Ok(())
-    }
-
-    /// Writes the end of the archive.
-    fn finish(mut self) -> Result<(), String> {
-        let (start, length) = (narrow::<u32>(self.at)?, narrow::<u32>(self.directory.len() as u64)?);
-        let files = narrow::<u16>(self.files)?;
-        let directory = std::mem::take(&mut self.directory);
-        self.out(&directory)?;
-        let mut end = b"PK\x05\x06\0\0\0\0".to_vec();
-        end.extend([files, files].iter().flat_map(|n| n.to_le_bytes()));
-        end.extend([length, start].iter().flat_map(|n| n.to_le_bytes()));
-        end.extend([0, 0]);
-        self.out(&end)
-    }
-
-    fn out(&mut self, bytes: &[u8]) -> Result<(), String> {
-        self.at += bytes.len() as u64;
-        self.writer.write_all(bytes).map_err(|e| e.to_string())
-    }
-}
-
-fn narrow<T: TryFrom<u64>>(number: u64) -> Result<T, String> {
-    T::try_from(number)
-        .map_err(|_| "there is more than an archive of this kind holds; export a part (--roi)".to_string())
 }
 
 /// Size of the header of NPY, bytes.

@@ -18,6 +18,10 @@ pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr",
 /// Names of the report and the picture of an inspected part.
 pub const INSPECT_FILES: [&str; 2] = ["inspect.json", "inspect.png"];
 
+/// Names of the report of repeated measurements, its page and its tables.
+pub const REPEAT_FILES: [&str; 6] =
+    ["repeat.json", "repeat.html", "repeat_readings.csv", "repeat_values.csv", "repeat_pairs.csv", "repeat_gauge.csv"];
+
 /// A folder or a file for results. By default, only existing files that parfocal wrote are replaced.
 ///
 /// ```
@@ -173,7 +177,7 @@ impl ReportFiles {
 
     /// The files that any report of results in the folder lists.
     pub(crate) fn of_any_report(folder: &Path) -> Self {
-        let reports = [REPORT_FILE, SIMULATED_FILES[4], INSPECT_FILES[0]];
+        let reports = [REPORT_FILE, SIMULATED_FILES[4], INSPECT_FILES[0], REPEAT_FILES[0]];
         Self(reports.into_iter().flat_map(|report| Self::of(folder, report).0).collect())
     }
 
@@ -198,9 +202,10 @@ pub fn listed_in(folder: &Path, report: &str) -> Vec<String> {
 
 /// Whether a JSON file is a report of parfocal that lists the files next to it.
 fn lists_files(report: &Value) -> bool {
-    use Kind::{Evaluation, Inspection, Pair, Simulation, Sweep};
+    use Kind::{Evaluation, Inspection, Pair, Repeatability, Simulation, Sweep};
     let is_unfinished = report["program"] == PROGRAM && Unfinished::is(report);
-    is_unfinished || matches!(Kind::of(report), Some(Pair | Sweep | Simulation | Inspection | Evaluation))
+    is_unfinished
+        || matches!(Kind::of(report), Some(Pair | Sweep | Simulation | Inspection | Repeatability | Evaluation))
 }
 
 /// Greatest number of bytes of JSON that are read, 64 MiB: more than the longest bench writes.

@@ -82,6 +82,7 @@ impl MeasurementRequest {
                 unit: quantity.unit.to_string(),
                 values: profile(&quantity, line)?,
                 depth: depth.as_ref().map(|depth| profile(depth, line)).transpose()?,
+                pixel_mm: results.pixel_mm(),
             })
         });
         Ok(Measurements {
@@ -134,14 +135,15 @@ impl ProfileReport {
         let unit = self.unit.replace("px²", "px2").replace("1/m", "per_m");
         let [values, deviation] = ["", "_deviation"].map(|of| format!("{}{of}_{unit}", self.name));
         write!(writer, "distance_px,x_px,y_px,{values},{deviation}")?;
-        writeln!(writer, "{}", if self.depth.is_some() { ",depth_mm,depth_deviation_mm" } else { "" })?;
+        write!(writer, "{}", if self.depth.is_some() { ",depth_mm,depth_deviation_mm" } else { "" })?;
+        writeln!(writer, "{}", if self.pixel_mm.is_some() { ",distance_mm" } else { "" })?;
         let number = |v: f64| if v.is_finite() { v.to_string() } else { String::new() };
         for (i, ([x, y], distance)) in self.line.points().zip(self.distances()).enumerate() {
             write!(writer, "{distance},{x},{y}")?;
             for column in self.values.iter().chain(self.depth.iter().flatten()) {
                 write!(writer, ",{}", number(column[i]))?;
             }
-            writeln!(writer)?;
+            writeln!(writer, "{}", self.pixel_mm.map_or(String::new(), |mm| format!(",{}", mm * distance)))?;
         }
         Ok(())
     }

@@ -11,18 +11,23 @@ pub(crate) mod image_files;
 mod inspection;
 mod journal;
 mod maps;
+mod md5;
 mod measurements;
 mod registration;
+mod repeat;
 mod report;
 mod results;
 mod scale;
 mod single;
 mod staging;
+mod topography;
 mod write;
+mod zip;
 
 pub use crate::files::bounded_read::{Hash, is_whole};
+pub(crate) use arrays::write_tiff;
 pub use arrays::{ArrayKind, Depth16};
-pub use destination::{Destination, FileKind, INSPECT_FILES, SIMULATED_FILES, check_writable, listed_in};
+pub use destination::{Destination, FileKind, INSPECT_FILES, REPEAT_FILES, SIMULATED_FILES, check_writable, listed_in};
 pub use folder::abandon;
 pub use fused::{FUSED_FILE, FUSED_FLOAT_FILE, fused};
 pub use golden::{GoldenPart, GoldenReport, TaughtPart, read_golden, write_golden};
@@ -33,10 +38,11 @@ pub use measurements::{MeasurementRequest, profiles_in};
 pub use registration::{
     FrameRegistration, Registration, registered_ending, registered_kind, write_json, write_registered, write_report,
 };
+pub use repeat::{ReadingReport, RepeatReport, ValueReport, write_repeat};
 pub use report::{
     Depth16Report, DepthReport, DeviceReport, FieldReport, FrameReport, Header, Kind, LevelReport, Measurements,
-    NearerBy, NeverReport, ProfileReport, REPORT_FILE, RangeReport, Report, ShadingReport, SizeReport, StepReport,
-    SurfaceReport, TextureReport, TimingsReport,
+    NearerBy, NeverReport, PIXEL_SIZES_UM, ProfileReport, REPORT_FILE, RangeReport, Report, ShadingReport, SizeReport,
+    StepReport, SurfaceReport, TextureReport, TimingsReport,
 };
 pub(crate) use report::{to_json, with_header, write_json_to};
 pub use results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Drawing, Extra, PAGE_FILE, Plotter, Results};
@@ -45,4 +51,5 @@ pub use scale::{Nearer, Palette, Quantity, Scale};
 pub(crate) use single::write_file;
 pub(crate) use staging::Staging;
 pub use staging::write_named;
+pub use topography::TopographyKind;
 pub use write::result_files;

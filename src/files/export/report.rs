@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
+use std::ops::RangeInclusive;
 use std::path::{Component, Path};
 
 use serde::{Deserialize, Deserializer, Serialize};
@@ -23,6 +24,9 @@ use crate::solve::sweep::{Positions, RegisteredSweep, Sweep, SweepDepth};
 
 /// The report of results.
 pub const REPORT_FILE: &str = "report.json";
+
+/// The range of the size of a pixel on the surface, µm.
+pub const PIXEL_SIZES_UM: RangeInclusive<f64> = 1e-6..=1e6;
 
 /// Units of the focus of a sweep.
 pub(super) const UNITS: [&str; 3] = ["settings", "1/m", "mm"];
@@ -56,6 +60,8 @@ pub enum Kind {
     Inspection,
     /// A golden part.
     Golden,
+    /// Repeated measurements.
+    Repeatability,
     /// A calibrated lens.
     Lens,
     /// A benchmark.
@@ -188,6 +194,9 @@ pub struct Report {
     /// Depth in mm, if it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthReport>,
+    /// Size of a pixel on the surface, µm, if it is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixel_size_um: Option<f64>,
     /// Scale of `depth16.png` and `depth16.tiff`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth16: Option<Depth16Report>,
@@ -546,6 +555,9 @@ pub struct ProfileReport {
     /// Depth and its standard deviation along the line, mm.
     #[serde(skip)]
     pub(crate) depth: Option<[Vec<f64>; 2]>,
+    /// Size of a pixel on the surface, mm, if it is stated.
+    #[serde(skip)]
+    pub(crate) pixel_mm: Option<f64>,
 }
 
 /// The device that solved.
@@ -738,6 +750,9 @@ impl Report {
         }
         if !matches!(self.nearer, Some(1 | 2)) {
             return Err("it does not state which image is nearer (\"nearer\": 1 or 2)".to_string());
+        }
+        if let Some(um) = self.pixel_size_um.filter(|um| !PIXEL_SIZES_UM.contains(um)) {
+            return Err(format!("a pixel of {um} µm"));
         }
         let (size, whole): ([u32; 2], [u32; 2]) = (self.size.into(), self.photograph.into());
         self.region.check((whole[0], whole[1])).map_err(|e| e.to_string())?;

@@ -268,6 +268,19 @@ impl<'a> Results<'a> {
         self.report.depth.as_ref()?.lens.as_ref()
     }
 
+    /// The size of a pixel on the surface, mm, if it is stated: the same everywhere.
+    pub fn pixel_mm(&self) -> Option<f64> {
+        self.report.pixel_size_um.map(|um| um / 1000.0)
+    }
+
+    /// The size of a pixel at the middle of the scale of [`best`](Self::best), mm: as stated, or by the lens. `None` if
+    /// neither is known, or `best` is not in mm.
+    pub fn footprint(&self) -> Option<f64> {
+        let depth = self.best();
+        let by_lens = || self.lens().map(|lens| lens.footprint(depth.scale().value(0.5)));
+        (depth.unit == "mm").then(|| self.pixel_mm().or_else(by_lens)).flatten()
+    }
+
     /// Focus settings of the frames of a sweep.
     pub(crate) fn positions(&self) -> Vec<f64> {
         self.report.frames.iter().filter_map(|frame| frame.position).collect()

@@ -15,7 +15,7 @@ use super::{arrays, maps};
 use crate::base::{Depth, Error};
 
 /// Files that show depth. They are written again when depth changes.
-const DEPTH_EXPORTS: [&str; 11] = [
+const DEPTH_EXPORTS: [&str; 17] = [
     PAGE_FILE,
     "surface.ply",
     "points.ply",
@@ -27,6 +27,12 @@ const DEPTH_EXPORTS: [&str; 11] = [
     "depth.tiff",
     "deviation.tiff",
     "depth.zarr.zip",
+    "surface.x3p",
+    "surface.sdf",
+    "surface_ascii.sdf",
+    "surface_x.tiff",
+    "surface_y.tiff",
+    "surface_z.tiff",
 ];
 
 /// Names of all files that a folder of results may hold, except profiles.

@@ -7,9 +7,10 @@ mod formats;
 use std::io::Write;
 
 pub(crate) use formats::triangles;
+use tiff::encoder::colortype::Gray32Float;
 
 use crate::base::{Error, Frame, Lens, Region};
-use crate::files::export::{Extra, Nearer, Quantity, Results, Scale};
+use crate::files::export::{Extra, Nearer, Quantity, Results, Scale, write_tiff};
 use crate::files::image_io::preview;
 
 /// A file format.
@@ -49,15 +50,22 @@ pub struct Points {
 }
 
 impl Points {
-    /// The surface of results without filled-in values. It is in mm if the lens is known and no exaggeration is set,
-    /// else exaggerated. The default exaggeration makes the relief 15 % of the longer side.
+    /// The surface of results without filled-in values. It is in mm if depth is known, with the size of a pixel or the
+    /// lens, and no exaggeration is set; else it is exaggerated. The default exaggeration makes the
+    /// relief 15 % of the longer side.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if the image does not have the size of the results.
     pub fn of(results: &Results<'_>, fused: &Frame, exaggeration: Option<f64>) -> Result<Self, Error> {
         let quantities = results.measured();
-        if let (Some(lens), Some(depth), None) = (results.lens(), quantities.get(1), exaggeration) {
-            return Self::of_depth(&depth.values, lens, results.report.region, results.report.photograph.into(), fused);
+        if let (Some(depth), None) = (quantities.get(1), exaggeration) {
+            if let Some(pixel) = results.pixel_mm() {
+                return Self::of_heights(depth, pixel, fused);
+            }
+            if let Some(lens) = results.lens() {
+                let (part, photograph) = (results.report.region, results.report.photograph.into());
+                return Self::of_depth(&depth.values, lens, part, photograph, fused);
+            }
         }
         let quantity = &quantities[0];
         let relief = || relief(quantity.scale(), fused.width(), fused.height());
@@ -83,6 +91,18 @@ impl Points {
         let factor = (sign * exaggeration) as f32;
         let z = format!("z = {factor} px per px^2 times the relative blur V; near is up; not metric");
         Self::raised(relative_blur, fused, |v| factor * v, ["first image", &z])
+    }
+
+    /// The surface of depth in mm over pixels of one size, mm: x = column and y = -row times the size, z = ±depth, near
+    /// up. It has holes where depth is not finite.
+    fn of_heights(depth: &Quantity<'_>, pixel: f64, fused: &Frame) -> Result<Self, Error> {
+        let sign = if depth.nearer == Nearer::First { 1.0 } else { -1.0 };
+        let z = if sign > 0.0 { "z = depth; near is up; metric" } else { "z = -depth; near is up; metric" };
+        let xy = format!("reference image, times {pixel} mm");
+        let raised = Self::raised(&depth.values, fused, |z| sign * z, [&xy, z])?;
+        let scaled = |[x, y, z]: [f32; 3]| [(pixel * f64::from(x)) as f32, (pixel * f64::from(y)) as f32, z];
+        let positions = raised.positions.iter().copied().map(scaled).collect();
+        Ok(Self { positions, unit: "mm".to_string(), ..raised })
     }
 
     /// The surface of depth in mm through a lens, with the middle of the lens as origin: x and y follow the ray of each
@@ -197,6 +217,27 @@ impl Points {
         Extra::new(name, move |_, w| write(w).map_err(|e| e.to_string()))
     }
 }
+
+impl Points {
+    /// The coordinates as three images in 32-bit floats, for HALCON and others: `surface_x.tiff` to the right,
+    /// `surface_y.tiff` down, `surface_z.tiff` away from the camera. A hole is NaN in all three.
+    pub fn coordinate_files(&self) -> [Extra<'_>; 3] {
+        let axes = [("x", "to the right", 1.0), ("y", "down", -1.0), ("z", "away from the camera", -1.0)];
+        std::array::from_fn(|n| {
+            let (axis, direction, sign) = axes[n];
+            let write = move |w: &mut dyn Write| {
+                let of = |p: &[f32; 3]| if p.iter().all(|c| c.is_finite()) { sign * p[n] } else { f32::NAN };
+                let values: Vec<f32> = self.positions.iter().map(of).collect();
+                let description = format!("{axis}, {direction}; NaN where it is not measured\nunits={}\n", self.unit);
+                write_tiff::<Gray32Float>(w, (self.width as u32, self.height as u32), &values, &description)
+            };
+            Extra::new(COORDINATE_FILES[n], move |_, w| write(w))
+        })
+    }
+}
+
+/// Names of the files of coordinates.
+pub const COORDINATE_FILES: [&str; 3] = ["surface_x.tiff", "surface_y.tiff", "surface_z.tiff"];
 
 /// Exaggeration, px per unit of a scale, at which its range is 15 % of the longer side.
 fn relief(scale: Scale, width: u32, height: u32) -> f64 {

@@ -25,6 +25,9 @@ pub struct Truth<F> {
     pub scene: String,
     /// The seed.
     pub seed: u64,
+    /// Seed of the noise, if it is another.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_seed: Option<u64>,
     /// Size of all images.
     pub size: SizeReport,
     /// The frames in order: I1 and I2 of a pair.
@@ -100,6 +103,7 @@ impl<F: Serialize> Truth<F> {
             header: Header::new(Kind::Simulation),
             scene: scene.name.clone(),
             seed: scene.seed,
+            noise_seed: scene.noise_seed,
             size: SizeReport { width: scene.width, height: scene.height },
             frames,
             field,

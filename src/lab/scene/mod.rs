@@ -73,6 +73,8 @@ pub struct Scene {
     pub height: u32,
     /// Seed of texture, dots, relief and noise. Each has its own sequence of random numbers.
     pub seed: u64,
+    /// Seed of the noise, if it is not `seed`: for repeated photographs of one scene.
+    pub noise_seed: Option<u64>,
     /// The shape: blur, or depth and a lens.
     pub shape: Shape,
     /// The texture of the surface.
@@ -268,7 +270,7 @@ impl Scene {
         light: impl Fn(usize) -> f64,
         planes: &[Vec<f64>],
     ) -> Result<Frame, Error> {
-        let mut random = Random::new(self.seed, 10 + image as u64);
+        let mut random = Random::new(self.noise_seed.unwrap_or(self.seed), 10 + image as u64);
         let mut samples = Vec::with_capacity(planes.len() * planes[0].len());
         for i in 0..planes[0].len() {
             let gain = gain * light(i);
@@ -368,6 +370,8 @@ mod tests {
         assert_eq!(pair, scene.render().unwrap());
         let other = Scene { seed: 2, ..scene.clone() }.render().unwrap();
         assert!(other.i1 != pair.i1 && other.relative_blur != pair.relative_blur);
+        let again = Scene { noise_seed: Some(2), ..scene.clone() }.render().unwrap();
+        assert!(again.i1 != pair.i1 && again.relative_blur == pair.relative_blur);
         let clean = Scene { noise: 0.0, ..scene }.render().unwrap();
         for (a, b) in [(&pair.i1, &clean.i1), (&pair.i2, &clean.i2)] {
             let squares = values(a).iter().zip(values(b)).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();

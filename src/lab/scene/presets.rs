@@ -109,6 +109,7 @@ impl Scene {
             width: 256,
             height: 256,
             seed: 1,
+            noise_seed: None,
             shape,
             radiance,
             contrast: 0.9,

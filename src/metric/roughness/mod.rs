@@ -226,16 +226,14 @@ pub fn roughness(
     let (size, region) = ([heights.width, heights.height], area.region);
     evaluation.check(region, size)?;
     let pixels = heights.values.len();
-    if common.is_some_and(|common| common.len() != pixels) || area.mask.is_some_and(|mask| mask.size() != size) {
-        return Err(Error::Mismatch(format!(
-            "mask and errors must have {}x{} pixels, as the heights",
-            size[0], size[1]
-        )));
+    if common.is_some_and(|common| common.len() != pixels) {
+        let [width, height] = size;
+        return Err(Error::Mismatch(format!("errors must have {width}x{height} pixels, as the heights")));
     }
     let cut = |field: &[f32]| -> Vec<f64> {
         region.crop(field, heights.width as usize, 1).into_iter().map(f64::from).collect()
     };
-    let (surface, area_px) = area.surface(cut(&heights.values), heights.width as usize);
+    let (surface, area_px) = area.surface(cut(&heights.values), size)?;
     let measured_px = surface.measured();
     if measured_px < LEAST_PIXELS {
         let problem = format!("roughness needs {LEAST_PIXELS}: give a larger area");
@@ -286,17 +284,43 @@ pub fn roughness(
 }
 
 impl Area<'_> {
-    /// Returns the surface of the region's heights without those outside of the mask, and the number of pixels of the
-    /// area. The mask has `width` pixels per row.
-    fn surface(&self, mut values: Vec<f64>, width: usize) -> (Surface, usize) {
-        let mut pixels = values.len();
-        if let Some(mask) = self.mask {
-            let inside = self.region.crop(mask.bytes(), width, 1);
-            values.iter_mut().zip(&inside).filter(|(_, inside)| **inside == 0).for_each(|(z, _)| *z = f64::NAN);
-            pixels = inside.iter().filter(|inside| **inside != 0).count();
+    /// Returns whether each pixel of the region is in the area, and the number of those that are. Maps of heights have
+    /// this size.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if the mask has another size.
+    pub(super) fn inside(&self, size: [u32; 2]) -> Result<(Vec<bool>, usize), Error> {
+        let Some(mask) = self.mask else {
+            let pixels = self.region.width as usize * self.region.height as usize;
+            return Ok((vec![true; pixels], pixels));
+        };
+        if mask.size() != size {
+            let [width, height] = size;
+            return Err(Error::Mismatch(format!("the mask must have {width}x{height} pixels, as the heights")));
         }
-        (Surface { width: self.region.width as usize, values }, pixels)
+        let cut = self.region.crop(mask.bytes(), size[0] as usize, 1);
+        let inside: Vec<bool> = cut.into_iter().map(|inside| inside != 0).collect();
+        let pixels = inside.iter().filter(|inside| **inside).count();
+        Ok((inside, pixels))
     }
+
+    /// Returns the surface of the region's heights without those outside of the mask, and the number of pixels of the
+    /// area. Maps of heights have this size.
+    fn surface(&self, mut values: Vec<f64>, size: [u32; 2]) -> Result<(Surface, usize), Error> {
+        let (inside, pixels) = self.inside(size)?;
+        values.iter_mut().zip(&inside).filter(|(_, inside)| !**inside).for_each(|(z, _)| *z = f64::NAN);
+        Ok((Surface { width: self.region.width as usize, values }, pixels))
+    }
+}
+
+/// Returns row-major heights without their form, which is fitted to those that are finite.
+///
+/// # Errors
+/// [`Error::Region`] if they do not determine the form.
+pub(super) fn without_form(width: usize, values: Vec<f64>, form: Form) -> Result<Vec<f64>, Error> {
+    let mut surface = Surface { width, values };
+    surface.subtract_form(form, None)?;
+    Ok(surface.values)
 }
 
 impl Line {

@@ -1,4 +1,5 @@
-//! Comparison with the package surfalize 0.19.2 of PyPI, on surfaces that `tools/peers/roughness.py` generates too.
+//! Comparison with the packages surfalize 0.19.2 and SurfaceTopography 1.27.1 of PyPI, on surfaces that
+//! `tools/peers/roughness.py` generates too.
 
 use std::f64::consts::{PI, TAU};
 
@@ -128,6 +129,19 @@ const SURFALIZE: [(&str, [f64; 14]); 6] = [
     ),
 ];
 
+/// Sq, Sz and Sdq of SurfaceTopography, as the same script prints them.
+const SURFACE_TOPOGRAPHY: [(&str, [f64; 3]); 5] = [
+    ("sine and tilt, plane", [1.40755159, 4.37682514, 0.353623344]),
+    ("isotropic waves, quadric", [0.999112679, 6.73118204, 0.300912192]),
+    ("lay, no form", [1.07713889, 7.82297114, 0.469788973]),
+    ("peaks and noise, plane", [1.03609092, 7.85790296, 0.276342653]),
+    ("missing pixels, plane", [1.00584873, 6.70239233, 0.303048857]),
+];
+
+/// The largest difference of its Sdq, as a share: it averages over pixels with a difference along both axes, here each
+/// axis is averaged over its own.
+const BOTH_AXES: f64 = 3e-3;
+
 /// The largest difference of each parameter, as a share, where definitions agree: that of 9 printed digits.
 const PRINTED: f64 = 2e-8;
 /// That of Sal and Str: surfalize interpolates the autocorrelation by a spline, and takes the nearest of 1000 points on
@@ -241,5 +255,18 @@ fn parameters_agree_with_surfalize() {
             // What surfalize does not determine is not compared.
             assert!(expected.is_nan() || share.abs() <= tolerance, "{name}: {symbol} is {found}, not {expected}");
         }
+    }
+}
+
+#[test]
+fn parameters_agree_with_surface_topography() {
+    let all = surfaces();
+    let own = [all[0].clone(), all[1].clone(), all[2].clone(), without(bumps(5), Form::Plane), all[5].clone()];
+    for ((name, [sq, sz, sdq]), surface) in SURFACE_TOPOGRAPHY.iter().zip(own) {
+        let heights = surface.height_parameters();
+        let found = [heights.sq / sq - 1.0, heights.sz / sz - 1.0, surface.sdq(1.0) / sdq - 1.0];
+        println!("{name}: Sq {:.1e}, Sz {:.1e}, Sdq {:.1e}", found[0], found[1], found[2]);
+        assert!(found[..2].iter().all(|share| share.abs() <= PRINTED), "{name}: {found:?}");
+        assert!(found[2].abs() <= BOTH_AXES, "{name}: {found:?}");
     }
 }

@@ -477,10 +477,12 @@ pub(crate) fn profile(profile: &ProfileReport) -> RgbImage {
         Some(depth) => (depth, "depth, mm".to_string()),
         None => (&profile.values, profile.label()),
     };
-    let points = profile.distances().zip(values).zip(deviations).map(|((at, v), d)| (at, [v - d, *v, v + d]));
+    let (factor, unit) = profile.pixel_mm.map_or((1.0, "px"), |mm| (mm, "mm"));
+    let points = profile.distances().zip(values).zip(deviations).map(|((at, v), d)| (factor * at, [v - d, *v, v + d]));
     let title = format!("From ({x1}, {y1}) to ({x2}, {y2}), {width} px wide");
     let series = Series::with_spread("", points).unmarked();
-    Plot::new(title, Axis::linear("along the line, px"), Axis::linear(label)).series(series).size(800, 440).draw()
+    let along = Axis::linear(format!("along the line, {unit}"));
+    Plot::new(title, along, Axis::linear(label)).series(series).size(800, 440).draw()
 }
 
 #[cfg(test)]

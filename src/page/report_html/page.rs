@@ -160,7 +160,8 @@ fn write(
     }
     fields.extend(residual.as_deref().map(Readout::residual));
     fields.extend(more);
-    let (size, to_scale) = (results.size(), results.lens().map(|lens| relief_to_scale(&best, results.size(), lens)));
+    let (size, to_scale) =
+        (results.size(), results.footprint().map(|footprint| relief_to_scale(&best, results.size(), footprint)));
     Contents { size, palette, pictures, fields, heights: best.name, to_scale, more: data }.write(writer)
 }
 

@@ -17,8 +17,8 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! Heights are nearness, from the 1st to the 99th percentile. They are metric only with a lens. The rasteriser runs on
-//! the CPU and gives the same picture on every machine.
+//! Heights are nearness, from the 1st to the 99th percentile. They are metric only if the size of a pixel is
+//! known. The rasteriser runs on the CPU and gives the same picture on every machine.
 
 mod mesh;
 mod picture;
@@ -26,7 +26,7 @@ mod raster;
 
 use image::RgbImage;
 
-use crate::base::{Error, Frame, Lens};
+use crate::base::{Error, Frame};
 use crate::files::export::{Destination, Nearer, Palette, Quantity, Scale};
 use crate::files::image_io::preview;
 
@@ -46,7 +46,7 @@ pub struct Surface<'a> {
     scale: Scale,
     /// Title, and label of the key.
     names: [&'static str; 2],
-    /// Relief that is true to scale, if the lens is known.
+    /// Relief that is true to scale, if the size of a pixel is known.
     to_scale: Option<f64>,
 }
 
@@ -103,22 +103,24 @@ impl<'a> Surface<'a> {
         Self::on(relative_blur, fused, Scale::of(relative_blur, nearer))
     }
 
-    /// Makes the surface of a quantity of results, with an image of the same size as texture.
+    /// Makes the surface of a quantity of results, with an image of the same size as texture. `footprint` is the size
+    /// of a pixel at the middle of the quantity's scale, in the unit of the quantity, if it is known.
     ///
     /// # Errors
     /// As for [`new`](Self::new).
-    pub fn of(quantity: &'a Quantity<'_>, lens: Option<&Lens>, fused: &Frame) -> Result<Self, Error> {
+    pub fn of(quantity: &'a Quantity<'_>, footprint: Option<f64>, fused: &Frame) -> Result<Self, Error> {
         let names = match quantity.name {
             "relative_blur" => OF_BLUR,
             "focus" => ["Focus", "setting"],
             _ => ["Depth", "mm"],
         };
-        let to_scale = lens.map(|lens| relief_to_scale(quantity, (fused.width(), fused.height()), lens));
+        let size = (fused.width(), fused.height());
+        let to_scale = footprint.map(|footprint| relief_to_scale(quantity, size, footprint));
         Ok(Self { names, to_scale, ..Self::on(&quantity.values, fused, quantity.scale())? })
     }
 
-    /// The [relief](View::relief) that is true to scale at the middle depth, if the lens is known; else the default
-    /// one.
+    /// The [relief](View::relief) that is true to scale at the middle depth, if the size of a pixel is known;
+    /// else the default one.
     pub fn relief(&self) -> f64 {
         self.to_scale.unwrap_or(View::default().relief)
     }
@@ -168,11 +170,11 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// Height from far to near over the longer side of the image, both at the middle depth.
-pub(crate) fn relief_to_scale(depth: &Quantity<'_>, (width, height): (u32, u32), lens: &Lens) -> f64 {
+/// Height from far to near over the longer side of the image at the middle depth, where a pixel has this size.
+pub(crate) fn relief_to_scale(depth: &Quantity<'_>, (width, height): (u32, u32), footprint: f64) -> f64 {
     let scale = depth.scale();
     let longer = f64::from(width.max(height));
-    let relief = f64::from(scale.high - scale.low) / (longer * lens.footprint(scale.value(0.5)));
+    let relief = f64::from(scale.high - scale.low) / (longer * footprint);
     if relief.is_finite() { relief.clamp(0.0, MOST_RELIEF) } else { View::default().relief }
 }
 

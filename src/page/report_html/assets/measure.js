@@ -200,7 +200,8 @@ const tool = {
       const ends = [values.find(Number.isFinite), values.findLast(Number.isFinite)];
       const length = Math.hypot(this.line[2] - this.line[0], this.line[3] - this.line[1]) * grid.step;
       const sigma = Math.hypot(sigmas.find(Number.isFinite), sigmas.findLast(Number.isFinite));
-      lines.push(`Profile over ${plain(length, 1)} px: from end to end ${ends[0] === undefined ? 'not measured' : known({ value: ends[1] - ends[0], error: sigma }, main)}`);
+      const size = report.pixel_size_um ? ` (${significant((length * report.pixel_size_um) / 1000, 4)} mm)` : '';
+      lines.push(`Profile over ${plain(length, 1)} px${size}: from end to end ${ends[0] === undefined ? 'not measured' : known({ value: ends[1] - ends[0], error: sigma }, main)}`);
       byId('profile').replaceChildren(profilePlot(byId('profile').clientWidth || 600, values, sigmas, length));
     }
     byId('measure-panel').hidden = !lines.length;

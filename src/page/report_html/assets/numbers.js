@@ -57,6 +57,12 @@ function depthRows() {
     row('Valid, but out of range', depth.out_of_range, 'px'), ...lensRows(depth.lens)];
 }
 
+// The size of a pixel on the surface, if it is stated.
+function pixelRows() {
+  const { pixel_size_um: um } = report;
+  return um ? [group('Surface'), row('Size of a pixel', Number(um.toPrecision(6)), 'µm')] : [];
+}
+
 function lensRows(lens) {
   if (!lens) return [];
   return [group('Lens'), row('Focal length', lens.focal_length_mm, 'mm'), row('f-number', lens.f_number), row('Pixel pitch', lens.pixel_pitch_mm, 'mm'),
@@ -79,6 +85,7 @@ function pairRows() {
     row('Offset, white being 1', plus(offset, 6)),
     row('Shading: how the gain varies', percents(...shading.range)),
     ...depthRows(),
+    ...pixelRows(),
     ...ranges('Relative blur V, of the valid pixels', report.relative_blur, 4, 'px²'),
     row('Smoothness α, as asked or as found', Number(report.regularization.toPrecision(2))),
     row('Clipped pixels of I1 and I2', report.frames.map((frame) => percent(frame.clipped_fraction ?? 0, 2)).join(' and ')),
@@ -95,6 +102,7 @@ function pairRows() {
 function sweepRows() {
   return [
     ...depthRows(),
+    ...pixelRows(),
     ...ranges('Focus', report.focus, 4, report.focus_unit, number),
     row('Median of σ', number(deviation('uncertainty'), 4), report.focus_unit),
     row('Blur grows by', number(report.blur_rate_px2, 4), 'px² per squared setting'),

@@ -1,0 +1,253 @@
+//! Repeated measurements: `repeat.json`, its tables as CSV, and its page.
+
+use std::io::{self, Write};
+
+use serde::Serialize;
+
+use super::destination::{Destination, REPEAT_FILES};
+use super::report::{Header, Kind, to_json, write_json_to};
+use super::staging::Staging;
+use crate::base::Error;
+use crate::files::bounded_read::Hashes;
+use crate::metric::repeat::{GaugeStudy, Interval, Repeatability, RepeatedMaps, TypeOne};
+use crate::metric::roughness::Form;
+
+/// The report of repeated measurements.
+#[derive(Clone, Debug, Serialize)]
+pub struct RepeatReport {
+    #[serde(flatten)]
+    header: Header,
+    /// Version of parfocal that wrote it.
+    pub version: &'static str,
+    /// The folders of the results, or the table of the study.
+    pub results: Vec<String>,
+    /// What was measured: `depth`, `relative blur`, `focus`, or `value` of a table.
+    pub quantity: String,
+    /// Unit of the quantity; empty if it is not stated.
+    pub unit: String,
+    /// Region of the results: x, y, width, height, px.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub region: Option<[u32; 4]>,
+    /// The form that was subtracted from differences of maps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub form: Option<Form>,
+    /// The noise of the height maps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub maps: Option<RepeatedMaps>,
+    /// Repeated single values: the steps, or those of the table.
+    pub values: Vec<ValueReport>,
+    /// Repeatability and reproducibility.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gauge: Option<GaugeStudy>,
+    /// Warnings; one sentence each.
+    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    listed: Option<ListedFiles>,
+}
+
+/// A value that was measured repeatedly.
+#[derive(Clone, Debug, Serialize)]
+pub struct ValueReport {
+    /// Its name: `step 1`, or `value`.
+    pub name: String,
+    /// The readings, in the order in which they were passed.
+    pub readings: Vec<ReadingReport>,
+    /// Their scatter, if they are of one part and one operator.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub repeatability: Option<Repeatability>,
+    /// The type-1 study, if a reference is stated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub type_one: Option<TypeOne>,
+}
+
+/// One reading.
+#[derive(Clone, Debug, Serialize)]
+pub struct ReadingReport {
+    /// The operator; empty if there is only one.
+    pub operator: String,
+    /// The part; empty if there is only one.
+    pub part: String,
+    /// The number of the trial of this operator and part, from 1.
+    pub trial: usize,
+    /// The reading, in the unit of the report.
+    pub value: f64,
+    /// Its stated standard error. `None` for a value of a table.
+    pub standard_error: Option<f64>,
+    /// The folder of its results; empty for a value of a table.
+    pub results: String,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct ListedFiles {
+    files: Vec<String>,
+    hashes: Hashes,
+}
+
+impl RepeatReport {
+    /// A report without measurements, of these results.
+    pub fn new(results: Vec<String>, quantity: String, unit: String) -> Self {
+        Self {
+            header: Header::new(Kind::Repeatability),
+            version: env!("CARGO_PKG_VERSION"),
+            results,
+            quantity,
+            unit,
+            region: None,
+            form: None,
+            maps: None,
+            values: Vec::new(),
+            gauge: None,
+            warnings: Vec::new(),
+            listed: None,
+        }
+    }
+
+    /// The report as text, without a newline at its end.
+    ///
+    /// # Errors
+    /// None known; serde_json's signature allows one.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        to_json(self)
+    }
+
+    /// The readings as CSV.
+    fn write_readings(&self, writer: &mut dyn Write) -> io::Result<()> {
+        let value = self.with_unit("value");
+        row(writer, &["name", "operator", "part", "trial", &value, &self.with_unit("standard_error"), "results"])?;
+        for of in &self.values {
+            for reading in &of.readings {
+                let error = reading.standard_error.map_or(String::new(), number);
+                let (trial, value) = (reading.trial.to_string(), number(reading.value));
+                let cells = [&of.name, &reading.operator, &reading.part, &trial, &value, &error, &reading.results];
+                row(writer, &cells)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The scatter of each value, and its type-1 study, as CSV.
+    fn write_values(&self, writer: &mut dyn Write) -> io::Result<()> {
+        let with_ends = |name: &str| ["", "_low", "_high"].map(|end| self.with_unit(&format!("{name}{end}")));
+        let plain = ["name", "readings"].map(String::from);
+        let of_readings = ["mean", "mean_standard_error", "range"].map(|name| self.with_unit(name));
+        let stated = ["reference", "tolerance"].map(|name| self.with_unit(name));
+        let indices = ["cg", "cg_low", "cg_high", "cgk", "cgk_low", "cgk_high"].map(String::from);
+        let (deviation, bias) = (with_ends("standard_deviation"), with_ends("bias"));
+        row(writer, &[&plain[..], &of_readings, &deviation, &stated, &bias, &indices].concat())?;
+        for of in &self.values {
+            let Some(found) = &of.repeatability else { continue };
+            let plain = [of.name.clone(), found.count.to_string()];
+            let of_readings = [found.mean, found.mean_standard_error, found.range].map(number);
+            let study = of.type_one.as_ref();
+            let stated = [study.map(|s| s.reference), study.map(|s| s.tolerance)];
+            let stated = stated.map(|v| v.map_or(String::new(), number));
+            let bias = ends(study.map(|s| s.bias));
+            let [cg, cgk] = [study.and_then(|s| s.cg), study.and_then(|s| s.cgk)].map(ends);
+            let deviation = ends(Some(found.standard_deviation));
+            row(writer, &[&plain[..], &of_readings, &deviation, &stated, &bias, &cg, &cgk].concat())?;
+        }
+        Ok(())
+    }
+
+    /// The pairs of maps as CSV.
+    fn write_pairs(&self, maps: &RepeatedMaps, writer: &mut dyn Write) -> io::Result<()> {
+        let [noise, shift] = ["noise", "shift"].map(|name| self.with_unit(name));
+        row(writer, &["first", "second", &noise, &shift, "seen_over_stated"])?;
+        for pair in &maps.pairs {
+            let [first, second] = [pair.first, pair.second].map(|n| self.results.get(n).cloned().unwrap_or_default());
+            let numbers = [pair.noise, pair.shift, pair.seen_over_stated].map(number);
+            row(writer, &[&[first, second][..], &numbers].concat())?;
+        }
+        Ok(())
+    }
+
+    /// The analysis of variance and the components as CSV.
+    fn write_gauge(&self, gauge: &GaugeStudy, writer: &mut dyn Write) -> io::Result<()> {
+        row(writer, &["source", "degrees_of_freedom", "sum_of_squares", "mean_square", "f", "probability"])?;
+        for of in &gauge.anova {
+            let [f, probability] = [of.f, of.probability].map(|v| v.map_or(String::new(), number));
+            let cells = [of.source.to_string(), of.degrees.to_string(), number(of.sum), number(of.mean_square)];
+            row(writer, &[&cells[..], &[f, probability]].concat())?;
+        }
+        writeln!(writer)?;
+        let deviation = self.with_unit("standard_deviation");
+        let names = [deviation.as_str(), "contribution_percent", "study_percent", "tolerance_percent"];
+        let columns = names.iter().flat_map(|name| ["", "_low", "_high"].map(|end| format!("{name}{end}")));
+        row(writer, &["component".to_string(), "variance".to_string()].into_iter().chain(columns).collect::<Vec<_>>())?;
+        for of in &gauge.components {
+            let all = [of.standard_deviation, of.contribution_percent, of.study_percent, of.tolerance_percent];
+            let cells = [of.name.to_string(), number(of.variance)];
+            row(writer, &cells.into_iter().chain(all.into_iter().flat_map(ends)).collect::<Vec<_>>())?;
+        }
+        writeln!(writer)?;
+        row(writer, &["categories", "categories_low", "categories_high"])?;
+        row(writer, &ends(gauge.categories))
+    }
+
+    /// The name of a column with its unit, in ASCII.
+    fn with_unit(&self, name: &str) -> String {
+        let unit = self.unit.replace("px²", "px2").replace("1/m", "per_m");
+        if unit.is_empty() { name.to_string() } else { format!("{name}_{unit}") }
+    }
+}
+
+/// The cells of an interval.
+fn ends(of: Option<Interval>) -> [String; 3] {
+    of.map_or_else(Default::default, |of| [of.value, of.low, of.high].map(number))
+}
+
+/// A number, or nothing if it is not finite.
+fn number(value: f64) -> String {
+    if value.is_finite() { value.to_string() } else { String::new() }
+}
+
+/// Writes a row of CSV (RFC 4180).
+fn row(writer: &mut dyn Write, cells: &[impl AsRef<str>]) -> io::Result<()> {
+    let quoted = |cell: &str| match cell.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", cell.replace('"', "\"\"")),
+        false => cell.to_string(),
+    };
+    let cells: Vec<String> = cells.iter().map(|cell| quoted(cell.as_ref())).collect();
+    writeln!(writer, "{}", cells.join(","))
+}
+
+/// Writes report, tables and page into a folder: all or none. Creates the folder if it is missing. Replaces the files
+/// of an earlier report of repeated measurements. Any other file stays; if it has the name of a result, nothing is
+/// written unless the [`Destination`] forces it.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_repeat<'d>(out: impl Into<Destination<'d>>, report: &RepeatReport, page: &str) -> Result<(), Error> {
+    let [json, html, readings, values, pairs, gauge] = REPEAT_FILES;
+    let mut staging = Staging::replacing(out.into(), json)?;
+    let text = |e: io::Error| e.to_string();
+    staging.add(html, |w| w.write_all(page.as_bytes()).map_err(text))?;
+    if !report.values.is_empty() {
+        staging.add(readings, |w| report.write_readings(w).map_err(text))?;
+    }
+    if report.values.iter().any(|value| value.repeatability.is_some()) {
+        staging.add(values, |w| report.write_values(w).map_err(text))?;
+    }
+    if let Some(maps) = &report.maps {
+        staging.add(pairs, |w| report.write_pairs(maps, w).map_err(text))?;
+    }
+    if let Some(found) = &report.gauge {
+        staging.add(gauge, |w| report.write_gauge(found, w).map_err(text))?;
+    }
+    let files = staging.names().into_iter().chain([json.to_string()]).collect();
+    let listed = Some(ListedFiles { files, hashes: staging.hashes() });
+    staging.add(json, |w| write_json_to(w, &RepeatReport { listed, ..report.clone() }))?;
+    staging.place()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_with_commas_and_quotes_are_quoted() {
+        let mut written = Vec::new();
+        row(&mut written, &["a,b", "say \"x\"", "c", ""]).unwrap();
+        assert_eq!(String::from_utf8(written).unwrap(), "\"a,b\",\"say \"\"x\"\"\",c,\n");
+    }
+}
