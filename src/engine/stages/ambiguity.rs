@@ -16,7 +16,6 @@ use super::blur::{Stacks, sample_pair};
 use super::noise::Noise;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
-use super::uncertainty::WINDOW_PIXELS;
 use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::base::workers;
 use crate::engine::shaders;
@@ -178,6 +177,7 @@ mod tests {
     use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
     use super::super::stack::{self, Slopes};
     use super::super::state::State;
+    use super::super::uncertainty::WINDOW_PIXELS;
     use super::*;
     use crate::base::{Kernel, Photometric, Similarity};
     use crate::engine::stages::linearise;
