@@ -5,6 +5,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 // The stack of I2 is of I2 as warped onto I1's pixels, and of a Gaussian.
 layout(constant_id = 3) const bool WARPED = false;
+layout(constant_id = 4) const bool MASKED = false;
 
 #include "blur.glsl"
 #include "noise.glsl"
@@ -15,6 +16,7 @@ layout(binding = 2, r32f) uniform readonly image2DArray stacks;   // of I1, then
 // Half as wide and high: means of C, b², (∇²V)², b Σb and of the squared residual.
 layout(binding = 3, r32f) uniform image2DArray terms;
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 5, std430) readonly buffer Mask { uint mask[]; };     // a byte per pixel: 0 where there are no results
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
@@ -33,19 +35,19 @@ layout(push_constant) uniform Constants {
 const int BLOCK = 32, STEP = 4, SAMPLES = 8;
 // The other V: six on either side of 0.
 const int OTHERS = 12;
-// Samples that both V need.
+// The least number of samples for another V.
 const float LEAST = 12.0;
-// The share of the energy at which another V is better.
+// Another V is better below this share of the energy.
 const float BETTER = 0.9;
-// Curvature up to which it may be that of noise, relative to that of noise alone, and the share of the energy at which
-// another V is no worse there.
+// The curvature may be that of noise below this multiple of that of noise alone. Another V is no worse there below this
+// share of the energy.
 const float BY_NOISE = 3.0, NO_WORSE = 1.05;
 const int B2 = 1, SQUARE = 4;        // layers of the terms
 const int BLOCKS = 4;                // of a workgroup
 
 // By sample: the energies at V and at the other V, and whether both are known.
 shared vec3 energies[BLOCKS][SAMPLES * SAMPLES];
-// The other V of least energy, and its share of the energy at V.
+// The other V of least energy, and its share of the energy at V; NO_WORSE if all are worse.
 shared vec2 best[BLOCKS];
 
 // The squared residual at a V, over what noise adds to it there; -1 where the blur reaches beyond an image.
@@ -62,7 +64,8 @@ float energy(ivec2 x, float v) {
 // What noise alone adds to the curvature at |V| = v, if the residuals are noise.
 float curvature_of_noise(float v, float square) {
     Power power = blurred_power(noise, v, 1.0);
-    float along = noise.fall + 2.0 * noise.reach * v, cube = power.value * power.value * power.value, n = 1.0 + power.value;
+    float along = noise.fall + 2.0 * noise.reach * v, n = 1.0 + power.value;
+    float cube = power.value * power.value * power.value;
     float bend = (0.75 * along * along * power.value * power.value - noise.reach) * cube;
     return 0.25 * (bend - power.slope * power.slope / n) * square / (n * sqrt(eta * eta + 1.57 * square));
 }
@@ -75,9 +78,12 @@ void main() {
     float own = -1.0, near = 0.0;
     if (x.x < width && x.y < height) {
         near = imageLoad(terms, ivec3(x / 2, SQUARE)).r;
-        if (near > 0.0) own = energy(x, imageLoad(relative_blur, ivec3(x, 0)).r);
+        int pixel = x.y * width + x.x;
+        bool counts = near > 0.0;
+        if (MASKED) counts = counts && (mask[pixel / 4] >> 8 * (pixel & 3) & 0xffu) != 0u;
+        if (counts) own = energy(x, imageLoad(relative_blur, ivec3(x, 0)).r);
     }
-    if (sample_of == 0) best[block] = vec2(0.0, uintBitsToFloat(0x7f800000u));
+    if (sample_of == 0) best[block] = vec2(0.0, NO_WORSE);
     for (int n = 0; n < OTHERS; n++) {
         float share = float(n / 2 + 1) / float(OTHERS / 2), size = limit * share * share;
         float other = n % 2 == 0 ? size : -size, there = own < 0.0 ? -1.0 : energy(x, other);
@@ -93,14 +99,17 @@ void main() {
     barrier();
     // Sixteen by sixteen invocations take every second pixel of each block in turn.
     for (block = 0; block < BLOCKS; block++) {
-        x = corner + BLOCK * ivec2(block % 2, block / 2) + 2 * ivec2(invocation % (BLOCK / 2), invocation / (BLOCK / 2));
+        ivec2 place = 2 * ivec2(invocation % (BLOCK / 2), invocation / (BLOCK / 2));
+        x = corner + BLOCK * ivec2(block % 2, block / 2) + place;
         if (x.x >= width || x.y >= height || !(best[block].y < NO_WORSE)) continue;
         float v = imageLoad(relative_blur, ivec3(x, 0)).r, curvature = imageLoad(terms, ivec3(x / 2, 0)).r;
+        // The curvature at which σ_V is the distance.
+        float reaching = sqrt(imageLoad(terms, ivec3(x / 2, B2)).r / pixels) / max(abs(v - best[block].x), 1e-9);
+        if (curvature <= reaching) continue;
         if (curvature < BY_NOISE * curvature_of_noise(abs(v), imageLoad(terms, ivec3(x / 2, SQUARE)).r)) {
             curvature = 0.0;
         } else if (best[block].y < BETTER) {
-            float b2 = imageLoad(terms, ivec3(x / 2, B2)).r;
-            curvature = min(curvature, sqrt(b2 / pixels) / max(abs(v - best[block].x), 1e-30));
+            curvature = reaching;
         }
         imageStore(terms, ivec3(x / 2, 0), vec4(curvature));
     }

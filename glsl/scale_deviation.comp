@@ -11,7 +11,7 @@ layout(binding = 2, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;               // of the terms
     float at_limit;                  // |V| from which V is only a bound, px²
-    float shape;                     // of a stated disk: as if it were found
+    float shape;                     // assumed for a stated disk; 0 for other kernels
 };
 
 // Samples along x and y.
@@ -36,6 +36,7 @@ void main() {
     if (first != 0) return;
     for (int n = 1; n < step; n++) sum += sums[n];
     float excess = max(sum.x / max(sum.y, 1.0) - 1.0, 0.0), share = excess / (1.0 + excess);
-    state.scale_deviation = length(vec2(OF_SHAPE * max(max(state.kernel_shape, shape) - 1.0, 0.0), OF_RESIDUALS * share));
+    float beyond_disk = max(max(state.kernel_shape, shape) - 1.0, 0.0);
+    state.scale_deviation = length(vec2(OF_SHAPE * beyond_disk, OF_RESIDUALS * share));
     state.correlated = excess * excess / (excess * excess + CHANCE);
 }

@@ -42,7 +42,7 @@ impl Costs {
             "convolve" | "subdivide" => 0.6,
             "linearise" => 2.6,
             "warp" | "uncertainty" => 2.0,
-            "blur_matched_pair" | "residual" => 5.0,
+            "blur_matched_pair" | "residual" | "ambiguity" => 5.0,
             "shape_windows" | "edge_cells" | "edge_agree" => 10.0,
             _ => Self::of_edges(pass),
         }

@@ -52,6 +52,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .map_err(|e| Failure::of_solve(e, &job.files[0]))?;
     crate::cli::check_validation(&engine)?;
     let report = job.write(&request, engine.info(), &photographs, &solution)?;
+    bar.finish();
     drop((options, bar));
     request.run.report.print(&summary(&report, request.palette, &job.out), || report.to_json())?;
     request.run.check_strict(report.converged == Some(true), &report.warnings)

@@ -86,6 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let solved = read.solve(&engine, Some(bar.reporter())).map_err(|e| Failure::of_solve(e, &job.files.frames[0]))?;
     crate::cli::check_validation(&engine)?;
     let report = job.write(&request, engine.info(), &read, &solved)?;
+    bar.finish();
     drop(bar);
     request.run.report.print(&summary(&report, &read.inputs, request.palette, &job.out), || report.to_json())?;
     request.run.check_strict(true, &report.warnings)

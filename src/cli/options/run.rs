@@ -86,7 +86,7 @@ pub(crate) struct RunArguments {
 }
 
 impl RunArguments {
-    /// A progress bar for a solve after which `writing` seconds are expected to pass.
+    /// A progress bar for a solve. Writing its results is expected to take `writing` seconds; 0 if none are written.
     pub(crate) fn bar(&self, writing: f64) -> Arc<Bar> {
         Arc::new(Bar::new(self.progress, self.report.is_quiet(), writing))
     }

@@ -1,6 +1,7 @@
 //! Progress of a solve: a bar on a terminal, lines elsewhere, JSON for programs.
 
 use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
@@ -38,6 +39,8 @@ pub(crate) struct Bar {
     started: Instant,
     /// Expected time from the end of the solve to the last result, s.
     writing: f64,
+    /// The number of levels, once it is known.
+    levels: AtomicU32,
 }
 
 enum Display {
@@ -55,7 +58,7 @@ struct Lines {
 }
 
 impl Bar {
-    /// Makes the display that `mode` requests; none if `is_quiet`. The results will take `writing` seconds to be written.
+    /// Makes the display that `mode` requests; none if `is_quiet`. Writing the results will take `writing` seconds.
     pub(crate) fn new(mode: ProgressMode, is_quiet: bool, writing: f64) -> Self {
         let display = match mode {
             ProgressMode::Json => Display::Json,
@@ -69,7 +72,7 @@ impl Bar {
             ProgressMode::Auto if !is_quiet => Display::Lines(Lines::new()),
             _ => Display::Nothing,
         };
-        Self { display, started: Instant::now(), writing }
+        Self { display, started: Instant::now(), writing, levels: AtomicU32::new(0) }
     }
 
     /// A function that displays the progress of a solve.
@@ -85,9 +88,23 @@ impl Bar {
     }
 
     fn show(&self, Progress { done, total, share }: Progress) {
+        self.levels.store(total, Ordering::Relaxed);
         let elapsed = self.started.elapsed();
-        let mut level = if share < 1.0 { format!("level {done} of {total}") } else { "writing".to_string() };
+        let level = match share {
+            1.0 if self.writing > 0.0 => "writing".to_string(),
+            _ => format!("level {done} of {total}"),
+        };
         let share = self.share_of_all(elapsed.as_secs_f64(), share);
+        self.display(share, [done, total], level);
+    }
+
+    /// Displays that the results are written.
+    pub(crate) fn finish(&self) {
+        self.display(1.0, [self.levels.load(Ordering::Relaxed); 2], "done".to_string());
+    }
+
+    fn display(&self, share: f64, [done, total]: [u32; 2], mut level: String) {
+        let elapsed = self.started.elapsed();
         let left = (elapsed >= ESTIMATE_AFTER && share > 0.0).then(|| elapsed.as_secs_f64() * (1.0 - share) / share);
         if let Some(left) = left {
             level += &format!(", some {left:.0} s left");

@@ -486,7 +486,9 @@ impl Composer<'_> {
             stacks: slot::STACKS.read(),
             terms: slot::UNCERTAINTY_TERMS.update(),
             state: slot::STATE.read(),
+            mask: slot::MASK.read(),
         };
+        let variant = linearise::variant(plan.slopes(), plan.warps(finest), self.masked, false);
         let constants = ambiguity::Constants {
             width,
             height,

@@ -78,8 +78,8 @@ impl Noise {
     /// square `square`.
     ///
     /// For the power `N = mean exp(-v |k|²)`, the variance of the derivative by V of a blurred image is N''/4. Less
-    /// the part in S, and with n = 1 + N, that of `∂S/∂V - S n'/2n` is `N''/4 - N'²/4n`, of noise of the variance S²/n. The
-    /// curvature has the weight `η²/(S² + η²)^1.5`, in the mean over Gaussian S about `1/sqrt(η² + 1.57 S²)`.
+    /// the part in S, and with n = 1 + N, that of `∂S/∂V - S n'/2n` is `N''/4 - N'²/4n`, of noise of the variance S²/n.
+    /// The curvature has the weight `η²/(S² + η²)^1.5`, in the mean over Gaussian S about `1/sqrt(η² + 1.57 S²)`.
     pub fn curvature(&self, v: f64, square: f64, eta: f64) -> f64 {
         let (fall, reach) = (f64::from(self.fall), f64::from(self.reach));
         let Power { value, slope } = self.blurred(v, 1.0);
@@ -114,6 +114,7 @@ pub fn interpolated<R: Real>([dx, dy]: [R; 2]) -> R {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::harness::{build_stack, random_field};
     use super::super::stack::{self, node_count};
     use super::*;
@@ -148,6 +149,31 @@ mod tests {
             let read = |(x, y)| spline::read(spline, f64::from(x) + d[0], f64::from(y) + d[1]).value;
             let actual = variance(inner.map(read)) / whole;
             assert!((actual - interpolated(d)).abs() < 0.03, "{d:?}: {actual} {}", interpolated(d));
+        }
+    }
+
+    /// Two images of independent noise: the mean square of the derivative, over an η that the residuals do not reach.
+    #[test]
+    fn the_curvature_of_white_noise_is_as_stated() {
+        let (noise, eta) = (Noise::new(0), 100.0);
+        let [own, other] = [3, 4].map(|seed| random_field(300, 300, seed));
+        let mean = |field: &Field| field.data.iter().sum::<f64>() / field.data.len() as f64;
+        let slopes = stack::Slopes::of(&Kernel::Gaussian);
+        let (stack, apart) = (build_stack(&own, &Kernel::Gaussian, node_count(9.0)), mean(&own) - mean(&other));
+        for v in [0.05, 0.1, 0.3, 0.5, 1.0, 2.0, 4.0] {
+            let power = noise.blurred(v, 1.0);
+            let along = 0.5 * power.slope / (1.0 + power.value);
+            let inner = (30..270).flat_map(|y| (30..270).map(move |x| (x, y)));
+            let terms = inner.map(|(x, y)| {
+                let blurred = stack::read(&stack, slopes, v, x as f64, y as f64);
+                let s = blurred.value - other.get(x, y) - apart;
+                [s * s, (blurred.slope - along * s).powi(2)]
+            });
+            let [square, curvature] = terms.fold([0.0; 2], |[a, b], [c, d]| [a + c / 57_600.0, b + d / 57_600.0]);
+            let stated = noise.curvature(v, square, eta) * eta;
+            // Between the nodes of the stack the slope is interpolated.
+            let ratio = curvature / stated;
+            assert!(ratio > 0.55 && ratio < 2.4, "{v}: {stated} {curvature}");
         }
     }
 

@@ -46,10 +46,10 @@ pub(super) const ITERATIONS: [usize; 3] = [4, 3, 2];
 const MAX_CORNER_STEP: f64 = 0.5;
 /// A frame is resampled again once T has moved a corner by this, px of the level.
 const RESAMPLE_AFTER: f64 = 0.02;
-/// Time to upload a frame and to compute its pyramid, relative to that of an iteration on the finest level, and to
-/// estimate the start, relative to that of an iteration on the first level: medians of five real sweeps on the CPU
-/// device.
+/// Time to upload a frame and to compute its pyramid, relative to that of an iteration on the finest level. This and the
+/// next are from processor times of six real sweeps on the CPU device.
 const UPLOAD: f64 = 0.35;
+/// Time to estimate the start, relative to that of an iteration on the first level.
 const START: u64 = 50;
 /// How far beyond the first and the last frame u may lie, px of blur.
 const FOCUS_MARGIN: f64 = 0.5;
