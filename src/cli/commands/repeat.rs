@@ -36,8 +36,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE.csv", help_heading = MEASUREMENTS,
           conflicts_with_all = ["results", "roi", "mask", "form"])]
     study: Option<PathBuf>,
-    /// Step from the first region to the second, as in measure: positive if the second is farther, in px² if its V is
-    /// larger; may be repeated
+    /// Step as in measure, second region less first: in mm positive if the second is farther; may be repeated
     #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = MEASUREMENTS,
           value_parser = region)]
     step: Vec<Region>,
