@@ -7,6 +7,7 @@ use image::RgbImage;
 use super::batch_html::{STYLE, text};
 use super::figure::{Axis, Plot, Series};
 use super::report_html::jpeg;
+use crate::base::Estimate;
 use crate::files::export::{RepeatReport, ValueReport};
 use crate::metric::repeat::{BINS, GaugeStudy, HISTOGRAM_END, Interval, RepeatedMaps};
 
@@ -60,28 +61,25 @@ impl Page {
     fn maps(&mut self, report: &RepeatReport, maps: &RepeatedMaps) -> Result<(), String> {
         let unit = &report.unit;
         let [middle, least, most] = maps.pair_noise.map(|v| short(v, v));
-        let noise = maps.noise;
         let shift = maps.shift_deviation;
         let percent = |n: usize| {
             let share = maps.within[n];
-            format!("{:.1} ± {:.1} %", 100.0 * share.value, 100.0 * share.standard_error)
+            let error = error(100.0 * share.standard_error, 1);
+            format!("{:.1} ± {error} %", 100.0 * share.value)
         };
         let rows = [
             ("measured by all", format!("{} of {} px", maps.measured_px, maps.area_px)),
-            (
-                "measurement noise (ISO 25178-700)",
-                format!("{} ± {} {unit}", short(noise.value, noise.value), short(noise.standard_error, noise.value)),
-            ),
+            ("measurement noise (ISO 25178-700)", format!("{} {unit}", estimate(maps.noise))),
             ("of a pair of maps: median, least to greatest", format!("{middle}, {least} to {most} {unit}")),
             (
-                "repeatability limit: 95 of 100 differences of two measurements are below",
-                format!("{} {unit}", short(maps.repeatability_limit, maps.repeatability_limit)),
+                "repeatability limit: 95 of 100 differences of two measurements are below, apart from a shift",
+                format!("{} {unit}", estimate(maps.repeatability_limit)),
             ),
             ("standard deviation of the mean height between maps", format!("{} {unit}", interval(shift))),
             ("stated standard deviation, root mean square", format!("{} {unit}", short(maps.stated, maps.stated))),
             (
                 "seen over stated: 1 if what is stated is right",
-                format!("{:.3} ± {:.3}", maps.seen_over_stated.value, maps.seen_over_stated.standard_error),
+                format!("{:.3} ± {}", maps.seen_over_stated.value, error(maps.seen_over_stated.standard_error, 3)),
             ),
             ("differences within 1 stated standard deviation (Gaussian: 68.3 %)", percent(0)),
             ("differences within 2 (Gaussian: 95.4 %)", percent(1)),
@@ -112,11 +110,12 @@ impl Page {
         }
         if let Some(study) = &value.type_one {
             let scale = study.bias.high - study.bias.low;
-            rows.push(("reference, tolerance", format!("{}, {} {unit}", study.reference, study.tolerance)));
+            let stated = format!("{}, {} {unit}", study.true_value, study.tolerance_width);
+            rows.push(("true value, width of the tolerance", stated));
             let [bias, low, high] = [study.bias.value, study.bias.low, study.bias.high].map(|v| short(v, scale));
             rows.push(("bias (95 % interval)", format!("{bias} ({low} to {high}) {unit}")));
-            rows.push(("Cg = 0.2 T / 6 s", optional(study.cg)));
-            rows.push(("Cgk = (0.1 T - |bias|) / 3 s", optional(study.cgk)));
+            rows.push(("Cg = 0.2 T / 6 s", optional(study.cg, "not determined: all readings are equal")));
+            rows.push(("Cgk = (0.1 T - |bias|) / 3 s", optional(study.cgk, "not determined: all readings are equal")));
         }
         let plot = if value.repeatability.is_some() { in_order(value, unit) } else { by_part(value, unit) };
         let content = format!("{}{}", table(&rows), picture(&plot, "Readings")?);
@@ -130,12 +129,17 @@ impl Page {
             gauge.operators, gauge.parts, gauge.trials
         );
         let head = ["", "standard deviation", "% contribution", "% study variation", "% tolerance"];
+        let has_tolerance = gauge.components.iter().any(|of| of.tolerance_percent.is_some());
+        let columns = if has_tolerance { 4 } else { 3 };
         content += "<table><tr>";
-        head.iter().for_each(|cell| content += &format!("<th>{cell}</th>"));
+        head[..=columns].iter().for_each(|cell| content += &format!("<th>{cell}</th>"));
         content += "</tr>";
         for of in &gauge.components {
             let cells = [of.standard_deviation, of.contribution_percent, of.study_percent, of.tolerance_percent];
-            let cells: String = cells.map(|cell| format!("<td>{}</td>", optional(cell))).concat();
+            // An interaction that counts as repeatability has no components.
+            let otherwise = if of.standard_deviation.is_none() { "pooled" } else { "not determined" };
+            let cell = |cell: &Option<Interval>| format!("<td>{}</td>", optional(*cell, otherwise));
+            let cells: String = cells[..columns].iter().map(cell).collect();
             content += &format!("<tr><th>{}</th>{cells}</tr>", text(of.name));
         }
         content += "</table><table><tr><th></th><th>df</th><th>sum of squares</th><th>mean square</th><th>F</th>\
@@ -150,18 +154,20 @@ impl Page {
             );
         }
         let pooled = match gauge.is_interaction_pooled {
-            true => "The interaction is no greater than chance and counts as repeatability.",
+            true => {
+                "The interaction is no greater than chance and counts as repeatability. The pooled error is that of F."
+            }
             false => "The interaction is greater than chance.",
         };
         let categories = gauge.categories.map_or("not determined: the gauge does not scatter".to_string(), |of| {
-            format!("{:.0} (1.41 times parts over gauge: {})", of.value.floor(), interval(of))
+            format!("{:.0} (rounded down from 1.41 times parts over gauge: {})", of.value.floor(), interval(of))
         });
         content += &format!("</table><p>{pooled} Distinct categories: {categories}.</p>");
         self.section(&format!("Gauge R&R of {}", report.quantity), &content);
     }
 }
 
-/// Readings of one part in their order, with the reference.
+/// Readings of one part in their order, with the true value.
 fn in_order(value: &ValueReport, unit: &str) -> Plot {
     let points = (1..).zip(&value.readings).map(|(n, reading)| {
         let error = reading.standard_error.unwrap_or(0.0);
@@ -170,8 +176,8 @@ fn in_order(value: &ValueReport, unit: &str) -> Plot {
     let axes = (Axis::linear("reading"), Axis::linear(label(&value.name, unit)));
     let mut plot = Plot::new("Readings", axes.0, axes.1).series(Series::with_spread("", points));
     if let Some(study) = &value.type_one {
-        for (share, name) in [(0.0, "reference"), (0.1, "+10 % of T"), (-0.1, "-10 % of T")] {
-            plot = plot.target(study.reference + share * study.tolerance, name);
+        for (share, name) in [(0.0, "true value"), (0.1, "+10 % of T"), (-0.1, "-10 % of T")] {
+            plot = plot.target(study.true_value + share * study.tolerance_width, name);
         }
     }
     plot
@@ -228,8 +234,19 @@ fn interval(of: Interval) -> String {
     format!("{value} ({low} to {high})")
 }
 
-fn optional(of: Option<Interval>) -> String {
-    of.map_or("not measured".to_string(), interval)
+/// An interval, or why there is none.
+fn optional(of: Option<Interval>, otherwise: &str) -> String {
+    of.map_or(otherwise.to_string(), interval)
+}
+
+/// A value with its standard error.
+fn estimate(of: Estimate) -> String {
+    format!("{} ± {}", short(of.value, of.value), short(of.standard_error, of.value))
+}
+
+/// A standard error with this many digits.
+fn error(of: f64, digits: usize) -> String {
+    if of.is_finite() { format!("{of:.digits$}") } else { "not measured".to_string() }
 }
 
 fn table(rows: &[(&str, String)]) -> String {
@@ -283,6 +300,7 @@ mod tests {
         report.warnings.push("a <warning>".to_string());
         let page = repeat_page(&report).unwrap();
         assert!(!page.contains("<b>") && !page.contains("<warning>") && page.contains("&lt;b&gt;"));
+        assert!(page.contains("<td>pooled</td>") && !page.contains("not measured"));
         for part in ["parfocal repeat", "Cgk", "Gauge R&amp;R", "% study variation", "data:image/jpeg;base64,"] {
             assert!(page.contains(part), "{part}");
         }

@@ -35,7 +35,8 @@ const FILES: [&str; 6] =
 /// Compares each file with depth.npy: by zipfile, hashlib and ElementTree of Python, tifffile, zarr, and surfalize,
 /// SurfaceTopography and xarray where they are installed.
 ///
-/// `sign` is 1 where larger depths are nearer. Prints the readers and the largest difference of heights, mm.
+/// X3P and SDF begin with the bottom row. `sign` is 1 where larger depths are nearer. Prints the readers and the largest
+/// difference of heights, mm.
 const READER: &str = r#"
 import hashlib, importlib.util, json, sys, xml.etree.ElementTree as ElementTree, zipfile
 import numpy, tifffile, zarr
@@ -43,6 +44,7 @@ folder, sign, pixel, lens = sys.argv[1], float(sys.argv[2]), float(sys.argv[3]),
 heights = sign * numpy.load(folder + "/depth.npy").astype(float)
 rows, columns = heights.shape
 missing, readers, worst = numpy.isnan(heights), ["zipfile", "tifffile"], 0.0
+assert numpy.nanmax(abs(heights[::-1] - heights)) > 0.01 * numpy.nanmax(abs(heights))
 
 def compare(name, found, step=None):
     global worst
@@ -60,7 +62,7 @@ assert root.find("Record3/DataLink/MD5ChecksumPointData").text == hashlib.md5(da
 size = [int(root.find("Record3/MatrixDimension/" + side).text) for side in ("SizeX", "SizeY", "SizeZ")]
 assert size == [columns, rows, 1]
 step = 1e3 * float(root.find("Record1/Axes/CX/Increment").text)
-compare("x3p", 1e3 * numpy.frombuffer(data, "<f8").reshape(rows, columns), step)
+compare("x3p", 1e3 * numpy.frombuffer(data, "<f8").reshape(rows, columns)[::-1], step)
 
 x, y, z = [tifffile.imread(f"{folder}/surface_{axis}.tiff") for axis in "xyz"]
 compare("xyz", -z)
@@ -77,7 +79,7 @@ if has("surfalize"):
     from surfalize import Surface
     for name in ("surface.x3p", "surface.sdf", "surface_ascii.sdf"):
         surface = Surface.load(f"{folder}/{name}")
-        compare(name + " by surfalize", surface.data / 1e3, surface.step_x / 1e3)
+        compare(name + " by surfalize", surface.data[::-1] / 1e3, surface.step_x / 1e3)
     readers.append("surfalize")
 if has("SurfaceTopography"):
     from SurfaceTopography import read_topography
@@ -85,7 +87,7 @@ if has("SurfaceTopography"):
         surface = read_topography(f"{folder}/{name}")
         of = {"m": 1e3, "µm": 1e-3, "mm": 1.0}[surface.unit]
         found = numpy.ma.filled(numpy.ma.asarray(of * surface.heights(), dtype=float), numpy.nan).T
-        compare(name + " by SurfaceTopography", found, of * surface.physical_sizes[0] / columns)
+        compare(name + " by SurfaceTopography", found[::-1], of * surface.physical_sizes[0] / columns)
     readers.append("SurfaceTopography")
 if has("xarray"):
     import xarray

@@ -103,7 +103,7 @@ fn noise_and_steps_of_repeated_results_are_those_that_were_added() {
     let maps = &report["maps"];
     close(&maps["noise"]["value"], 0.05, 0.001);
     close(&maps["seen_over_stated"]["value"], 1.0, 0.02);
-    close(&maps["repeatability_limit"], 0.14, 0.003);
+    close(&maps["repeatability_limit"]["value"], 0.14, 0.003);
     // The shifts are 0.1, 0.2, 0.3 and 0.4.
     close(&maps["shift_deviation"]["value"], 0.1291, 0.002);
     assert_eq!((&maps["measured_px"], maps["pairs"].as_array().unwrap().len()), (&6144.into(), 6));
@@ -136,6 +136,15 @@ fn a_stated_deviation_that_is_too_small_is_seen() {
     let (report, summary) = desk.done(&["r1", "r2", "--roi", "10,10,60,40"]);
     close(&report["maps"]["seen_over_stated"]["value"], 2.0, 0.06);
     assert_eq!(report["region"], serde_json::json!([10, 10, 60, 40]));
+    // An error of V's scale, which results have in common, is not in steps.
+    for name in ["r1", "r2"] {
+        let file = desk.path(name).join("report.json");
+        let mut report: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+        report["scale_deviation"] = 0.1.into();
+        fs::write(&file, report.to_string()).unwrap();
+    }
+    let (report, _) = desk.done(&[&["r1", "r2"][..], &STEP].concat());
+    close(&report["values"][0]["readings"][0]["standard_error"], 0.0, 0.05);
     assert!(summary.contains("seen over stated 2.0") || summary.contains("seen over stated 1.9"), "{summary}");
 }
 
@@ -182,10 +191,14 @@ fn the_table_of_the_example_of_aiag_gives_its_published_components() {
         close(&component["tolerance_percent"]["value"], 60.0 * deviation, 1e-3);
     }
     assert_eq!(report["gauge"]["is_interaction_pooled"], true);
-    assert!(summary.contains("categories     4, from 4.86"), "{summary}");
-    let table = fs::read_to_string(desk.path("study/repeat_gauge.csv")).unwrap();
-    assert!(table.starts_with("source,degrees_of_freedom,") && table.contains("\nrepeatability,60,2.7589"), "{table}");
-    assert!(table.contains("standard_deviation_mm_low") && table.contains("\ncategories,categories_low"), "{table}");
+    assert!(summary.contains("categories     4, rounded down from 4.86"), "{summary}");
+    let tables = ["anova", "components", "categories"];
+    let tables = tables.map(|name| fs::read_to_string(desk.path(&format!("study/repeat_{name}.csv"))).unwrap());
+    let [anova, components, categories] = &tables;
+    assert!(anova.starts_with("source,degrees_of_freedom,") && anova.contains("\nrepeatability,60,2.7589"), "{anova}");
+    assert!(anova.contains("\npooled error,78,3.1179"), "{anova}");
+    assert!(components.contains(",standard_deviation_low_mm,") && components.contains(",study_high_percent,"));
+    assert!(categories.starts_with("categories,categories_low,categories_high\n4.86"), "{categories}");
     assert!(desk.path("study/repeat.html").is_file());
 }
 
@@ -209,6 +222,8 @@ fn a_table_of_results_is_measured() {
     let (report, _) = desk.done(&[&["--study", "one.csv"][..], &STEP].concat());
     assert_eq!(report["values"][0]["repeatability"]["count"], 3);
     desk.refuses(&["--study", "study.csv"], 2, &["needs --step once"]);
+    fs::write(desk.path("twice.csv"), text.replace("B,2,r7", "B,2,./r6")).unwrap();
+    desk.refuses(&[&["--study", "twice.csv"][..], &STEP].concat(), 2, &["r6: was given twice"]);
     fs::write(desk.path("gap.csv"), text.replace("B,2,r7\n", "")).unwrap();
     desk.refuses(&[&["--study", "gap.csv"][..], &STEP].concat(), 1, &["gap.csv", "'B' has 1 readings of part '2'"]);
 }
@@ -228,6 +243,9 @@ fn what_cannot_be_repeated_is_refused() {
         (&["r1", "r2", "--true-value", "1"], 2, &["--tolerance-width"]),
         (&["r1", "r2", "--true-value", "1", "--tolerance-width", "1"], 2, &["give --step once"]),
         (&["r1", "r2", "--tolerance-width", "0"], 2, &["above 0"]),
+        (&["r1", "r2", "--tolerance-width", "1"], 2, &["--true-value"]),
+        (&["--study", "study.csv", "--roi", "0,0,8,8"], 2, &["--roi"]),
+        (&["--study", "study.csv", "--form", "none"], 2, &["--form"]),
         (&["r1", "r2", "--step", "0,0,200,9", "0,0,9,9"], 2, &["r1", "0,0,200,9"]),
         (&["r1", "r2", "--roi", "0,0,8,8"], 2, &["larger area"]),
         (&["r1", "--study", "study.csv"], 2, &["--study"]),
@@ -243,5 +261,11 @@ fn what_cannot_be_repeated_is_refused() {
         crate::write_field(&desk.path("small").join(name), (40, 40), |_, _| 0.1);
     }
     fs::write(desk.path("small/report.json"), crate::report_of_pair([40, 40], 1).to_string()).unwrap();
-    desk.refuses(&["r1", "small"], 2, &["different sizes"]);
+    desk.refuses(&["r1", "small"], 2, &["small has 40 x 40 px", "different sizes"]);
+    // Another size of a pixel.
+    let file = desk.path("r2/report.json");
+    let mut report: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+    report["pixel_size_um"] = 4.5.into();
+    fs::write(&file, report.to_string()).unwrap();
+    desk.refuses(&["r1", "r2"], 1, &["r2 and r1 differ in pixel size", "one lens"]);
 }

@@ -49,7 +49,7 @@ Results, in the same folder, all or none:
   report.html, surface.ply and the like
                 with the new depth, where the solve has written them; with a lens, or --pixel-size, the surface is in mm
 
-With --pixel-size alone, depth stays as it is.
+With --pixel-size alone, depth stays as it is. Profiles that exist get their distances in mm when measure runs again.
 
 Exit status: 0 done, 1 failed, 2 wrong usage.";
 

@@ -4,10 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{
-    MeasurementRequest, REPEAT_FILES, REPORT_FILE, ReadingReport, RepeatReport, Results, ValueReport, listed_in,
-    write_repeat,
+    REPEAT_FILES, REPORT_FILE, ReadingReport, RepeatReport, Results, ValueReport, listed_in, write_repeat,
 };
+use parfocal::metric::Estimate;
 use parfocal::metric::inspect::Heights;
+use parfocal::metric::measure::Values;
 use parfocal::metric::repeat::{
     GaugeStudy, Interval, LEAST_READINGS, MOST_MAPS, Repeatability, RepeatedMaps, Study, TypeOne, repeated_maps,
 };
@@ -32,13 +33,14 @@ pub(crate) struct Arguments {
     #[arg(required_unless_present = "study")]
     results: Vec<PathBuf>,
     /// Table of a gauge study, CSV with a header: operator, part, and value or results (a folder, with --step)
-    #[arg(long, value_name = "FILE.csv", help_heading = MEASUREMENTS, conflicts_with = "results")]
+    #[arg(long, value_name = "FILE.csv", help_heading = MEASUREMENTS,
+          conflicts_with_all = ["results", "roi", "mask", "form"])]
     study: Option<PathBuf>,
-    /// Step height from the first region to the second, as in measure; may be repeated
+    /// Step as in measure, second region less first: in mm positive if the second is farther; may be repeated
     #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = MEASUREMENTS,
           value_parser = region)]
     step: Vec<Region>,
-    /// The true value of the step or of the table's values, for a type-1 study
+    /// The true value of the step, with its sign, or of the table's values, for a type-1 study
     #[arg(long, value_name = "VALUE", help_heading = MEASUREMENTS, requires = "tolerance_width",
           value_parser = within(-1e9..=1e9, "give a number from -1e9 to 1e9"))]
     true_value: Option<f64>,
@@ -71,19 +73,24 @@ noise      of a height map, over the pixels that all results measure: Sq of the 
            of 2 (ISO 25178-700), all pairs together. Mean heights, and with --form the tilt, are subtracted first
 sigma      the differences seen over the standard deviations that the results state: 1, and 68.3 % and 95.4 % within 1
            and 2, if these are right. They are without the scale of V, which the results have in common
-step       mean and standard deviation of each step, in mm if depth is known
-type 1     with --true-value and --tolerance-width T: Cg = 0.2 T / 6 s, Cgk = (0.1 T - |bias|) / 3 s; use 25 results or more
+step       mean and standard deviation of each step, second region less first: in mm positive if the second is farther
+limit      95 of 100 differences of two measurements of a pixel are below, apart from a shift of the mean height
+type 1     with --true-value and --tolerance-width T: Cg = 0.2 T / 6 s, Cgk = (0.1 T - |bias|) / 3 s; use 25 results or
+           more
 gauge R&R  with --study: operators x parts x trials, crossed analysis of variance (AIAG, MSA, 4th edition)
 
 Numbers in brackets are intervals of 95 %. Folders in a table are relative to the table. A column value may state its
 unit, as in value_mm.
 
 Results, with -o, all or none:
-  repeat.html, repeat.json       all numbers, with plots
+  repeat.json                    all numbers
+  repeat.html                    what they say, with plots
   repeat_readings.csv            each reading
   repeat_values.csv              mean, standard deviation, Cg and Cgk of each value
   repeat_pairs.csv               the noise of each pair of results
-  repeat_gauge.csv               analysis of variance, components, categories
+  repeat_anova.csv               analysis of variance
+  repeat_components.csv          components of the gauge study
+  repeat_categories.csv          number of distinct categories
 
 Examples:
   parfocal repeat shot1 shot2 shot3 --step 40,60,32,32 200,60,32,32 -o repeated
@@ -97,6 +104,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let steps = arguments.step.len() / 2;
     if arguments.true_value.is_some() && steps != 1 && arguments.study.is_none() {
         return Err(Failure::Usage(format!("--true-value is of one step, and there are {steps}: give --step once")));
+    }
+    if arguments.study.is_none() {
+        arguments.check_tolerance()?;
     }
     if let Some(out) = &arguments.output {
         check_output(arguments, out)?;
@@ -137,18 +147,22 @@ struct Read {
     quantity: String,
     unit: &'static str,
     heights: Option<Heights>,
-    /// Value and standard error of each step.
-    steps: Vec<[f64; 2]>,
-    step_unit: String,
+    /// Value and standard error of each step, without the scale of V.
+    steps: Vec<Estimate>,
     settings: serde_json::Value,
+    /// What scales the heights: lens, positions, size of a pixel.
+    setup: serde_json::Value,
     doubt: Option<String>,
 }
 
 impl Arguments {
-    fn request(&self) -> MeasurementRequest {
-        // clap passes the values in pairs.
-        let steps = self.step.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
-        MeasurementRequest { steps, lines: Vec::new() }
+    /// Refuses the width of a tolerance that no study uses.
+    fn check_tolerance(&self) -> Result<(), Failure> {
+        if self.tolerance_width.is_some() && self.true_value.is_none() {
+            let problem = "--tolerance-width needs --true-value, or the table of several operators and parts";
+            return Err(Failure::Usage(problem.to_string()));
+        }
+        Ok(())
     }
 
     /// Reads a folder. `with_map` keeps its heights.
@@ -159,45 +173,73 @@ impl Arguments {
         let Some(quantity) = results.comparable().pop() else {
             return Err(Failure::Failed(format!("{}: has no heights; solve again", folder.display())));
         };
-        let measured = self.request().measure(&results).map_err(|e| named(&e))?;
-        let (mut steps, mut step_unit) = (Vec::new(), String::new());
-        for (n, step) in measured.steps.iter().enumerate() {
-            let Some(found) = step.depth_mm.or(step.difference) else {
+        let (best, report) = (results.best(), &results.report);
+        let values = Values { width: report.size.width, values: &best.values };
+        let mut steps = Vec::new();
+        // clap passes the values in pairs.
+        for (n, pair) in self.step.chunks_exact(2).enumerate() {
+            let Some(found) = values.step(pair[0], pair[1]).map_err(|e| named(&e))? else {
                 let problem = format!("step {} has too few valid pixels; give other regions", n + 1);
                 return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
             };
-            step_unit = if step.depth_mm.is_some() { "mm".to_string() } else { step.unit.clone() };
-            steps.push([found.value, found.standard_error]);
+            steps.push(found);
         }
+        let positions: Vec<_> = report.frames.iter().map(|frame| [frame.position, frame.focus_mm]).collect();
+        let depth = report.depth.as_ref();
+        let setup = serde_json::json!({
+            "lens": depth.and_then(|depth| depth.lens),
+            "stage": depth.and_then(|depth| depth.stage),
+            "positions": positions,
+            "pixel size": report.pixel_size_um,
+        });
         let doubt = || format!("the solve of {} had not converged", folder.display());
         Ok(Read {
             quantity: quantity.label(),
             unit: quantity.unit,
-            heights: with_map.then(|| quantity.heights(results.report.size.into())).transpose()?,
+            heights: with_map.then(|| quantity.heights(report.size.into())).transpose()?,
             steps,
-            step_unit,
-            settings: serde_json::to_value(&results.report.settings).map_err(|e| Failure::Failed(e.to_string()))?,
-            doubt: (results.report.converged == Some(false)).then(doubt),
+            settings: serde_json::to_value(&report.settings).map_err(|e| Failure::Failed(e.to_string()))?,
+            setup,
+            doubt: (report.converged == Some(false)).then(doubt),
         })
     }
 }
 
-/// Checks that results have one quantity, and warns where their settings differ.
+/// Checks that results have one quantity, lens, positions and pixel size, and warns where their settings differ.
 fn check_alike(all: &[(String, &Read)]) -> Result<Vec<String>, Failure> {
     let Some((first, reference)) = all.first() else { return Ok(Vec::new()) };
     let mut warnings: Vec<String> = all.iter().filter_map(|(_, read)| read.doubt.clone()).collect();
     for (name, read) in all {
-        if (&read.quantity, read.unit, &read.step_unit) != (&reference.quantity, reference.unit, &reference.step_unit) {
+        if (&read.quantity, read.unit) != (&reference.quantity, reference.unit) {
             let (found, expected) = (format!("{} in {}", read.quantity, read.unit), reference);
             let problem = format!("has {found}, and {first} has {} in {}", expected.quantity, expected.unit);
             return Err(Failure::Failed(format!("{name}: {problem}; give results of one kind and lens")));
         }
-        let names: Vec<String> = differing(&reference.settings, &read.settings).into_iter().map(|(n, _)| n).collect();
+        let names_of = |both: [&serde_json::Value; 2]| -> Vec<String> {
+            differing(both[0], both[1]).into_iter().map(|(name, _)| name).collect()
+        };
+        let others = names_of([&reference.setup, &read.setup]);
+        if !others.is_empty() {
+            let problem = format!("{name} and {first} differ in {}", others.join(", "));
+            return Err(Failure::Failed(format!("{problem}; give results of one lens, stage and pixel size")));
+        }
+        let names = names_of([&reference.settings, &read.settings]);
         if !names.is_empty() {
             warnings.push(format!("{name} was solved with other settings than {first}: {}", names.join(", ")));
         }
     }
     Ok(warnings)
+}
+
+/// Refuses a folder that was given twice.
+fn check_once<'a>(folders: impl Iterator<Item = &'a PathBuf>) -> Result<(), Failure> {
+    let mut seen = BTreeSet::new();
+    for folder in folders {
+        if !seen.insert(folder.canonicalize().unwrap_or_else(|_| folder.clone())) {
+            return Err(Failure::Usage(format!("{}: was given twice; give each result once", folder.display())));
+        }
+    }
+    Ok(())
 }
 
 /// Evaluates results of one part.
@@ -207,17 +249,17 @@ fn of_results(arguments: &Arguments) -> Result<RepeatReport, Failure> {
         let problem = format!("{} results were given: give 2 to {MOST_MAPS}, of one unmoved part", folders.len());
         return Err(Failure::Usage(problem));
     }
-    let mut seen = BTreeSet::new();
-    for folder in folders {
-        if !seen.insert(folder.canonicalize().unwrap_or_else(|_| folder.clone())) {
-            return Err(Failure::Usage(format!("{}: was given twice; give each result once", folder.display())));
-        }
-    }
+    check_once(folders.iter())?;
     let all = folders.iter().map(|folder| arguments.read(folder, true)).collect::<Result<Vec<_>, _>>()?;
     let names: Vec<String> = folders.iter().map(|folder| folder.display().to_string()).collect();
     let mut warnings = check_alike(&names.iter().cloned().zip(&all).collect::<Vec<_>>())?;
     let maps: Vec<Heights> = all.iter().filter_map(|read| read.heights.clone()).collect();
     let size = [maps[0].width, maps[0].height];
+    if let Some((map, name)) = maps.iter().zip(&names).find(|(map, _)| [map.width, map.height] != size) {
+        let [found, expected] = [[map.width, map.height], size].map(|[w, h]| format!("{w} x {h} px"));
+        let problem = format!("{name} has {found}, and {} has {expected}: different sizes", names[0]);
+        return Err(Failure::Usage(format!("{problem}; give results of the same part and region")));
+    }
     let region = arguments.roi.unwrap_or(Region { x: 0, y: 0, width: size[0], height: size[1] });
     let mask = arguments.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
     let mask = mask.as_ref().map(Mask::from_image);
@@ -237,8 +279,8 @@ fn of_results(arguments: &Arguments) -> Result<RepeatReport, Failure> {
             operator: String::new(),
             part: String::new(),
             trial,
-            value: read.steps[n][0],
-            standard_error: Some(read.steps[n][1]),
+            value: read.steps[n].value,
+            standard_error: Some(read.steps[n].standard_error),
             results: name.clone(),
         });
         let value = arguments.value(format!("step {}", n + 1), readings.collect(), &mut report.warnings);
@@ -253,7 +295,7 @@ impl Arguments {
         let values: Vec<f64> = readings.iter().map(|reading| reading.value).collect();
         let repeatability = Repeatability::of(&values);
         let type_one = repeatability.zip(self.true_value).zip(self.tolerance_width);
-        let type_one = type_one.map(|((found, reference), tolerance)| TypeOne::new(&found, reference, tolerance));
+        let type_one = type_one.map(|((found, true_value), width)| TypeOne::new(&found, true_value, width));
         if type_one.is_some() && values.len() < LEAST_READINGS {
             let few = format!("a type-1 study of {} readings is uncertain; take {LEAST_READINGS}", values.len());
             warnings.push(few);
@@ -271,11 +313,15 @@ fn of_table(arguments: &Arguments, table: &Path) -> Result<RepeatReport, Failure
         if arguments.step.len() != 2 {
             return Err(Failure::Usage("--study with results needs --step once: what is measured in each".to_string()));
         }
-        for row in &rows {
-            let Measured::Results(folder) = &row.measured else { continue };
+        let folders = rows.iter().filter_map(|row| match &row.measured {
+            Measured::Results(folder) => Some(folder),
+            Measured::Value(_) => None,
+        });
+        check_once(folders.clone())?;
+        for folder in folders {
             read.push((folder.display().to_string(), arguments.read(folder, false)?));
         }
-        (quantity, unit) = ("step".to_string(), read[0].1.step_unit.clone());
+        (quantity, unit) = ("step".to_string(), read[0].1.unit.to_string());
     } else if !arguments.step.is_empty() {
         return Err(Failure::Usage("--step measures results, and the table of --study has values".to_string()));
     }
@@ -287,7 +333,8 @@ fn of_table(arguments: &Arguments, table: &Path) -> Result<RepeatReport, Failure
         let (value, standard_error, results) = match &row.measured {
             Measured::Value(value) => (*value, None, String::new()),
             Measured::Results(folder) => {
-                (read[n].1.steps[0][0], Some(read[n].1.steps[0][1]), folder.display().to_string())
+                let step = read[n].1.steps[0];
+                (step.value, Some(step.standard_error), folder.display().to_string())
             }
         };
         let (operator, part, trial) = (row.operator.clone(), row.part.clone(), *trial);
@@ -297,6 +344,7 @@ fn of_table(arguments: &Arguments, table: &Path) -> Result<RepeatReport, Failure
     let mut report = RepeatReport::new(vec![table.display().to_string()], quantity.clone(), unit);
     report.warnings = warnings;
     if trials.len() == 1 {
+        arguments.check_tolerance()?;
         let value = arguments.value(quantity, readings, &mut report.warnings);
         report.values.push(value);
         return Ok(report);
@@ -362,25 +410,36 @@ fn of_maps(maps: &RepeatedMaps, count: usize, unit: &str) -> Vec<String> {
     let [one, two] = maps.within.map(|share| format!("{:.1}", 100.0 * share.value));
     let mut lines = vec![
         format!("area           {} px, {share:.1} % measured in all {count} results", maps.area_px),
-        format!("noise          {} ± {} {unit} (ISO 25178-700)", number(noise.value), number(noise.standard_error)),
+        format!(
+            "noise          {} ± {} {unit} (ISO 25178-700)",
+            number(noise.value),
+            error(noise.standard_error, digits)
+        ),
     ];
     if count > 2 {
         let pairs = maps.pairs.len();
         lines.push(format!("pairs          median {middle}, {least} to {most} {unit}, of {pairs} pairs"));
     }
     lines.push(format!(
-        "limit          {} {unit}: 95 of 100 differences of two measurements of a pixel are below",
-        number(maps.repeatability_limit)
+        "limit          {} ± {} {unit}: 95 of 100 differences of two measurements of a pixel are below, \
+         apart from a shift",
+        number(maps.repeatability_limit.value),
+        error(maps.repeatability_limit.standard_error, digits)
     ));
     lines.push(format!("shift          {} {unit} between the mean heights", with_ends(maps.shift_deviation)));
     lines.push(format!(
-        "sigma          stated {} {unit}; seen over stated {:.2} ± {:.2}; \
+        "sigma          stated {} {unit}; seen over stated {:.2} ± {}; \
          {one} % within 1 (68.3), {two} % within 2 (95.4)",
         number(maps.stated),
         maps.seen_over_stated.value,
-        maps.seen_over_stated.standard_error
+        error(maps.seen_over_stated.standard_error, 2)
     ));
     lines
+}
+
+/// A standard error with this many digits.
+fn error(of: f64, digits: usize) -> String {
+    if of.is_finite() { format!("{of:.digits$}") } else { "not measured".to_string() }
 }
 
 fn of_value(name: &str, found: &Repeatability, unit: &str) -> Vec<String> {
@@ -424,7 +483,7 @@ fn of_gauge(gauge: &GaugeStudy, unit: &str) -> Vec<String> {
     let pooled = if gauge.is_interaction_pooled { "counts as repeatability" } else { "is a component" };
     lines.push(format!("interaction    {pooled}; by chance with probability {probability}"));
     let categories = gauge.categories.map_or("not determined: the gauge does not scatter".to_string(), |of| {
-        format!("{:.0}, from {}", of.value.floor(), with_ends(of))
+        format!("{:.0}, rounded down from {}", of.value.floor(), with_ends(of))
     });
     lines.push(format!("categories     {categories}"));
     lines

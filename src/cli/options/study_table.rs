@@ -1,5 +1,6 @@
 //! The table of a gauge study: CSV with the columns operator, part, and value or results.
 
+use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -56,8 +57,8 @@ fn parse(text: &str, folder: &Path) -> Result<(Vec<Row>, String), String> {
         .delimiter(delimiter.unwrap_or(b','))
         .trim(csv::Trim::All)
         .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
-    let header: Vec<String> =
-        reader.headers().map_err(|e| format!("is not CSV ({e})"))?.iter().map(str::to_lowercase).collect();
+    let written = reader.headers().map_err(|e| format!("is not CSV ({e})"))?.clone();
+    let header: Vec<String> = written.iter().map(str::to_lowercase).collect();
     let column = |name: &str| header.iter().position(|cell| cell == name);
     let value = header.iter().position(|cell| cell == "value" || cell.starts_with("value_"));
     let (operator, part, trial, results) = (column("operator"), column("part"), column("trial"), column("results"));
@@ -68,13 +69,23 @@ fn parse(text: &str, folder: &Path) -> Result<(Vec<Row>, String), String> {
     if let Some(other) = (0..header.len()).find(|n| !known.contains(&Some(*n))) {
         return Err(format!("has an unknown column '{}'; {COLUMNS}, and trial if you like", header[other]));
     }
-    let unit = header[measured].strip_prefix("value_").unwrap_or_default().to_string();
-    let mut rows = Vec::new();
+    // The unit keeps its case.
+    let unit = written[measured].split_once('_').map_or("", |(_, unit)| unit).to_string();
+    let (mut rows, mut seen) = (Vec::new(), BTreeSet::new());
     for record in reader.records() {
         let record =
             record.map_err(|e| format!("line {}: is not CSV ({e})", e.position().map_or(0, csv::Position::line)))?;
         let line = record.position().map_or(0, csv::Position::line);
         let cell = |column: Option<usize>| column.and_then(|n| record.get(n)).unwrap_or_default();
+        let of = [operator, part, trial];
+        if let Some(empty) = of.into_iter().flatten().find(|n| cell(Some(*n)).is_empty()) {
+            return Err(format!("line {line}: has no {}; fill each cell", header[empty]));
+        }
+        if trial.is_some() && !seen.insert(of.map(|n| cell(n).to_string())) {
+            let [operator, part, trial] = of.map(cell);
+            let problem = format!("trial '{trial}' of operator '{operator}' and part '{part}'");
+            return Err(format!("line {line}: {problem} is there twice; give each once"));
+        }
         let stated = cell(Some(measured));
         let measured = match value {
             Some(_) => {
@@ -124,6 +135,11 @@ mod tests {
     }
 
     #[test]
+    fn a_unit_keeps_its_case() {
+        assert_eq!(parsed("Value_MPa\n1\n2\n").unwrap().1, "MPa");
+    }
+
+    #[test]
     fn an_error_states_line_and_fix() {
         for (text, parts) in [
             ("operator,part\nA,1\n", &["operator, part", "give a header"][..]),
@@ -134,6 +150,9 @@ mod tests {
             ("value\n1\n", &["1 rows"]),
             ("", &["give a header"]),
             ("results\na\n\"\"\n", &["line 3", "give their folder"]),
+            ("operator,part,value\nA,1,2\n,1,2\n", &["line 3", "has no operator"]),
+            ("operator,part,value\nA,,2\nA,1,2\n", &["line 2", "has no part"]),
+            ("trial,part,value\n1,a,2\n1,b,2\n1,a,3\n", &["line 4", "trial '1'", "part 'a' is there twice"]),
             ("part,value\n1\n", &["line 2", "is not CSV"]),
         ] {
             let problem = parsed(text).unwrap_err();

@@ -19,8 +19,16 @@ pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr",
 pub const INSPECT_FILES: [&str; 2] = ["inspect.json", "inspect.png"];
 
 /// Names of the report of repeated measurements, its page and its tables.
-pub const REPEAT_FILES: [&str; 6] =
-    ["repeat.json", "repeat.html", "repeat_readings.csv", "repeat_values.csv", "repeat_pairs.csv", "repeat_gauge.csv"];
+pub const REPEAT_FILES: [&str; 8] = [
+    "repeat.json",
+    "repeat.html",
+    "repeat_readings.csv",
+    "repeat_values.csv",
+    "repeat_pairs.csv",
+    "repeat_anova.csv",
+    "repeat_components.csv",
+    "repeat_categories.csv",
+];
 
 /// A folder or a file for results. By default, only existing files that parfocal wrote are replaced.
 ///

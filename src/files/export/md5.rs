@@ -53,6 +53,6 @@ mod tests {
             assert_eq!(super::digest(text.as_bytes()), digest, "{text}");
         }
         // A rest of 56 to 63 bytes needs a second block.
-        assert_eq!(super::digest(&[b'a'; 60]).len(), 32);
+        assert_eq!(super::digest(&[b'a'; 60]), "cc7ed669cf88f201c3297c6a91e1d18d");
     }
 }

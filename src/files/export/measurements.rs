@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::image_files::{PROFILE, Pixels, write_png};
 use super::report::{Measurements, ProfileReport, StepReport};
 use super::results::{Plotter, Results};
-use super::scale::Quantity;
+use super::scale::{Quantity, column};
 use super::staging::Staging;
 use crate::base::{Error, Region};
 use crate::metric::measure::{Line, Values};
@@ -132,8 +132,7 @@ impl ProfileReport {
 
     /// Writes one row for each sample; invalid values are empty.
     fn write_csv(&self, mut writer: impl Write) -> std::io::Result<()> {
-        let unit = self.unit.replace("px²", "px2").replace("1/m", "per_m");
-        let [values, deviation] = ["", "_deviation"].map(|of| format!("{}{of}_{unit}", self.name));
+        let [values, deviation] = ["", "_deviation"].map(|of| column(&format!("{}{of}", self.name), &self.unit));
         write!(writer, "distance_px,x_px,y_px,{values},{deviation}")?;
         write!(writer, "{}", if self.depth.is_some() { ",depth_mm,depth_deviation_mm" } else { "" })?;
         writeln!(writer, "{}", if self.pixel_mm.is_some() { ",distance_mm" } else { "" })?;

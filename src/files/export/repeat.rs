@@ -6,8 +6,9 @@ use serde::Serialize;
 
 use super::destination::{Destination, REPEAT_FILES};
 use super::report::{Header, Kind, to_json, write_json_to};
+use super::scale::column;
 use super::staging::Staging;
-use crate::base::Error;
+use crate::base::{Error, Estimate};
 use crate::files::bounded_read::Hashes;
 use crate::metric::repeat::{GaugeStudy, Interval, Repeatability, RepeatedMaps, TypeOne};
 use crate::metric::roughness::Form;
@@ -55,7 +56,7 @@ pub struct ValueReport {
     /// Their scatter, if they are of one part and one operator.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repeatability: Option<Repeatability>,
-    /// The type-1 study, if a reference is stated.
+    /// The type-1 study, if the true value is stated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub type_one: Option<TypeOne>,
 }
@@ -127,19 +128,19 @@ impl RepeatReport {
 
     /// The scatter of each value, and its type-1 study, as CSV.
     fn write_values(&self, writer: &mut dyn Write) -> io::Result<()> {
-        let with_ends = |name: &str| ["", "_low", "_high"].map(|end| self.with_unit(&format!("{name}{end}")));
         let plain = ["name", "readings"].map(String::from);
         let of_readings = ["mean", "mean_standard_error", "range"].map(|name| self.with_unit(name));
-        let stated = ["reference", "tolerance"].map(|name| self.with_unit(name));
-        let indices = ["cg", "cg_low", "cg_high", "cgk", "cgk_low", "cgk_high"].map(String::from);
-        let (deviation, bias) = (with_ends("standard_deviation"), with_ends("bias"));
+        let stated = ["true_value", "tolerance_width"].map(|name| self.with_unit(name));
+        let indices = [with_ends("cg"), with_ends("cgk")].concat();
+        let [deviation, bias] =
+            ["standard_deviation", "bias"].map(|name| with_ends(name).map(|name| self.with_unit(&name)));
         row(writer, &[&plain[..], &of_readings, &deviation, &stated, &bias, &indices].concat())?;
         for of in &self.values {
             let Some(found) = &of.repeatability else { continue };
             let plain = [of.name.clone(), found.count.to_string()];
             let of_readings = [found.mean, found.mean_standard_error, found.range].map(number);
             let study = of.type_one.as_ref();
-            let stated = [study.map(|s| s.reference), study.map(|s| s.tolerance)];
+            let stated = [study.map(|s| s.true_value), study.map(|s| s.tolerance_width)];
             let stated = stated.map(|v| v.map_or(String::new(), number));
             let bias = ends(study.map(|s| s.bias));
             let [cg, cgk] = [study.and_then(|s| s.cg), study.and_then(|s| s.cgk)].map(ends);
@@ -151,44 +152,61 @@ impl RepeatReport {
 
     /// The pairs of maps as CSV.
     fn write_pairs(&self, maps: &RepeatedMaps, writer: &mut dyn Write) -> io::Result<()> {
-        let [noise, shift] = ["noise", "shift"].map(|name| self.with_unit(name));
-        row(writer, &["first", "second", &noise, &shift, "seen_over_stated"])?;
+        let [noise, error, shift] = ["noise", "noise_standard_error", "shift"].map(|name| self.with_unit(name));
+        let ratio = ["seen_over_stated", "seen_over_stated_standard_error"];
+        row(writer, &["first", "second", &noise, &error, &shift, ratio[0], ratio[1]])?;
         for pair in &maps.pairs {
             let [first, second] = [pair.first, pair.second].map(|n| self.results.get(n).cloned().unwrap_or_default());
-            let numbers = [pair.noise, pair.shift, pair.seen_over_stated].map(number);
-            row(writer, &[&[first, second][..], &numbers].concat())?;
+            let both = |of: Estimate| [of.value, of.standard_error].map(number);
+            let (noise, ratio) = (both(pair.noise), both(pair.seen_over_stated));
+            row(writer, &[&[first, second][..], &noise, &[number(pair.shift)], &ratio].concat())?;
         }
         Ok(())
     }
 
-    /// The analysis of variance and the components as CSV.
-    fn write_gauge(&self, gauge: &GaugeStudy, writer: &mut dyn Write) -> io::Result<()> {
+    /// The analysis of variance as CSV.
+    fn write_anova(gauge: &GaugeStudy, writer: &mut dyn Write) -> io::Result<()> {
         row(writer, &["source", "degrees_of_freedom", "sum_of_squares", "mean_square", "f", "probability"])?;
         for of in &gauge.anova {
             let [f, probability] = [of.f, of.probability].map(|v| v.map_or(String::new(), number));
             let cells = [of.source.to_string(), of.degrees.to_string(), number(of.sum), number(of.mean_square)];
             row(writer, &[&cells[..], &[f, probability]].concat())?;
         }
-        writeln!(writer)?;
-        let deviation = self.with_unit("standard_deviation");
-        let names = [deviation.as_str(), "contribution_percent", "study_percent", "tolerance_percent"];
-        let columns = names.iter().flat_map(|name| ["", "_low", "_high"].map(|end| format!("{name}{end}")));
-        row(writer, &["component".to_string(), "variance".to_string()].into_iter().chain(columns).collect::<Vec<_>>())?;
+        Ok(())
+    }
+
+    /// The components as CSV.
+    fn write_components(&self, gauge: &GaugeStudy, writer: &mut dyn Write) -> io::Result<()> {
+        let plain = ["component", "variance"].map(String::from);
+        let deviation = with_ends("standard_deviation").map(|name| self.with_unit(&name));
+        let [contribution, study, tolerance] = ["contribution", "study", "tolerance"].map(|of| {
+            let percent = |name: String| column(&name, "percent");
+            with_ends(of).map(percent)
+        });
+        row(writer, &[&plain[..], &deviation, &contribution, &study, &tolerance].concat())?;
         for of in &gauge.components {
             let all = [of.standard_deviation, of.contribution_percent, of.study_percent, of.tolerance_percent];
             let cells = [of.name.to_string(), number(of.variance)];
             row(writer, &cells.into_iter().chain(all.into_iter().flat_map(ends)).collect::<Vec<_>>())?;
         }
-        writeln!(writer)?;
-        row(writer, &["categories", "categories_low", "categories_high"])?;
+        Ok(())
+    }
+
+    /// The number of categories as CSV.
+    fn write_categories(gauge: &GaugeStudy, writer: &mut dyn Write) -> io::Result<()> {
+        row(writer, &with_ends("categories"))?;
         row(writer, &ends(gauge.categories))
     }
 
     /// The name of a column with its unit, in ASCII.
     fn with_unit(&self, name: &str) -> String {
-        let unit = self.unit.replace("px²", "px2").replace("1/m", "per_m");
-        if unit.is_empty() { name.to_string() } else { format!("{name}_{unit}") }
+        column(name, &self.unit)
     }
+}
+
+/// The names of the columns of an interval, without their unit.
+fn with_ends(name: &str) -> [String; 3] {
+    ["", "_low", "_high"].map(|end| format!("{name}{end}"))
 }
 
 /// The cells of an interval.
@@ -218,7 +236,7 @@ fn row(writer: &mut dyn Write, cells: &[impl AsRef<str>]) -> io::Result<()> {
 /// # Errors
 /// [`Error::File`].
 pub fn write_repeat<'d>(out: impl Into<Destination<'d>>, report: &RepeatReport, page: &str) -> Result<(), Error> {
-    let [json, html, readings, values, pairs, gauge] = REPEAT_FILES;
+    let [json, html, readings, values, pairs, anova, components, categories] = REPEAT_FILES;
     let mut staging = Staging::replacing(out.into(), json)?;
     let text = |e: io::Error| e.to_string();
     staging.add(html, |w| w.write_all(page.as_bytes()).map_err(text))?;
@@ -232,7 +250,9 @@ pub fn write_repeat<'d>(out: impl Into<Destination<'d>>, report: &RepeatReport, 
         staging.add(pairs, |w| report.write_pairs(maps, w).map_err(text))?;
     }
     if let Some(found) = &report.gauge {
-        staging.add(gauge, |w| report.write_gauge(found, w).map_err(text))?;
+        staging.add(anova, |w| RepeatReport::write_anova(found, w).map_err(text))?;
+        staging.add(components, |w| report.write_components(found, w).map_err(text))?;
+        staging.add(categories, |w| RepeatReport::write_categories(found, w).map_err(text))?;
     }
     let files = staging.names().into_iter().chain([json.to_string()]).collect();
     let listed = Some(ListedFiles { files, hashes: staging.hashes() });

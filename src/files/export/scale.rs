@@ -48,6 +48,12 @@ impl Nearer {
     }
 }
 
+/// Returns the name of a column of CSV with its unit, in ASCII.
+pub(super) fn column(name: &str, unit: &str) -> String {
+    let unit = unit.replace("px²", "px2").replace("1/m", "per_m");
+    if unit.is_empty() { name.to_string() } else { format!("{name}_{unit}") }
+}
+
 /// A quantity at each pixel with its standard deviation: V, the focus of a sweep, or depth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quantity<'a> {

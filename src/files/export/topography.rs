@@ -8,7 +8,7 @@ use super::scale::Nearer;
 use super::zip::Zip;
 
 /// A format of surface texture. Heights are in metres, positive towards the camera, on a grid with one size of a pixel.
-/// Rows are in the order of the picture, from the top.
+/// The last row of the picture is first: with z towards the camera, axes are right-handed if y points up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TopographyKind {
     /// `surface.x3p`: X3P, ISO 25178-72 (ISO 5436-2).
@@ -45,7 +45,7 @@ impl TopographyKind {
 /// Heights on a grid.
 struct Topography {
     size: (u32, u32),
-    /// Heights, m; NaN where not measured.
+    /// Heights, m, from the bottom row of the picture to its top; NaN where not measured.
     heights: Vec<f64>,
     /// Size of a pixel, m.
     pixel: f64,
@@ -59,7 +59,9 @@ impl Topography {
         };
         let sign = if depth.nearer == Nearer::First { 1e-3 } else { -1e-3 };
         let height = |z: &f32| if z.is_finite() { sign * f64::from(*z) } else { f64::NAN };
-        Ok(Self { size: results.size(), heights: depth.values.iter().map(height).collect(), pixel: 1e-3 * footprint })
+        let size = results.size();
+        let heights = bottom_first(&depth.values, size.0 as usize).map(height).collect();
+        Ok(Self { size, heights, pixel: 1e-3 * footprint })
     }
 
     /// Writes X3P: a ZIP file with a description in XML, the heights in 64-bit floats, and the checksum of both.
@@ -144,9 +146,15 @@ impl Topography {
 
     /// Points of a profile and number of profiles, which SDF stores in 16 bits.
     fn sides(&self) -> Result<[u16; 2], String> {
-        let narrow = |side: u32| u16::try_from(side).map_err(|_| "SDF holds up to 65535 pixels a side".to_string());
+        let problem = "SDF holds up to 65535 pixels a side: solve a part with --roi";
+        let narrow = |side: u32| u16::try_from(side).map_err(|_| problem.to_string());
         Ok([narrow(self.size.0)?, narrow(self.size.1)?])
     }
+}
+
+/// Returns values from the bottom row to the top.
+fn bottom_first(values: &[f32], width: usize) -> impl Iterator<Item = &f32> {
+    values.chunks(width).rev().flatten()
 }
 
 /// Data types of SDF.
@@ -166,6 +174,12 @@ mod tests {
         let mut written = Vec::new();
         write(&Topography { size: (3, 2), heights, pixel: 4.5e-6 }, &mut written).unwrap();
         written
+    }
+
+    #[test]
+    fn the_bottom_row_is_first_and_is_not_mirrored() {
+        let values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        assert_eq!(bottom_first(&values, 3).copied().collect::<Vec<_>>(), [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
     }
 
     #[test]

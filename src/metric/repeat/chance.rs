@@ -21,8 +21,8 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// Draws the true variances and means that would explain what was found, as generalized pivotal quantities (Hamada and
-/// Weaver 2000, *Quality Engineering* 12).
+/// Draws the true variances and means that would explain what was found, as the generalized pivotal
+/// quantities of Weerahandi.
 pub(super) struct Chance(Random);
 
 impl Chance {

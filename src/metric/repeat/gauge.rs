@@ -30,8 +30,11 @@ impl Repeatability {
     /// Evaluates readings. `None` for fewer than two, or if one is not finite.
     pub fn of(readings: &[f64]) -> Option<Self> {
         let count = readings.len() as f64;
-        let mean = readings.iter().sum::<f64>() / count;
-        let variance = readings.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (count - 1.0);
+        let first = readings.first()?;
+        // Less the first reading, so that equal readings have no scatter by rounding.
+        let offset = readings.iter().map(|v| v - first).sum::<f64>() / count;
+        let variance = readings.iter().map(|v| (v - first - offset).powi(2)).sum::<f64>() / (count - 1.0);
+        let mean = first + offset;
         let [deviation] = intervals([variance.sqrt()], |chance| [chance.variance(variance, count - 1.0).sqrt()]);
         let (low, high) = readings.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
         (readings.len() >= 2 && mean.is_finite()).then_some(())?;
@@ -49,11 +52,11 @@ impl Repeatability {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct TypeOne {
-    /// The reference value.
-    pub reference: f64,
+    /// The true value.
+    pub true_value: f64,
     /// The width of the tolerance.
-    pub tolerance: f64,
-    /// The mean of the readings less the reference.
+    pub tolerance_width: f64,
+    /// The mean of the readings less the true value.
     pub bias: Interval,
     /// Cg = 0.2 T / 6 s. `None` if all readings are equal.
     pub cg: Option<Interval>,
@@ -62,18 +65,18 @@ pub struct TypeOne {
 }
 
 impl TypeOne {
-    /// Evaluates repeated readings against a reference and the width of the tolerance.
-    pub fn new(found: &Repeatability, reference: f64, tolerance: f64) -> Self {
-        let (s, count, bias) = (found.standard_deviation.value, found.count as f64, found.mean - reference);
-        let cg = |s: f64| 0.2 * tolerance / (6.0 * s);
-        let cgk = |s: f64, bias: f64| (0.1 * tolerance - bias.abs()) / (3.0 * s);
+    /// Evaluates repeated readings against the true value and the width of the tolerance.
+    pub fn new(found: &Repeatability, true_value: f64, tolerance_width: f64) -> Self {
+        let (s, count, bias) = (found.standard_deviation.value, found.count as f64, found.mean - true_value);
+        let cg = |s: f64| 0.2 * tolerance_width / (6.0 * s);
+        let cgk = |s: f64, bias: f64| (0.1 * tolerance_width - bias.abs()) / (3.0 * s);
         let [bias_interval, cg_interval, cgk_interval] = intervals([bias, cg(s), cgk(s, bias)], |chance| {
             let true_s = chance.variance(s * s, count - 1.0).sqrt();
             let true_bias = bias + true_s / count.sqrt() * chance.normal();
             [true_bias, cg(true_s), cgk(true_s, true_bias)]
         });
         let bias = bias_interval.unwrap_or(Interval { value: bias, low: f64::NAN, high: f64::NAN });
-        Self { reference, tolerance, bias, cg: cg_interval, cgk: cgk_interval }
+        Self { true_value, tolerance_width, bias, cg: cg_interval, cgk: cgk_interval }
     }
 }
 
@@ -94,7 +97,7 @@ pub struct Study {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct AnovaRow {
-    /// `operator`, `part`, `operator x part` or `repeatability`.
+    /// `operator`, `part`, `operator x part`, `repeatability`, or `pooled error`.
     pub source: &'static str,
     /// Degrees of freedom.
     pub degrees: usize,
@@ -102,7 +105,7 @@ pub struct AnovaRow {
     pub sum: f64,
     /// Mean square.
     pub mean_square: f64,
-    /// The ratio to the mean square of its error. `None` for repeatability.
+    /// The ratio to the mean square of its error. `None` for repeatability and the pooled error.
     pub f: Option<f64>,
     /// The probability of such a ratio, or a greater one, by chance.
     pub probability: Option<f64>,
@@ -143,7 +146,7 @@ pub struct GaugeStudy {
     pub parts: usize,
     /// Number of trials.
     pub trials: usize,
-    /// The analysis of variance with the interaction.
+    /// The analysis of variance with the interaction. If this is pooled, the error of operators and parts is last.
     pub anova: Vec<AnovaRow>,
     /// Whether the interaction counts as repeatability, because it is no greater than chance.
     pub is_interaction_pooled: bool,
@@ -181,6 +184,10 @@ impl Study {
             let problem = "a gauge study needs one reading of each operator, part and trial";
             return Err(Error::Mismatch(problem.to_string()));
         }
+        // Sums of squares below this are rounding.
+        let most = readings.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+        let least = (1e-12 * most).powi(2) * readings.len() as f64;
+        let readings: Vec<f64> = readings.iter().map(|v| v - readings[0]).collect();
         let mean = |of: &dyn Fn(usize, usize) -> bool| {
             let chosen = readings.iter().enumerate();
             let chosen = chosen.filter(|(n, _)| of(n / trials / parts, n / trials % parts)).map(|(_, v)| *v);
@@ -197,7 +204,8 @@ impl Study {
             o * r * by_part.iter().map(|m| (m - all).powi(2)).sum::<f64>(),
             r * cells.iter().enumerate().map(|(n, mean)| cell(n, mean).powi(2)).sum::<f64>(),
             readings.iter().enumerate().map(|(n, v)| (v - cells[n / trials]).powi(2)).sum::<f64>(),
-        ];
+        ]
+        .map(|sum| if sum < least { 0.0 } else { sum });
         let degrees = [o - 1.0, p - 1.0, (o - 1.0) * (p - 1.0), o * p * (r - 1.0)];
         let squares: [f64; 4] = std::array::from_fn(|n| sums[n] / degrees[n]);
         let ratio = |n: usize, error: usize| {
@@ -219,12 +227,17 @@ impl Study {
             let [f, probability] = [f.map(|f| f.0), f.map(|f| f.1)];
             AnovaRow { source, degrees: degrees[n] as usize, sum: sums[n], mean_square: squares[n], f, probability }
         };
-        let anova = vec![
+        let mut anova = vec![
             row(0, "operator", Some(main(0))),
             row(1, "part", Some(main(1))),
             row(2, "operator x part", Some(ratio(2, 3))),
             row(3, "repeatability", None),
         ];
+        if is_interaction_pooled {
+            let (degrees, sum) = (pooled[0] as usize, sums[2] + sums[3]);
+            let (source, mean_square) = ("pooled error", pooled[1]);
+            anova.push(AnovaRow { source, degrees, sum, mean_square, f: None, probability: None });
+        }
         let found = MeanSquares {
             operator: squares[0],
             part: squares[1],
@@ -342,6 +355,9 @@ mod tests {
             }
         }
         close(found.anova[2].probability.unwrap(), 0.974, 5e-4);
+        let pooled = &found.anova[4];
+        assert_eq!((pooled.source, pooled.degrees, found.anova.len()), ("pooled error", 78, 5));
+        close(found.anova[0].f.unwrap(), found.anova[0].mean_square / pooled.mean_square, 1e-12);
         // The interaction is not significant, and pooled.
         assert!(found.is_interaction_pooled && found.components[INTERACTION].standard_deviation.is_none());
         for (name, variance, deviation, study) in [
@@ -414,8 +430,11 @@ mod tests {
         close(cg.low / cg.value, 1.0 / 1.344, 0.02);
         close(cg.high / cg.value, 1.0 / 0.796, 0.02);
         assert!(one.bias.low > 0.015 && one.bias.high < 0.025 && cgk.low < cgk.value);
-        let constant = Repeatability::of(&[5.0; 4]).unwrap();
-        assert_eq!(TypeOne::new(&constant, 5.0, 1.0).cg, None);
+        for (value, count) in [(5.0, 4), (0.1, 25)] {
+            let constant = Repeatability::of(&vec![value; count]).unwrap();
+            let one = TypeOne::new(&constant, value, 1.0);
+            assert_eq!((constant.mean, constant.standard_deviation.value, one.cg, one.cgk), (value, 0.0, None, None));
+        }
         assert_eq!((Repeatability::of(&[1.0]), Repeatability::of(&[1.0, f64::NAN])), (None, None));
     }
 
@@ -426,7 +445,13 @@ mod tests {
             assert!(matches!(study.analyse(None), Err(Error::Mismatch(_))));
         }
         // Without any scatter there is no ratio.
-        let flat = Study { operators: 2, parts: 2, trials: 2, readings: vec![1.0; 8] }.analyse(None).unwrap();
-        assert!(flat.categories.is_none() && flat.anova.iter().all(|row| row.f.is_none()));
+        for value in [1.0, 0.1] {
+            let flat = Study { operators: 3, parts: 2, trials: 4, readings: vec![value; 24] }.analyse(None).unwrap();
+            assert!(flat.categories.is_none() && flat.anova.iter().all(|row| row.f.is_none()));
+        }
+        // Nor if only parts differ, by numbers that are not exact.
+        let readings = (0..54).map(|n| [0.1, 0.7, 12.3][n / 3 % 3]).collect();
+        let parts = Study { operators: 6, parts: 3, trials: 3, readings }.analyse(None).unwrap();
+        assert!(parts.categories.is_none() && parts.components[4].variance == 0.0, "{parts:?}");
     }
 }

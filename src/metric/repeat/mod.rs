@@ -14,8 +14,10 @@ pub use gauge::{AnovaRow, COMPONENTS, Component, GaugeStudy, LEAST_READINGS, POO
 const LEAST_PIXELS: usize = 256;
 /// The most maps: pairs grow by their square.
 pub const MOST_MAPS: usize = 200;
-/// Tiles along each side of the area, between which standard errors find the scatter.
+/// Tiles along each side of the measured pixels, between which standard errors find the scatter.
 const TILES: usize = 8;
+/// The least number of tiles with pixels for a standard error.
+const LEAST_TILES: usize = 8;
 /// The bins of a histogram of differences, within ±4 standard deviations.
 pub const BINS: usize = 32;
 /// The end of the histogram, standard deviations.
@@ -32,14 +34,14 @@ pub struct PairNoise {
     /// Index of the second map.
     pub second: usize,
     /// Measurement noise: Sq of the difference over √2.
-    pub noise: f64,
+    pub noise: Estimate,
     /// The mean of the second map less that of the first.
     pub shift: f64,
     /// The root mean square of the differences over their stated standard deviations.
-    pub seen_over_stated: f64,
+    pub seen_over_stated: Estimate,
 }
 
-/// The noise of repeated height maps of one unmoved part.
+/// The noise of repeated height maps of one unmoved part. A standard error is NaN if too few tiles have pixels.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RepeatedMaps {
@@ -52,8 +54,9 @@ pub struct RepeatedMaps {
     pub noise: Estimate,
     /// The median, the least and the greatest noise of a pair of maps.
     pub pair_noise: [f64; 3],
-    /// What two measurements of a pixel differ by in 95 of 100 cases at most: 2.8 times the noise.
-    pub repeatability_limit: f64,
+    /// What two measurements of a pixel differ by in 95 of 100 cases at most, apart from a shift of the mean height:
+    /// 2.8 times the noise.
+    pub repeatability_limit: Estimate,
     /// The standard deviation of the mean height between maps.
     pub shift_deviation: Interval,
     /// The root mean square of the stated standard deviations.
@@ -70,7 +73,7 @@ pub struct RepeatedMaps {
     pub histogram: Vec<f64>,
 }
 
-/// What each pixel adds to the sums of a tile.
+/// The number of sums of a tile.
 const SUMS: usize = 4;
 
 /// The sums of a tile: its pixels, and those of the variance between maps, of the squared ratio to the stated standard
@@ -86,8 +89,9 @@ struct Tile {
 /// The mean of each map is subtracted. With [`Form::Plane`] or [`Form::Quadric`] the form of its difference from the
 /// first map is subtracted too, so that neither a shift nor a drift counts as noise.
 ///
-/// Standard errors are by the scatter between 64 tiles of the area: they allow for noise that is alike at adjacent
-/// pixels. Where noise differs from place to place they are too wide.
+/// Standard errors are by the scatter between 64 tiles of the rectangle around the pixels that all maps measure: they
+/// allow for noise that is alike at adjacent pixels. Where noise differs from place to place they are too wide. With
+/// fewer than 8 tiles that have pixels they are NaN.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for fewer than two or more than [`MOST_MAPS`] maps, for maps of different sizes, and for
@@ -114,8 +118,12 @@ pub fn repeated_maps(maps: &[Heights], area: &Area<'_>, form: Form) -> Result<Re
         inside.iter().enumerate().map(|(i, inside)| *inside && heights.iter().all(|map| map[i].is_finite())).collect();
     let measured_px = is_common.iter().filter(|common| **common).count();
     if measured_px < LEAST_PIXELS {
-        let problem = format!("only {measured_px} of the area's {area_px} pixels are measured in all results");
-        return Err(Error::Region(format!("{problem}: give a larger area, or leave out a result")));
+        let own = |map: &Vec<f64>| inside.iter().zip(map).filter(|(inside, z)| **inside && z.is_finite()).count();
+        let (least, which) = (1..).zip(&heights).map(|(n, map)| (own(map), n)).min().unwrap_or_default();
+        return Err(Error::Region(format!(
+            "only {measured_px} of the area's {area_px} pixels are measured in all results, and {least} in result \
+             {which}: give a larger area, or leave out a result"
+        )));
     }
     let width = area.region.width as usize;
     let reference = heights[0].clone();
@@ -132,14 +140,15 @@ pub fn repeated_maps(maps: &[Heights], area: &Area<'_>, form: Form) -> Result<Re
     let variances: Vec<Vec<f64>> =
         maps.iter().map(|map| cut(&map.deviation).into_iter().map(|sigma| sigma * sigma).collect()).collect();
     let common: Vec<usize> = (0..is_common.len()).filter(|i| is_common[*i]).collect();
-    let compared = Compared { heights: &heights, variances: &variances, pixels: &common };
+    let tiles = tiles_of(&common, width);
+    let compared = Compared { heights: &heights, variances: &variances, pixels: &common, tiles: &tiles };
     let stated_variance = variances.iter().map(|map| common.iter().map(|i| map[*i]).sum::<f64>()).sum::<f64>()
         / (maps.len() * measured_px) as f64;
-    let (tiles, histogram) = compared.tiles(width, area.region.height as usize);
+    let (tiles, histogram) = compared.sums();
     let estimates: [Estimate; SUMS] = std::array::from_fn(|n| ratio_of_sums(&tiles, n));
     let indices: Vec<[usize; 2]> = (1..maps.len()).flat_map(|j| (0..j).map(move |i| [i, j])).collect();
     let pairs = workers::map(indices.len(), |n| compared.pair(indices[n], &shifts));
-    let mut sorted: Vec<f64> = pairs.iter().map(|pair| pair.noise).collect();
+    let mut sorted: Vec<f64> = pairs.iter().map(|pair| pair.noise.value).collect();
     sorted.sort_by(f64::total_cmp);
     let middle = (sorted[(sorted.len() - 1) / 2] + sorted[sorted.len() / 2]) / 2.0;
     let noise = root(estimates[0]);
@@ -150,7 +159,7 @@ pub fn repeated_maps(maps: &[Heights], area: &Area<'_>, form: Form) -> Result<Re
         measured_px,
         noise,
         pair_noise: [middle, sorted[0], sorted[sorted.len() - 1]],
-        repeatability_limit: LIMIT * noise.value,
+        repeatability_limit: Estimate { value: LIMIT * noise.value, standard_error: LIMIT * noise.standard_error },
         shift_deviation: shift_deviation.unwrap_or(nowhere),
         stated: stated_variance.sqrt(),
         seen_over_stated: root(estimates[1]),
@@ -165,15 +174,28 @@ struct Compared<'a> {
     heights: &'a [Vec<f64>],
     variances: &'a [Vec<f64>],
     pixels: &'a [usize],
+    /// The tile of each of these pixels.
+    tiles: &'a [usize],
+}
+
+/// Returns the tile of each pixel, in the rectangle around all.
+fn tiles_of(pixels: &[usize], width: usize) -> Vec<usize> {
+    let along = |of: &dyn Fn(usize) -> usize| {
+        let all = || pixels.iter().map(|i| of(*i));
+        let (first, last) = (all().min().unwrap_or(0), all().max().unwrap_or(0));
+        all().map(|at| (at - first) * TILES / (last - first + 1)).collect::<Vec<_>>()
+    };
+    let (columns, rows) = (along(&|i| i % width), along(&|i| i / width));
+    columns.iter().zip(rows).map(|(column, row)| row * TILES + column).collect()
 }
 
 impl Compared<'_> {
     /// Returns the sums of each tile, and the shares of the differences in the bins of the histogram.
-    fn tiles(&self, width: usize, height: usize) -> (Vec<Tile>, Vec<f64>) {
+    fn sums(&self) -> (Vec<Tile>, Vec<f64>) {
         let (mut tiles, mut bins) = (vec![Tile::default(); TILES * TILES], vec![0.0; BINS]);
         let (maps, mut differences) = (self.heights.len(), 0.0);
-        for &i in self.pixels {
-            let tile = &mut tiles[i / width * TILES / height * TILES + i % width * TILES / width];
+        for (&i, &tile) in self.pixels.iter().zip(self.tiles) {
+            let tile = &mut tiles[tile];
             tile.count += 1.0;
             let each = 2.0 / (maps * (maps - 1)) as f64;
             for (a, b) in (1..maps).flat_map(|b| (0..b).map(move |a| (a, b))) {
@@ -195,14 +217,14 @@ impl Compared<'_> {
 
     /// Returns the noise of a pair.
     fn pair(&self, [first, second]: [usize; 2], shifts: &[f64]) -> PairNoise {
-        let [mut squares, mut ratios] = [0.0; 2];
-        for &i in self.pixels {
+        let mut tiles = vec![Tile::default(); TILES * TILES];
+        for (&i, &tile) in self.pixels.iter().zip(self.tiles) {
             let off = self.heights[second][i] - self.heights[first][i];
-            squares += off * off;
-            ratios += in_deviations(off, self.variances[first][i] + self.variances[second][i]).powi(2);
+            tiles[tile].count += 1.0;
+            tiles[tile].sums[0] += off * off / 2.0;
+            tiles[tile].sums[1] += in_deviations(off, self.variances[first][i] + self.variances[second][i]).powi(2);
         }
-        let count = self.pixels.len() as f64;
-        let (noise, seen_over_stated) = ((squares / count / 2.0).sqrt(), (ratios / count).sqrt());
+        let [noise, seen_over_stated] = [0, 1].map(|n| root(ratio_of_sums(&tiles, n)));
         PairNoise { first, second, noise, shift: shifts[second] - shifts[first], seen_over_stated }
     }
 }
@@ -219,20 +241,21 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 /// Returns a sum over all pixels per pixel. Its standard error is by the scatter between tiles: the ratio estimator
-/// (Cochran 1977, *Sampling Techniques*, 6.3).
+/// (Cochran 1977, *Sampling Techniques*, 6.3). It is NaN for too few tiles.
 fn ratio_of_sums(tiles: &[Tile], n: usize) -> Estimate {
     let filled: Vec<&Tile> = tiles.iter().filter(|tile| tile.count > 0.0).collect();
     let count = filled.iter().map(|tile| tile.count).sum::<f64>();
     let value = filled.iter().map(|tile| tile.sums[n]).sum::<f64>() / count;
     let scatter = filled.iter().map(|tile| (tile.sums[n] - value * tile.count).powi(2)).sum::<f64>();
     let many = filled.len() as f64;
-    Estimate { value, standard_error: (scatter * many / (many - 1.0)).sqrt() / count }
+    let standard_error = (scatter * many / (many - 1.0)).sqrt() / count;
+    Estimate { value, standard_error: if filled.len() < LEAST_TILES { f64::NAN } else { standard_error } }
 }
 
 /// Returns the root of an estimate.
 fn root(of: Estimate) -> Estimate {
     let value = of.value.sqrt();
-    Estimate { value, standard_error: if value > 0.0 { of.standard_error / (2.0 * value) } else { 0.0 } }
+    Estimate { value, standard_error: if value > 0.0 { of.standard_error / (2.0 * value) } else { of.standard_error } }
 }
 
 #[cfg(test)]
@@ -285,7 +308,7 @@ mod tests {
             let [middle, least, most] = found.pair_noise;
             assert!(least <= middle && middle <= most && found.pairs.len() as u64 == count * (count - 1) / 2);
             // The variance between maps is the mean of those of the pairs.
-            let mean = found.pairs.iter().map(|pair| pair.noise.powi(2)).sum::<f64>() / found.pairs.len() as f64;
+            let mean = found.pairs.iter().map(|pair| pair.noise.value.powi(2)).sum::<f64>() / found.pairs.len() as f64;
             assert!((mean.sqrt() - found.noise.value).abs() < 1e-9);
             assert!((found.histogram.iter().sum::<f64>() - 1.0).abs() < 0.01);
         }
@@ -320,6 +343,29 @@ mod tests {
         let mask = Mask::from_image(&Frame::gray(96, 80, upper).unwrap());
         let found = repeated_maps(&holes, &Area { region: WHOLE, mask: Some(&mask) }, Form::None).unwrap();
         assert_eq!((found.area_px, found.measured_px), (2880, 960));
+    }
+
+    #[test]
+    fn a_small_mask_has_tiles_and_a_line_of_pixels_has_too_few() {
+        let two = maps(2, 0.05 / scale(0.5), 0.05, 0.5, 0.0);
+        // 256 pixels that lie in one or two tiles of the whole area.
+        let of = |inside: &dyn Fn(usize, usize) -> bool| {
+            let marked = (0..7680).map(|i| f32::from(u8::from(inside(i % 96, i / 96)))).collect();
+            let mask = Mask::from_image(&Frame::gray(96, 80, marked).unwrap());
+            repeated_maps(&two, &Area { region: WHOLE, mask: Some(&mask) }, Form::None)
+        };
+        let found = of(&|x, y| x < 16 && y < 16).unwrap();
+        for (of, value) in [(found.noise, 0.05), (found.repeatability_limit, 0.14), (found.pairs[0].noise, 0.05)] {
+            let error = of.standard_error / value;
+            assert!((of.value / value - 1.0).abs() < 0.2 && (0.01..0.15).contains(&error), "{of:?}");
+        }
+        // Pixels in four corners fill four tiles.
+        let corner = |at: usize, size: usize| at < 9 || at + 9 >= size;
+        let found = of(&|x, y| corner(x, 96) && corner(y, 80)).unwrap();
+        assert!(found.noise.value > 0.04 && found.noise.standard_error.is_nan(), "{:?}", found.noise);
+        assert!(found.repeatability_limit.standard_error.is_nan());
+        let refused = of(&|x, y| x < 15 && y < 15).unwrap_err().to_string();
+        assert!(refused.contains("225 in result 1"), "{refused}");
     }
 
     #[test]
