@@ -140,7 +140,7 @@ fn each_part_of_a_batch_has_one_verdict_in_each_output() {
         .records()
         .map(|row| row.unwrap().iter().map(String::from).collect())
         .collect();
-    assert_eq!(rows.iter().map(|row| row[3].as_str()).collect::<Vec<_>>(), ["go", "no-go", "cannot judge"]);
+    assert_eq!(rows.iter().map(|row| row[3].as_str()).collect::<Vec<_>>(), ["go", "no-go", "cannot-judge"]);
     assert!(rows[1][0] == "SN2" && rows[1][1] == time && rows[2][5].contains("i2.png"), "{rows:?}");
     let cases = line.text("out/verdicts.xml");
     assert!(cases.contains("tests=\"3\" failures=\"1\" errors=\"1\""), "{cases}");
