@@ -50,7 +50,8 @@ pub fn read_open(file: &File, most: u64) -> Result<Vec<u8>> {
     let bytes = read_start(file, length + 1)?;
     if length == 0 && !bytes.is_empty() {
         // As in /proc.
-        let problem = "its length is reported as 0, and it holds bytes: copy it to a folder on disk";
+        let problem =
+            "its length was 0, and it holds bytes: if it is being written, try again; else copy it to a folder on disk";
         return Err(Error::new(ErrorKind::InvalidInput, problem));
     }
     if bytes.len() as u64 > length {

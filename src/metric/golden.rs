@@ -11,10 +11,10 @@ const WIDER: [f64; 10] = [78.6, 6.4, 3.07, 2.21, 1.84, 1.63, 1.51, 1.43, 1.36, 1
 
 /// Makes a golden part from several good parts that are registered to the pixels of the first.
 ///
-/// The plane of each part over the first is subtracted, as [`inspect`] does with these limits. The height is the mean where more than half of the parts have
-/// one. The standard deviation includes the scatter of good parts: with the variance τ² between parts and σ² of the
-/// measurement, n heights have the variance τ² + σ², and a good part differs from their mean by τ² + (τ² + σ²) / n,
-/// besides its own σ².
+/// The plane of each part over the first is subtracted, as [`inspect`] does with these limits. The height is the mean
+/// where more than half of the parts have one. The standard deviation includes the scatter of good parts: with the
+/// variance τ² between parts and σ² of the measurement, n heights have the variance τ² + σ², and a good part differs
+/// from their mean by τ² + (τ² + σ²) / n, besides its own σ².
 ///
 /// # Errors
 /// As for [`inspect`].
@@ -32,8 +32,8 @@ pub struct Disagreement {
 }
 
 /// Returns the golden part that deviates from the golden part of the others by the largest region, beyond what they
-/// differ by. Of two, it is the second, and may as well be the first. `None` if none deviates. The parts are registered to
-/// the pixels of the first.
+/// differ by. Of two, it is the second, and may as well be the first. `None` if none deviates. The parts are registered
+/// to the pixels of the first.
 ///
 /// # Errors
 /// As for [`inspect`].
@@ -52,15 +52,16 @@ pub fn disagreement(parts: &[Heights], limits: &Limits) -> Result<Option<Disagre
     Ok(found)
 }
 
-/// The step by which [`least_tolerances`] raises a tolerance.
+/// The factor by which [`least_tolerances`] raises a tolerance.
 const STEP: f64 = 1.1;
 
-/// The greatest number of steps: up to a thousand times what the noise allows.
-const MOST_STEPS: usize = 72;
+/// The least tolerance that [`least_tolerances`] tries, as a share of the largest difference.
+const LEAST_SHARE: f64 = 1e-4;
 
 /// Returns for each golden part the least tolerance at which it is go against the golden part of the others, within a
-/// tenth; infinite if there is none. A single part is compared with itself, which shows its noise alone. The parts are
-/// registered to the pixels of the first; the tolerance and the tilt of the limits do not count.
+/// tenth; infinite if there is none, since texture or heights are missing or too uncertain. A single part is compared
+/// with itself, which shows its noise alone. The parts are registered to the pixels of the first; the tolerance and the
+/// tilt of the limits do not count.
 ///
 /// # Errors
 /// As for [`inspect`].
@@ -70,17 +71,21 @@ pub fn least_tolerances(parts: &[Heights], limits: &Limits) -> Result<Vec<f64>, 
     let least = |part: usize| {
         let others = combined(&others(&levelled, part), 1.0)?;
         let noise = inspect(&levelled[part], &others, &at(0.0))?.least_tolerance;
-        let Some(mut tolerance) = noise.map(|noise| noise.max(f64::MIN_POSITIVE) * (1.0 + 1e-6)) else {
-            return Ok(f64::INFINITY);
-        };
-        for _ in 0..MOST_STEPS {
+        let differences = levelled[part].values.iter().zip(&others.values).map(|(own, other)| (own - other).abs());
+        let largest = f64::from(differences.filter(|difference| difference.is_finite()).fold(0.0, f32::max));
+        let Some(noise) = noise.filter(|noise| noise.is_finite()) else { return Ok(f64::INFINITY) };
+        let mut tolerance = noise.max(LEAST_SHARE * largest).max(f64::MIN_POSITIVE) * (1.0 + 1e-6);
+        loop {
             let limits = at(tolerance);
             if inspect(&levelled[part], &others, &limits)?.verdict(&limits) == Verdict::Go {
                 return Ok(tolerance);
             }
+            // The plane that is subtracted may double a difference. From there on, none is left.
+            if tolerance > 2.0 * largest {
+                return Ok(f64::INFINITY);
+            }
             tolerance *= STEP;
         }
-        Ok(f64::INFINITY)
     };
     (0..parts.len()).map(least).collect()
 }
@@ -194,6 +199,8 @@ mod tests {
         assert!(good.iter().all(|least| (0.25..0.45).contains(least)), "three standard deviations: {good:?}");
         let [bad, ..] = least(&[part(0, 2.0, 0.1), part(1, 0.0, 0.1), part(2, 0.0, 0.1)])[..] else { panic!() };
         assert!((1.8..2.4).contains(&bad), "{bad}");
+        let [far, ..] = least(&[part(0, 2000.0, 0.1), part(1, 0.0, 0.1), part(2, 0.0, 0.1)])[..] else { panic!() };
+        assert!((1800.0..2400.0).contains(&far), "{far}");
         let alone = least(&[part(0, 2.0, 0.1)]);
         assert!((0.29..0.31).contains(&alone[0]), "{alone:?}");
         let hole = heights(|x, y| if x < 60.0 { f64::NAN } else { relief([x, y]) }, 0.1);

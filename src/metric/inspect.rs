@@ -77,6 +77,15 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// The verdict as one word, for files and programs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Go => "go",
+            Self::NoGo => "no-go",
+            Self::CannotJudge => "cannot-judge",
+        }
+    }
+
     /// The verdict in words.
     pub fn text(self) -> &'static str {
         match self {

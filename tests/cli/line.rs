@@ -140,7 +140,7 @@ fn each_part_of_a_batch_has_one_verdict_in_each_output() {
         .records()
         .map(|row| row.unwrap().iter().map(String::from).collect())
         .collect();
-    assert_eq!(rows.iter().map(|row| row[3].as_str()).collect::<Vec<_>>(), ["go", "no-go", "cannot judge"]);
+    assert_eq!(rows.iter().map(|row| row[3].as_str()).collect::<Vec<_>>(), ["go", "no-go", "cannot-judge"]);
     assert!(rows[1][0] == "SN2" && rows[1][1] == time && rows[2][5].contains("i2.png"), "{rows:?}");
     let cases = line.text("out/verdicts.xml");
     assert!(cases.contains("tests=\"3\" failures=\"1\" errors=\"1\""), "{cases}");
@@ -166,6 +166,33 @@ fn each_part_of_a_batch_has_one_verdict_in_each_output() {
         line.run(4, &["batch", "in", "-o", "out", "--resume", "--config", "line.toml", "--inspect-roi", "0,0,24,80"]);
     assert_eq!(line.json("out/batch.json")["verdicts"]["go"], 2, "{}", stderr(&output));
     assert_eq!(line.json("out/SN2/inspect.json")["judged_regions"][0]["width"], 24);
+    assert_eq!(line.json("out/batch.json")["pairs"][0]["inspection"]["seconds"], Value::Null, "it was kept");
+
+    // An inspection that cannot be written leaves no go, and an earlier one does not stay if the solve fails.
+    for serial in ["SN1", "SN2"] {
+        fs::remove_file(line.path(&format!("out/{serial}/inspect.json"))).unwrap();
+        fs::write(line.path(&format!("out/{serial}/inspect.png")), "mine").unwrap();
+    }
+    let kept = ["batch", "in", "-o", "out", "--resume", "--config", "line.toml"];
+    line.run(3, &kept);
+    let summary = line.json("out/batch.json");
+    let found = verdicts(&summary);
+    assert_eq!((found["SN1"].as_str(), found["SN2"].as_str()), ("cannot-judge", "no-go"));
+    let reasons = summary["pairs"][0]["inspection"]["reasons"].to_string();
+    assert!(reasons.contains("inspect.png: is there already"), "{reasons}");
+    assert_eq!(line.text("out/SN1/inspect.png"), "mine");
+    fs::remove_file(line.path("out/SN1/inspect.png")).unwrap();
+    line.run(3, &kept);
+    assert_eq!(line.json("out/SN1/inspect.json")["verdict"], "go");
+    fs::write(line.path("in/SN1/i2.png"), "no picture").unwrap();
+    line.run(3, &kept);
+    assert_eq!(verdicts(&line.json("out/batch.json"))["SN1"], "cannot-judge");
+    assert!(!line.path("out/SN1/inspect.json").exists() && !line.path("out/SN1/inspect.png").exists());
+    line.run(1, &["batch", "in", "-o", "out", "--resume", "--no-html"]);
+    assert!(!line.path("out/verdicts.csv").exists() && !line.path("out/verdicts.xml").exists());
+    // A failed part of a batch is not taught, though earlier results of it exist.
+    let few = line.run(0, &["teach", "out", "-o", "few.exr", "--tolerance", "3"]);
+    assert!(stderr(&few).contains("out/SN2") && !stderr(&few).contains("out/SN1"), "{}", stderr(&few));
 }
 
 #[test]
@@ -182,6 +209,12 @@ fn golden_parts_that_disagree_are_not_taught() {
     // A tighter tolerance than that of the comparison.
     let refused = line.run(2, &["inspect", "taught/1", "--golden", "golden.exr", "--tolerance", "1"]);
     assert!(stderr(&refused).contains("teach them again with --tolerance 1"), "{}", stderr(&refused));
+    let refused = line.run(2, &["teach", "taught", "-o", "golden.exr", "--sigmas", "0"]);
+    assert!(stderr(&refused).contains("--sigmas 0 "), "{}", stderr(&refused));
+    let refused = line.run(1, &["teach", "taught", "-o", "taught/1/relative_blur.exr", "--force"]);
+    assert!(stderr(&refused).contains("is an input"), "{}", stderr(&refused));
+    let refused = line.run(1, &["batch", "good", "-o", "taught", "--golden", "taught/0", "--tolerance", "3"]);
+    assert!(stderr(&refused).contains("taught/0: is a golden part in the folder"), "{}", stderr(&refused));
     fs::write(line.path("notes.exr"), "my notes").unwrap();
     let refused = line.run(1, &["teach", "taught", "-o", "notes.exr"]);
     assert!(stderr(&refused).contains("notes.exr: is there already"), "{}", stderr(&refused));
@@ -192,6 +225,9 @@ fn golden_parts_that_disagree_are_not_taught() {
         (&["--golden", "taught/0", "golden.exr"], "golden.exr is a file beside others"),
         (&["--tolerance", "1"], "--tolerance needs golden parts"),
         (&["--golden", "golden.exr", "--inspect-roi", "90,0,20,20"], "--inspect-roi: "),
+        (&["--max-tilt", "1"], "--max-tilt needs golden parts"),
+        (&["--in-place"], "--in-place needs golden parts"),
+        (&["--log", "-"], "--log -: "),
     ] {
         let refused = line.run(2, &[&["batch", "good", "-o", "out"], extra].concat());
         assert!(stderr(&refused).contains(part) && !line.path("out").exists(), "{}", stderr(&refused));
@@ -243,8 +279,11 @@ fn watch_hands_each_verdict_on_and_hostile_parts_cannot_be_judged() {
             "0.2",
             "--on-done",
             "./done.sh",
+            "--log",
+            "out/log.jsonl",
         ],
     );
+    assert_eq!(line.text("out/log.jsonl").lines().count(), 12);
     let found = verdicts(&line.json("out/batch.json"));
     assert_eq!(found.len(), 10, "{found:?} {}", stderr(&output));
     let cannot: Vec<&str> =

@@ -5,8 +5,9 @@ Needs Python 3.10 and paho-mqtt 2 (`pip install paho-mqtt`). The broker is MQTT_
 
     MQTT_HOST=plc.local parfocal watch incoming -o results --config line.toml --on-done ./mqtt.py
 
-Each part is one message of quality 1 ("at least once"). If the broker cannot be reached, the program fails, and `watch`
-prints a warning; the verdict stays in batch.json.
+Each run of this program is one message of quality 1, so the broker may get it more than once. `watch` runs it once at
+most for each solve: if the broker cannot be reached, or `watch` ends between the results and this program, there is no
+message, and kept parts are not published later. Their verdicts are in batch.json.
 """
 
 import json
@@ -29,7 +30,7 @@ def message(folder: Path) -> dict:
     report = folder / "inspect.json"
     if environment["PARFOCAL_STATUS"] == "solved" and report.exists():
         inspected = json.loads(report.read_text(encoding="utf-8"))
-        # An earlier inspection stays if this one failed.
+        # An inspection by another program may have replaced this one.
         if (inspected["time"], inspected["verdict"]) == (found["time"], found["verdict"]):
             found |= {key: inspected[key] for key in ("tolerance", "unit", "regions")}
     return found

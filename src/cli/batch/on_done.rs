@@ -57,7 +57,7 @@ impl OnDone {
         command.env("PARFOCAL_NAME", &row.name).env("PARFOCAL_OUTPUT", &row.output);
         command.env("PARFOCAL_STATUS", row.outcome.status());
         if let Some(part) = &row.inspection {
-            command.env("PARFOCAL_VERDICT", part.verdict.text().replace(' ', "-"));
+            command.env("PARFOCAL_VERDICT", part.verdict.name());
             command.env("PARFOCAL_TIME", part.time.as_deref().unwrap_or_default());
             command.env("PARFOCAL_REASONS", part.reason());
         }

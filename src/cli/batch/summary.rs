@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use parfocal::export::{FileKind, Header, Kind, PAGE_FILE, write_named};
+use parfocal::export::{Destination, FileKind, Header, Kind, PAGE_FILE, write_named};
 use parfocal::internals::bounded_read;
 use parfocal::metric::inspect::Verdict;
 use parfocal::page::batch_html::{Entry, batch_page};
@@ -89,10 +89,10 @@ impl Row {
     /// warnings, then fewer valid pixels.
     fn badness(&self) -> f64 {
         let is_go = self.inspection.as_ref().is_none_or(|part| part.verdict == Verdict::Go);
-        self.doubt() + if is_go { 0.0 } else { 500.0 }
+        self.solve_rank() + if is_go { 0.0 } else { 500.0 }
     }
 
-    fn doubt(&self) -> f64 {
+    fn solve_rank(&self) -> f64 {
         let Some(found) = self.outcome.excerpt() else { return 1000.0 };
         let unsettled = if found.converged == Some(false) { 100.0 } else { 0.0 };
         let doubt = unsettled + found.warnings.len() as f64;
@@ -248,7 +248,14 @@ impl BatchSummary {
     pub(crate) fn write(&self, request: &Request, out: &Path, file: &str, has_page: bool) -> Result<(), Failure> {
         let json = self.to_json().map_err(|e| Failure::Failed(e.to_string()))?;
         let out_named = |name: &str, kind, bytes: &[u8]| write_named(request.force.to(out), name, kind, bytes);
-        if self.verdicts.is_some() {
+        if self.verdicts.is_none() {
+            // Those of an earlier run with golden parts hold no longer.
+            let own = verdict_files(file).into_iter().zip([FileKind::VerdictTable, FileKind::Junit]);
+            for (name, _) in own.filter(|(name, kind)| Destination::from(out).check_named(*kind, &[name]).is_ok()) {
+                // A file that stays is no reason to fail.
+                let _ = std::fs::remove_file(out.join(name));
+            }
+        } else {
             let [table, cases] = verdict_files(file);
             let rows = self.pairs.iter().filter_map(|row| Some((row.inspection.as_ref()?, row.output.as_str())));
             out_named(&table, FileKind::VerdictTable, &verdict::csv(rows)?)?;

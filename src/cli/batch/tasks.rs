@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Instant, SystemTime};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::{InspectedPart, REPORT_FILE, is_whole};
+use parfocal::export::{INSPECT_FILES, InspectedPart, REPORT_FILE, is_whole, listed_in};
 use parfocal::image_io::{Input, split_page};
 use parfocal::metric::inspect::Verdict;
 use parfocal::settings::DeviceInfo;
@@ -66,6 +66,9 @@ pub(crate) struct Task {
     /// When its photographs were complete; `None` if they were before the batch began.
     arrived: Option<Instant>,
 }
+
+/// When a task began, and when its photographs were last changed, as read before they were.
+type Begun = (Instant, Option<SystemTime>);
 
 enum Job {
     Pair(PairJob),
@@ -207,7 +210,7 @@ impl Task {
 
     /// Reads, solves and writes a task; `None` if the device is lost. A panic fails only this task.
     fn run(&self, context: &Context, device: &Mutex<Device>) -> Option<Row> {
-        let began = self.arrived.unwrap_or_else(Instant::now);
+        let begun = (self.arrived.unwrap_or_else(Instant::now), changed(self.job.files()));
         let ended = catch_unwind(AssertUnwindSafe(|| self.outcome(context, device))).unwrap_or_else(|_| {
             Err(Ending::Failed(Failure::Failed(format!("an internal error of parfocal{REPORTED}"))))
         });
@@ -217,35 +220,46 @@ impl Task {
             Err(Ending::Stopped) => Outcome::NotDone,
             Err(Ending::NoDevice) => return None,
         };
-        Some(self.judged_row(context.judge.as_ref(), &context.request, outcome, began))
+        Some(self.judged_row(context.judge.as_ref(), &context.request, outcome, begun))
     }
 
     /// The row of a task that was refused before any work; `None` if it was not.
     pub(crate) fn refusal(&self, judge: Option<&Judge>, request: &Request) -> Option<Row> {
         let error = self.refused.as_ref()?.message();
-        Some(self.judged_row(judge, request, Outcome::Failed { error }, Instant::now()))
+        Some(self.judged_row(judge, request, Outcome::Failed { error }, (Instant::now(), changed(self.job.files()))))
     }
 
-    fn judged_row(&self, judge: Option<&Judge>, request: &Request, outcome: Outcome, began: Instant) -> Row {
+    fn judged_row(&self, judge: Option<&Judge>, request: &Request, outcome: Outcome, begun: Begun) -> Row {
         let mut row = self.row(outcome);
-        row.inspection = judge.and_then(|judge| self.verdict(judge, request, &row.outcome, began));
+        row.inspection = judge.and_then(|judge| self.verdict(judge, request, &row.outcome, begun));
         row
     }
 
     /// Judges the results, and writes inspect.json and inspect.png beside them. A part without results, or that fails to
-    /// be judged, cannot be judged. `None` if the part was not started.
-    fn verdict(&self, judge: &Judge, request: &Request, outcome: &Outcome, began: Instant) -> Option<PartVerdict> {
-        let (out, serial) = (self.job.out(), self.name.clone());
-        let time = changed(self.job.files()).map(utc);
+    /// be judged, cannot be judged, and an earlier inspection of it is removed. `None` if the part was not started.
+    fn verdict(
+        &self,
+        judge: &Judge,
+        request: &Request,
+        outcome: &Outcome,
+        (began, changed): Begun,
+    ) -> Option<PartVerdict> {
+        let (out, serial, time) = (self.job.out(), self.name.clone(), changed.map(utc));
         let label = InspectedPart {
             part: out.display().to_string(),
             serial: serial.clone(),
             time: time.clone().unwrap_or_else(|| utc(SystemTime::now())),
         };
+        let mut is_written = false;
         let judged = || {
             let judged = judge.judge(out, label)?;
-            judged.write(request.force.to(out))?;
-            Ok((judged.report.verdict, judged.report.reasons))
+            let (verdict, mut reasons) = (judged.report.verdict, judged.report.reasons.clone());
+            let written = judged.write(request.force.to(out));
+            is_written = written.is_ok();
+            // A go that nothing beside the results says is none.
+            let verdict = if is_written || verdict == Verdict::NoGo { verdict } else { Verdict::CannotJudge };
+            reasons.extend(written.err().map(|failure| failure.message()));
+            Ok((verdict, reasons))
         };
         let ended = match outcome {
             Outcome::NotDone => return None,
@@ -253,8 +267,14 @@ impl Task {
             Outcome::Solved(_) | Outcome::Kept(_) => catch_unwind(AssertUnwindSafe(judged))
                 .unwrap_or_else(|_| Err(Failure::Failed(format!("an internal error of parfocal{REPORTED}")))),
         };
-        let (verdict, reasons) = ended.unwrap_or_else(|failure| (Verdict::CannotJudge, vec![failure.message()]));
-        let (judged, seconds) = (utc(SystemTime::now()), began.elapsed().as_secs_f64());
+        let (verdict, mut reasons) = ended.unwrap_or_else(|failure| (Verdict::CannotJudge, vec![failure.message()]));
+        // A name such as .. is refused, and is no folder of results.
+        let is_own = Path::new(&self.name).file_name().is_some_and(|name| name == self.name.as_str());
+        if !is_written && is_own {
+            reasons.extend(remove_inspection(out).err().map(|e| format!("{}: {e}", out.display())));
+        }
+        let is_timed = self.refused.is_none() && !matches!(outcome, Outcome::Kept(_));
+        let (judged, seconds) = (utc(SystemTime::now()), is_timed.then(|| began.elapsed().as_secs_f64()));
         Some(PartVerdict { serial, time, judged, verdict, reasons, seconds })
     }
 
@@ -330,6 +350,16 @@ impl Job {
             && inputs.iter().enumerate().all(is_same)
             && is_whole(self.out(), REPORT_FILE, &report))
     }
+}
+
+/// Removes the earlier inspection in a folder, whose verdict holds no longer: the files that its report lists.
+fn remove_inspection(out: &Path) -> io::Result<()> {
+    let listed = listed_in(out, INSPECT_FILES[0]);
+    let own = INSPECT_FILES.into_iter().filter(|name| listed.iter().any(|listed| listed == name));
+    own.into_iter().try_for_each(|name| match std::fs::remove_file(out.join(name)) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e),
+        _ => Ok(()),
+    })
 }
 
 /// The end of the message of an internal error.

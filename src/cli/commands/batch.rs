@@ -53,9 +53,10 @@ pub(crate) struct Arguments {
 
 fn after_help() -> String {
     format!(
-        "{}\n\nA pair that fails is reported and the others go on. Ctrl-C finishes the current pairs and writes the summary;\n\
-         a second Ctrl-C ends the program at once.\n\nExit status: 0 all done, 1 a pair failed, 2 wrong usage, 130 ended by Ctrl-C; with --golden also 3 a part\n\
-         is no-go, else 4 a part cannot be judged; a pair that fails cannot.\n\n\
+        "{}\n\nA pair that fails is reported and the others go on. Ctrl-C finishes the current pairs and writes the\n\
+         summary; a second Ctrl-C ends the program at once.\n\n\
+         Exit status: 0 all done, 1 a pair failed, 2 wrong usage, 130 ended by Ctrl-C. With --golden: 3 a part is\n\
+         no-go, else 4 a part cannot be judged. A pair that fails cannot be judged.\n\n\
          Examples:\n  parfocal batch shots -o results --regularization 0.001\n  parfocal batch list.csv -o results --resume",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
@@ -75,7 +76,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let groups = std::mem::take(&mut found.groups);
     let tasks: Vec<_> = shard.of(groups).map(|group| Arc::new(Task::new(out, group, &request))).collect();
     Task::check_all(&tasks)?;
-    let log = arguments.log.start(source, start_of(judge.as_ref()))?;
+    let log = arguments.log.start(source, out, start_of(judge.as_ref()))?;
     let end = |request: &Request, judge: Option<&Judge>, rows, is_interrupted| {
         let summary = BatchSummary::new(source, rows, found.left_over.clone(), is_interrupted, started.elapsed());
         let summary = if judge.is_some() { summary.with_verdicts() } else { summary };
@@ -120,6 +121,7 @@ pub(crate) fn check_output(
     inspection: &InspectionArguments,
 ) -> Result<(), Failure> {
     destination::check_folder(out)?;
+    inspection.check_output(out)?;
     request.force.to(out).check_named(FileKind::Batch, &[summary])?;
     if inspection.is_given() {
         let [table, cases] = verdict_files(summary);

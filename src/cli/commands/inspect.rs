@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{INSPECT_FILES, InspectReport, REPORT_FILE, listed_in};
+use parfocal::export::{INSPECT_FILES, InspectReport};
 use parfocal::metric::inspect::Verdict;
 
-use crate::cli::inspection::arguments::{InspectionArguments, result_folders};
+use crate::cli::inspection::arguments::{InspectionArguments, files_of, result_folders};
 use crate::cli::inspection::judge::label_of;
 use crate::cli::options::config_file::ConfigArgument;
 use crate::cli::options::run::ReportArguments;
@@ -35,10 +35,10 @@ const AFTER_HELP: &str = "\
 The part's picture is registered onto the golden one's by key-points (a similarity), its heights are brought along, and
 the plane that most of the difference lies in is taken out: how the part lies is no defect, up to the tilt that is
 allowed. A pixel deviates where what is left is more than the tolerance, and more than K standard deviations of both; of
-several golden parts, what they differ by at that pixel counts too. Pixels that touch are a region. Where the golden part has a height and the part has none, no texture, or a height too
-uncertain for the tolerance, nothing is judged. A region that lacks the golden part's texture is no-go. A part cannot be judged
-if too much of it or a region is uncertain, if it lies tilted by more than is allowed, if a solve had not converged, or if
-the golden parts disagree.
+several golden parts, what they differ by at that pixel counts too. Pixels that touch are a region. Where the golden
+part has a height and the part has none, no texture, or a height too uncertain for the tolerance, nothing is judged. A
+region that lacks the golden part's texture is no-go. A part cannot be judged if too much of it or a region is
+uncertain, if it lies tilted by more than is allowed, if a solve had not converged, or if the golden parts disagree.
 
 Results, with -o, both or none:
   inspect.json  verdict, reasons, registration, plane, and of each region area, mean, extreme, place
@@ -75,10 +75,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Refuses a folder that cannot be written.
 fn check_output(arguments: &Arguments, out: &Path) -> Result<(), Failure> {
     destination::check_folder(out)?;
-    let golden = result_folders(&arguments.inspection.golden);
-    let results = golden.iter().chain([&arguments.part]);
-    let inputs: Vec<PathBuf> =
-        results.flat_map(|folder| listed_in(folder, REPORT_FILE).into_iter().map(|name| folder.join(name))).collect();
+    let golden = result_folders(&arguments.inspection.golden)?;
+    let inputs: Vec<PathBuf> = golden.iter().chain([&arguments.part]).flat_map(|folder| files_of(folder)).collect();
     destination::check(out, INSPECT_FILES[0], &INSPECT_FILES, &inputs.iter().collect::<Vec<_>>())?;
     Ok(arguments.force.to(out).check_results(INSPECT_FILES[0], &INSPECT_FILES)?)
 }

@@ -6,7 +6,7 @@ use parfocal::export::{FileKind, GoldenPart, GoldenReport, TaughtPart, write_gol
 use parfocal::metric::inspect::{Heights, Limits};
 use parfocal::metric::least_tolerances;
 
-use crate::cli::inspection::arguments::{ComparisonArguments, result_folders};
+use crate::cli::inspection::arguments::{ComparisonArguments, files_of, result_folders};
 use crate::cli::inspection::golden::{Combined, Golden};
 use crate::cli::options::run::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
@@ -54,9 +54,15 @@ const OUTLYING: f64 = 2.0;
 
 /// Reads, compares, writes and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if arguments.comparison.limits(0.0).sigmas == 0.0 {
+        let problem = "--sigmas 0 leaves no tolerance that good parts need; give more";
+        return Err(Failure::Usage(problem.to_string()));
+    }
     let out = arguments.force.to(&arguments.output);
-    destination::check_file(out, FileKind::Golden, " for the golden part", &[])?;
-    let golden = Golden::of_folders(&result_folders(&arguments.parts), arguments.comparison.in_place)?;
+    let folders = result_folders(&arguments.parts)?;
+    let inputs: Vec<PathBuf> = folders.iter().flat_map(|folder| files_of(folder)).collect();
+    destination::check_file(out, FileKind::Golden, " for the golden part", &inputs.iter().collect::<Vec<_>>())?;
+    let golden = Golden::of_folders(&folders, arguments.comparison.in_place)?;
     // There is one quantity or more, and the best one is last.
     let Some(field) = golden.fields.last() else { return Ok(()) };
     let unit = field.unit;
@@ -66,15 +72,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .iter()
         .zip(&least)
         .map(|(name, least)| match least.is_finite() {
-            true => format!("good part      {name}: go against the others from a tolerance of {least:.2} {unit} on"),
+            true => {
+                format!("good part      {name}: go against the others from a tolerance of {} {unit} on", short(*least))
+            }
             false => format!("good part      {name}: go against the others at no tolerance"),
         })
         .collect();
     let stated = arguments.comparison.tolerance;
-    let (heights, tolerance, doubts) = combined(arguments, &golden, &least)?;
+    let (taught, doubts) = combined(arguments, &golden, &least)?;
     let how = if stated.is_some() { "stated" } else { "suggested" };
-    lines.push(format!("tolerance      {tolerance} {unit}, {how}"));
-    lines.push(area(&heights, unit));
+    if let Some((heights, tolerance)) = &taught {
+        lines.push(format!("tolerance      {tolerance} {unit}, {how}"));
+        lines.push(area(heights, unit));
+    }
     if golden.names.len() < 3 {
         lines.push("warning        fewer than three good parts do not show what good parts differ by".to_string());
     }
@@ -83,19 +93,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let parts = parts.map(|(folder, least)| TaughtPart { folder: folder.clone(), least_tolerance: *least }).collect();
     let settings = golden.first.settings.clone();
     let quantity = (field.name.as_str(), unit);
+    // Without a tolerance nothing is written, and JSON says null.
+    let tolerance = taught.as_ref().map_or(f64::NAN, |(_, tolerance)| *tolerance);
     let report = GoldenReport::new(parts, quantity, (tolerance, stated.is_none()), settings);
-    if doubts.is_empty() {
-        lines.push(format!("golden part    {}", arguments.output.display()));
-        write_golden(out, &GoldenPart { report: report.clone(), heights, picture: golden.first.picture })?;
-    } else {
-        lines.push(format!("golden part    {} is not written", arguments.output.display()));
+    match taught {
+        Some((heights, _)) if doubts.is_empty() => {
+            lines.push(format!("golden part    {}", arguments.output.display()));
+            write_golden(out, &GoldenPart { report: report.clone(), heights, picture: golden.first.picture })?;
+        }
+        _ => lines.push(format!("golden part    {} is not written", arguments.output.display())),
     }
     arguments.report.print(&lines.join("\n"), || serde_json::to_string_pretty(&report))?;
     if doubts.is_empty() { Ok(()) } else { Err(Failure::CannotJudge) }
 }
 
-/// One golden part from all, the tolerance, and why it should not be used, one sentence each.
-fn combined(arguments: &Arguments, golden: &Golden, least: &[f64]) -> Result<(Heights, f64, Vec<String>), Failure> {
+/// A golden part with its tolerance.
+type Taught = (Heights, f64);
+
+/// One golden part from all, if there is a tolerance, and why it should not be used, one sentence each.
+fn combined(arguments: &Arguments, golden: &Golden, least: &[f64]) -> Result<(Option<Taught>, Vec<String>), Failure> {
     let Some(field) = golden.fields.last() else { return Err(Failure::Failed("no golden part".to_string())) };
     let limits = |tolerance: f64| Limits { max_tilt: f64::INFINITY, ..arguments.comparison.limits(tolerance) };
     let mut doubts = golden.doubts.clone();
@@ -112,18 +128,18 @@ fn combined(arguments: &Arguments, golden: &Golden, least: &[f64]) -> Result<(He
         }
     };
     for (name, _) in golden.names.iter().zip(least).filter(|(_, least)| least.is_infinite()) {
-        let problem =
-            "lacks texture or heights that the others have, at any tolerance; leave it out, or solve it again";
+        let problem = "lacks texture or heights that the others have, or is far less certain than they are, at any \
+                       tolerance; leave it out, or solve it again";
         doubts.push(format!("the good part {name} {problem}"));
     }
     if !tolerance.is_finite() {
-        return Ok((field.heights[0].clone(), 0.0, doubts));
+        return Ok((None, doubts));
     }
     let Combined { heights, disagreeing } = golden.combined(field, &limits(tolerance))?;
     if doubts.is_empty() {
         doubts.extend(disagreeing);
     }
-    Ok((heights, tolerance, doubts))
+    Ok((Some((heights, tolerance)), doubts))
 }
 
 /// Rounds up to two significant digits.
@@ -132,23 +148,37 @@ fn rounded_up(value: f64) -> f64 {
         return value;
     }
     // By decimals, since a product with 0.01 is not exact.
-    let decimals = 1 - value.log10().floor() as i32;
+    let decimals = decimals(value);
     let scale = 10f64.powi(decimals.abs());
+    // Less by what a calculation may add to an exact value.
+    let value = value * (1.0 - 1e-9);
     if decimals >= 0 { (value * scale).ceil() / scale } else { (value / scale).ceil() * scale }
+}
+
+/// The decimals of two significant digits; negative for zeros before the point.
+fn decimals(value: f64) -> i32 {
+    1 - value.log10().floor() as i32
+}
+
+/// A number with two significant digits, or all before the point.
+fn short(value: f64) -> String {
+    let digits = if value.is_finite() && value > 0.0 { decimals(value).clamp(0, 12) } else { 0 };
+    format!("{value:.*}", digits as usize)
 }
 
 /// The line of the golden part's area and standard deviation.
 fn area(heights: &Heights, unit: &str) -> String {
     let mut known: Vec<f32> = heights.deviation.iter().copied().filter(|deviation| deviation.is_finite()).collect();
     known.sort_by(f32::total_cmp);
-    let at =
-        |share: f64| known.get((share * known.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(f32::NAN);
+    let at = |share: f64| {
+        known.get((share * known.len().saturating_sub(1) as f64) as usize).map_or(f64::NAN, |v| (*v).into())
+    };
     format!(
-        "measured       {} of {} px; standard deviation of a good part {:.3} {unit}, at 95 % of pixels below {:.3}",
+        "measured       {} of {} px; standard deviation of a good part {} {unit}, at 95 % of pixels below {}",
         known.len(),
         heights.values.len(),
-        at(0.5),
-        at(0.95)
+        short(at(0.5)),
+        short(at(0.95))
     )
 }
 
@@ -156,9 +186,18 @@ fn area(heights: &Heights, unit: &str) -> String {
 mod tests {
     #[test]
     fn tolerances_are_rounded_up() {
-        for (value, expected) in [(0.1234, 0.13), (0.12, 0.12), (1.01, 1.1), (12.3, 13.0), (1234.0, 1300.0), (0.0, 0.0)]
-        {
+        for (value, expected) in [
+            (0.1234, 0.13),
+            (0.12, 0.12),
+            (1.25 * 0.224, 0.28),
+            (0.1 + 0.2, 0.3),
+            (1.01, 1.1),
+            (12.3, 13.0),
+            (1234.0, 1300.0),
+            (0.0, 0.0),
+        ] {
             assert_eq!(super::rounded_up(value), expected);
         }
+        assert_eq!([0.001_234, 0.28, 12.3, 1234.0, 0.0].map(super::short), ["0.0012", "0.28", "12", "1234", "0"]);
     }
 }

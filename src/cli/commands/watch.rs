@@ -66,8 +66,8 @@ fn after_help() -> String {
          A pair that fails is reported, and tried again when its files change. Ctrl-C finishes the current pairs and\n\
          the program of --on-done; a second Ctrl-C ends both at once.\n\n\
          Exit status: 0 all that arrived was solved, 1 a pair failed or FOLDER is gone, 2 wrong usage,\n\
-         130 ended at once; with --golden also 3 a part is no-go, else 4 a part cannot be judged; a pair that fails\n\
-         cannot.\n\n\
+         130 ended at once. With --golden: 3 a part is no-go, else 4 a part cannot be judged. A pair that fails\n\
+         cannot be judged.\n\n\
          Examples:\n  parfocal watch incoming -o results\n  parfocal watch incoming -o results --on-done ./judge.sh --until-idle 600",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
@@ -89,13 +89,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     batch::check_output(&request, out, SUMMARY, request.page, &arguments.inspection)?;
     let judge = arguments.inspection.judge()?;
-    let log = arguments.log.start(folder, batch::start_of(judge.as_ref()))?;
+    let log = arguments.log.start(folder, out, batch::start_of(judge.as_ref()))?;
     let stop = batch::stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
     let context = Arc::new(Context { request, resume: true, device: devices.least()?, judge, stop });
     let (request, stream) = (&context.request, devices.stream(&context)?);
     let (progress, on_done) = (BatchProgress::endless(&request.run), arguments.on_done.clone().map(OnDone));
     let mut watched = WatchedFolder::new(arguments);
+    let mut failed = None;
     let (mut waiting, mut in_flight, mut rows) = (VecDeque::new(), VecDeque::new(), Vec::<Row>::new());
     // The summary states every part, and takes longer the more there are.
     let (mut last_write, mut is_written, mut write_problem) = (LastRun::default(), true, String::new());
@@ -125,9 +126,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             in_flight.pop_front();
             match result {
                 Ok(row) => new.push(row),
-                Err(_) => devices.check()?,
+                // What was received, and what other devices solve now, is processed first.
+                Err(_) => failed = failed.or(devices.check().err()),
             }
             limit = Duration::ZERO;
+        }
+        if failed.is_some() {
+            context.stop.store(true, Ordering::Relaxed);
         }
         new.retain(|row| !matches!(row.outcome, Outcome::NotDone));
         for row in &new {
@@ -153,11 +158,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     }
     let summary = summary(rows, &watched);
-    let written = if is_written { Ok(()) } else { summary.write(request, out, SUMMARY, request.page) };
+    let written = summary.write(request, out, SUMMARY, request.page);
     log.write("end", summary.end());
     request.run.report.print(&summary.table(&out.join(SUMMARY)), || summary.to_json())?;
     written?;
-    devices.check()?;
+    failed.map_or_else(|| devices.check(), Err)?;
     watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))?;
     summary.check(request.run.strict)
 }

@@ -1,12 +1,14 @@
 //! The options of an inspection, which `inspect`, `batch` and `watch` share, and those that `teach` has too.
 
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
-use parfocal::Region;
-use parfocal::export::{REPORT_FILE, read_golden};
+use parfocal::export::{REPORT_FILE, listed_in, read_golden};
 use parfocal::metric::inspect::Limits;
+use parfocal::{Region, internals::bounded_read};
+use serde_json::Value;
 
-use crate::cli::batch::summary::SUMMARY;
+use crate::cli::batch::summary::{SUMMARY, is_of_batch};
 use crate::cli::help::{INPUT, INSPECTION};
 use crate::cli::inspection::golden::Golden;
 use crate::cli::inspection::judge::Judge;
@@ -21,18 +23,17 @@ pub(crate) struct ComparisonArguments {
     /// In mm where all have depth in mm, else in px² of V, or in settings of a sweep.
     #[arg(long, value_name = "T", help_heading = INSPECTION, value_parser = from_zero)]
     pub(crate) tolerance: Option<f64>,
-    /// Standard deviations that a difference must also exceed
-    #[arg(long, value_name = "K", help_heading = INSPECTION, default_value_t = Limits::new(0.0).sigmas,
-          value_parser = from_zero)]
-    sigmas: f64,
-    /// Least number of pixels of a region that counts
-    #[arg(long, value_name = "COUNT", help_heading = INSPECTION, default_value_t = Limits::new(0.0).min_area_px)]
-    min_area: usize,
+    /// Standard deviations that a difference must also exceed [default: 3]
+    #[arg(long, value_name = "K", help_heading = INSPECTION, value_parser = from_zero)]
+    sigmas: Option<f64>,
+    /// Least number of pixels of a region that counts [default: 50]
+    #[arg(long, value_name = "COUNT", help_heading = INSPECTION)]
+    min_area: Option<usize>,
     /// The allowed share of the golden part's pixels that are not judged, 0 to 1: without a height of the part, or with
-    /// one whose K standard deviations exceed the tolerance
-    #[arg(long, value_name = "SHARE", help_heading = INSPECTION, default_value_t = Limits::new(0.0).max_unjudged,
+    /// one whose K standard deviations exceed the tolerance [default: 0.25]
+    #[arg(long, value_name = "SHARE", help_heading = INSPECTION,
           value_parser = within(0.0..=1.0, "give a share from 0 to 1"))]
-    max_unjudged: f64,
+    max_unjudged: Option<f64>,
     /// Do not register the pictures: the fixture holds every part in the same position
     #[arg(long, help_heading = INSPECTION)]
     pub(crate) in_place: bool,
@@ -64,8 +65,13 @@ fn from_zero(text: &str) -> Result<f64, String> {
 impl ComparisonArguments {
     /// The limits with this tolerance.
     pub(crate) fn limits(&self, tolerance: f64) -> Limits {
-        let Self { sigmas, min_area, max_unjudged, .. } = *self;
-        Limits { sigmas, min_area_px: min_area, max_unjudged, ..Limits::new(tolerance) }
+        let default = Limits::new(tolerance);
+        Limits {
+            sigmas: self.sigmas.unwrap_or(default.sigmas),
+            min_area_px: self.min_area.unwrap_or(default.min_area_px),
+            max_unjudged: self.max_unjudged.unwrap_or(default.max_unjudged),
+            ..default
+        }
     }
 }
 
@@ -75,11 +81,33 @@ impl InspectionArguments {
         !self.golden.is_empty()
     }
 
+    /// Refuses golden parts within the folder of results, where a part of their name would replace them.
+    pub(crate) fn check_output(&self, out: &Path) -> Result<(), Failure> {
+        let Ok(out) = out.canonicalize() else { return Ok(()) };
+        let is_within = |golden: &&PathBuf| {
+            golden.canonicalize().is_ok_and(|golden| {
+                golden.starts_with(&out) && (golden.is_dir() || golden.parent() != Some(out.as_path()))
+            })
+        };
+        self.golden.iter().find(is_within).map_or(Ok(()), |golden| {
+            let problem = "is a golden part in the folder of the results, which may replace it; give another folder";
+            Err(Failure::Failed(format!("{}: {problem}", golden.display())))
+        })
+    }
+
     /// Reads the golden parts. Returns `None` if none is given.
     pub(crate) fn judge(&self) -> Result<Option<Judge>, Failure> {
         if self.golden.is_empty() {
-            let needs =
-                [(self.comparison.tolerance.is_some(), "--tolerance"), (!self.inspect_roi.is_empty(), "--inspect-roi")];
+            let ComparisonArguments { tolerance, sigmas, min_area, max_unjudged, in_place } = self.comparison;
+            let needs = [
+                (tolerance.is_some(), "--tolerance"),
+                (sigmas.is_some(), "--sigmas"),
+                (min_area.is_some(), "--min-area"),
+                (max_unjudged.is_some(), "--max-unjudged"),
+                (in_place, "--in-place"),
+                (self.max_tilt.is_some(), "--max-tilt"),
+                (!self.inspect_roi.is_empty(), "--inspect-roi"),
+            ];
             return match needs.iter().find(|(is_given, _)| *is_given) {
                 Some((_, option)) => Err(Failure::Usage(format!("{option} needs golden parts: give --golden too"))),
                 None => Ok(None),
@@ -100,7 +128,7 @@ impl InspectionArguments {
                     "--golden: {} is a file beside others; give one file of parfocal teach, or folders of results",
                     file.display()
                 ))),
-                None => Golden::of_folders(&result_folders(several), self.comparison.in_place),
+                None => Golden::of_folders(&result_folders(several)?, self.comparison.in_place),
             },
         }
     }
@@ -124,15 +152,50 @@ impl InspectionArguments {
     }
 }
 
-/// The folders of results, with each folder of a batch replaced by those of its pairs and sweeps.
-pub(crate) fn result_folders(paths: &[PathBuf]) -> Vec<PathBuf> {
-    let of_batch = |path: &PathBuf| path.join(SUMMARY).is_file() && !path.join(REPORT_FILE).exists();
-    let inner = |path: &Path| -> Vec<PathBuf> {
-        let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
-        let mut folders: Vec<PathBuf> =
-            entries.map(|entry| entry.path()).filter(|path| path.join(REPORT_FILE).is_file()).collect();
+/// Greatest size of a summary of a batch, 1 GiB.
+const MAX_SUMMARY: u64 = 1 << 30;
+
+/// The folders of results, with each folder of a batch replaced by those of its pairs and sweeps that have results by
+/// batch.json, or without it by the summaries of shares.
+pub(crate) fn result_folders(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+    let mut all = Vec::new();
+    for path in paths {
+        let failed = |problem: String| Failure::Failed(format!("{}: {problem}", path.display()));
+        let unreadable = |e: io::Error| failed(format!("cannot be read ({e}); check its permissions"));
+        if path.join(REPORT_FILE).exists() || !path.is_dir() {
+            all.push(path.clone());
+            continue;
+        }
+        let names = fs::read_dir(path).and_then(Iterator::collect::<io::Result<Vec<_>>>).map_err(unreadable)?;
+        let names = names.iter().map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let mut summaries: Vec<String> = names.filter(|name| is_of_batch(name) && name.ends_with(".json")).collect();
+        if summaries.is_empty() {
+            all.push(path.clone());
+            continue;
+        }
+        if summaries.iter().any(|name| name == SUMMARY) {
+            summaries = vec![SUMMARY.to_string()];
+        }
+        let mut folders = Vec::new();
+        for name in &summaries {
+            let bytes = bounded_read::read(&path.join(name), MAX_SUMMARY).map_err(unreadable)?;
+            let summary: Value =
+                serde_json::from_slice(&bytes).map_err(|e| failed(format!("{name} is no summary of a batch ({e})")))?;
+            let rows = summary["pairs"].as_array().into_iter().flatten();
+            let good = rows.filter(|row| row["status"] == "solved" || row["status"] == "kept");
+            folders.extend(good.filter_map(|row| Some(path.join(row["name"].as_str()?))));
+        }
+        if folders.is_empty() {
+            return Err(failed("its batch has no results".to_string()));
+        }
         folders.sort();
-        folders
-    };
-    paths.iter().flat_map(|path| if of_batch(path) { inner(path) } else { vec![path.clone()] }).collect()
+        folders.dedup();
+        all.extend(folders);
+    }
+    Ok(all)
+}
+
+/// The files of the results in a folder.
+pub(crate) fn files_of(folder: &Path) -> Vec<PathBuf> {
+    listed_in(folder, REPORT_FILE).into_iter().map(|name| folder.join(name)).collect()
 }

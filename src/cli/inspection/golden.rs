@@ -202,7 +202,7 @@ impl Golden {
 }
 
 /// Settings that change how a solve arrives at its result, and not the result of one that converged.
-const PATH: [&str; 9] = [
+const SOLVER_PATH_SETTINGS: [&str; 9] = [
     "start",
     "start_photometric",
     "registration_step",
@@ -220,7 +220,7 @@ fn settings(report: &Report) -> Result<Value, Failure> {
     let failed = |e: serde_json::Error| Failure::Failed(e.to_string());
     let mut settings = serde_json::to_value(&report.settings).map_err(failed)?;
     if let Some(map) = settings.as_object_mut() {
-        map.retain(|name, _| !PATH.contains(&name.as_str()));
+        map.retain(|name, _| !SOLVER_PATH_SETTINGS.contains(&name.as_str()));
         // As found, since `auto` may find another curve for each part.
         map.insert("decode".to_string(), serde_json::to_value(report.values.decode).map_err(failed)?);
         map.insert("flattened".to_string(), report.flattened.into());

@@ -1,12 +1,14 @@
 //! `--log FILE`: what was decided and why, as JSON lines that are appended.
 
-use std::fs::OpenOptions;
+use std::cell::{Cell, RefCell};
+use std::fs::{self, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use serde_json::{Value, json};
 
+use crate::cli::batch::summary::is_of_batch;
 use crate::cli::help::OUTPUT;
 use crate::cli::inspection::verdict::utc;
 use crate::cli::output::failure::{Failure, plain};
@@ -28,14 +30,29 @@ const MAX_LINE: u64 = 1 << 20;
 /// A log. The file is opened for each line, so that it can be rotated.
 pub(crate) struct Log {
     file: Option<PathBuf>,
+    /// Whether the last line may have been cut off.
+    is_torn: Cell<bool>,
+    /// The last problem, of which a warning was printed.
+    problem: RefCell<String>,
 }
 
 impl LogArgument {
-    /// Checks that an existing file is a log, and appends the first line.
-    pub(crate) fn start(&self, source: &Path, more: Value) -> Result<Log, Failure> {
-        let log = Log { file: self.log.clone() };
+    /// Checks that an existing file is a log, and appends the first line. Creates the folder of results, in which it
+    /// may lie.
+    pub(crate) fn start(&self, source: &Path, out: &Path, more: Value) -> Result<Log, Failure> {
+        let log = Log { file: self.log.clone(), is_torn: Cell::new(false), problem: RefCell::default() };
         if let Some(file) = &self.log {
             let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+            if file == Path::new("-") {
+                return Err(Failure::Usage("--log -: lines are appended to a file; give one".to_string()));
+            }
+            fs::create_dir_all(out)
+                .map_err(|e| Failure::Failed(format!("{}: cannot be created ({e})", out.display())))?;
+            let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            let name = file.file_name().unwrap_or_default().to_string_lossy();
+            if is_of_batch(&name) && crate::cli::same_file(folder, out) {
+                return Err(failed("is a result of the batch; give another name for the log".to_string()));
+            }
             let is_log =
                 is_log(file).map_err(|e| failed(format!("cannot be read ({e}); give another file for the log")))?;
             if !is_log {
@@ -50,11 +67,15 @@ impl LogArgument {
 }
 
 impl Log {
-    /// Appends a line. A failure is a warning, since the verdicts are in batch.json too.
+    /// Appends a line. A failure is a warning, one for each problem, since the summary has the verdicts too.
     pub(crate) fn write(&self, event: &str, more: Value) {
-        if let (Some(file), Err(e)) = (&self.file, self.append(event, more)) {
+        let problem = self.append(event, more).err().map_or_else(String::new, |e| e.to_string());
+        let Some(file) = self.file.as_ref().filter(|_| self.problem.replace(problem.clone()) != problem) else {
+            return;
+        };
+        if !problem.is_empty() {
             let file = plain(&file.display().to_string());
-            let _ = writeln!(io::stderr(), "warning: {file}: cannot be written ({e}); the verdicts are in batch.json");
+            let _ = writeln!(io::stderr(), "warning: {file}: cannot be written ({problem}); the summary has all parts");
         }
     }
 
@@ -63,8 +84,11 @@ impl Log {
         let mut line = json!({ "program": PROGRAM, "event": event, "at": utc(SystemTime::now()) });
         merge(&mut line, more);
         let mut opened = OpenOptions::new().append(true).create(true).open(file)?;
+        let end = if self.is_torn.get() { "\n" } else { "" };
         // One call, so that the lines of two programs do not mix.
-        opened.write_all(format!("{line}\n").as_bytes())
+        let written = opened.write_all(format!("{end}{line}\n").as_bytes());
+        self.is_torn.set(written.is_err());
+        written
     }
 }
 
@@ -74,15 +98,22 @@ fn merge(line: &mut Value, more: Value) {
     }
 }
 
-/// Whether lines may be appended to a file: it is missing, empty, no regular file, or begins with a line of a log. Ends
-/// a last line that was cut off.
+/// Whether lines may be appended to a file: it is missing, empty, a character device, or begins with a line of a log.
+/// Ends a last line that was cut off. Other files such as a pipe are refused, since opening one may wait for a reader.
 fn is_log(file: &Path) -> io::Result<bool> {
     let found = match file.metadata() {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(true),
         found => found?,
     };
-    if !found.is_file() || found.len() == 0 {
-        return Ok(!found.is_dir());
+    if !found.is_file() {
+        #[cfg(unix)]
+        let is_device = std::os::unix::fs::FileTypeExt::is_char_device(&found.file_type());
+        #[cfg(not(unix))]
+        let is_device = false;
+        return Ok(is_device);
+    }
+    if found.len() == 0 {
+        return Ok(true);
     }
     let mut opened = OpenOptions::new().read(true).append(true).open(file)?;
     let mut first = Vec::new();
@@ -109,7 +140,8 @@ mod tests {
         let folder = tempfile::TempDir::new().unwrap();
         let file = folder.path().join("log.jsonl");
         let argument = LogArgument { log: Some(file.clone()) };
-        let start = || argument.start(Path::new("in"), json!({ "tolerance": 1.0 }));
+        let out = folder.path().join("out");
+        let start = || argument.start(Path::new("in"), &out, json!({ "tolerance": 1.0 }));
         start().unwrap().write("part", json!({ "name": "a\nb" }));
         let text = std::fs::read_to_string(&file).unwrap();
         std::fs::write(&file, format!("{text}{{\"cut o")).unwrap();
@@ -124,7 +156,17 @@ mod tests {
             assert!(refused.contains("log.jsonl: is there already"), "{refused}");
             assert_eq!(std::fs::read_to_string(&file).unwrap(), other);
         }
-        assert!(LogArgument { log: Some(folder.path().into()) }.start(Path::new("in"), json!({})).is_err());
-        LogArgument { log: None }.start(Path::new("in"), json!({})).unwrap().write("part", json!({}));
+        let of = |log: Option<PathBuf>| LogArgument { log }.start(Path::new("in"), &out, json!({}));
+        for refused in [folder.path().into(), out.join("batch.json"), out.join("verdicts.csv"), "-".into()] {
+            assert!(of(Some(refused)).is_err());
+        }
+        of(Some(out.join("log.jsonl"))).unwrap();
+        let log = of(None).unwrap();
+        log.write("part", json!({}));
+        // The rest of a torn line.
+        let log = Log { file: Some(out.join("log.jsonl")), is_torn: Cell::new(true), ..log };
+        log.write("part", json!({}));
+        log.write("part", json!({}));
+        assert_eq!(std::fs::read_to_string(out.join("log.jsonl")).unwrap().matches("\n\n").count(), 1);
     }
 }

@@ -20,8 +20,8 @@ pub(crate) struct PartVerdict {
     pub(crate) verdict: Verdict,
     /// Reasons for any verdict but go; one sentence each.
     pub(crate) reasons: Vec<String>,
-    /// Time from the photographs to the verdict, s.
-    pub(crate) seconds: f64,
+    /// Time from the photographs to the verdict, s; null if the part was not solved now.
+    pub(crate) seconds: Option<f64>,
 }
 
 impl PartVerdict {
@@ -45,7 +45,7 @@ pub(crate) struct VerdictCounts {
 impl VerdictCounts {
     pub(crate) fn of<'a>(verdicts: impl Iterator<Item = &'a PartVerdict> + Clone) -> Self {
         let count = |wanted: Verdict| verdicts.clone().filter(|part| part.verdict == wanted).count();
-        let mut seconds: Vec<f64> = verdicts.clone().map(|part| part.seconds).collect();
+        let mut seconds: Vec<f64> = verdicts.clone().filter_map(|part| part.seconds).collect();
         seconds.sort_by(f64::total_cmp);
         // The least time that this share of the parts does not exceed.
         let quantile = |share: f64| {
@@ -63,11 +63,10 @@ impl VerdictCounts {
 
     /// The line of the summary.
     pub(crate) fn line(&self) -> String {
-        let [half, most] = [self.seconds_p50, self.seconds_p99].map(|time| time.unwrap_or_default());
-        format!(
-            "{} go, {} no-go, {} cannot judge; from photographs to verdict p50 {half:.2} s, p99 {most:.2} s",
-            self.go, self.no_go, self.cannot_judge
-        )
+        let times = self.seconds_p50.zip(self.seconds_p99).map_or_else(String::new, |(half, most)| {
+            format!("; from photographs to verdict p50 {half:.2} s, p99 {most:.2} s")
+        });
+        format!("{} go, {} no-go, {} cannot judge{times}", self.go, self.no_go, self.cannot_judge)
     }
 
     /// Fails with the status of the worst verdict.
@@ -89,9 +88,10 @@ pub(crate) fn csv<'a>(verdicts: impl Iterator<Item = (&'a PartVerdict, &'a str)>
     let mut table = csv::Writer::from_writer(Vec::new());
     table.write_record(COLUMNS).map_err(failed)?;
     for (part, output) in verdicts {
-        let (time, seconds) = (part.time.as_deref().unwrap_or_default(), format!("{:.3}", part.seconds));
+        let seconds = part.seconds.map_or_else(String::new, |seconds| format!("{seconds:.3}"));
+        let time = part.time.as_deref().unwrap_or_default();
         let (serial, output, reason) = (plain(&part.serial), plain(output), part.reason());
-        let cells = [&serial, time, &part.judged, part.verdict.text(), &seconds, &reason, &output];
+        let cells = [&serial, time, &part.judged, part.verdict.name(), &seconds, &reason, &output];
         table.write_record(cells).map_err(failed)?;
     }
     table.into_inner().map_err(|e| failed(e.into_error().into()))
@@ -101,7 +101,7 @@ pub(crate) fn csv<'a>(verdicts: impl Iterator<Item = (&'a PartVerdict, &'a str)>
 pub(crate) fn junit<'a>(source: &str, verdicts: impl Iterator<Item = &'a PartVerdict> + Clone) -> String {
     let counts = VerdictCounts::of(verdicts.clone());
     let all = counts.go + counts.no_go + counts.cannot_judge;
-    let seconds: f64 = verdicts.clone().map(|part| part.seconds).sum();
+    let seconds: f64 = verdicts.clone().filter_map(|part| part.seconds).sum();
     let mut text = format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites>\n  <testsuite name=\"parfocal\" tests=\"{all}\" \
          failures=\"{}\" errors=\"{}\" skipped=\"0\" time=\"{seconds:.3}\">\n",
@@ -112,7 +112,8 @@ pub(crate) fn junit<'a>(source: &str, verdicts: impl Iterator<Item = &'a PartVer
         let (serial, reason) = (escaped(&part.serial), escaped(&part.reason()));
         let properties = [("time", part.time.as_deref().unwrap_or_default()), ("judged", &part.judged)];
         // Writing into a string does not fail.
-        let _ = writeln!(text, "    <testcase classname=\"{source}\" name=\"{serial}\" time=\"{:.3}\">", part.seconds);
+        let took = part.seconds.map_or_else(String::new, |seconds| format!(" time=\"{seconds:.3}\""));
+        let _ = writeln!(text, "    <testcase classname=\"{source}\" name=\"{serial}\"{took}>");
         let _ = writeln!(text, "      <properties>");
         for (name, value) in properties {
             let _ = writeln!(text, "        <property name=\"{name}\" value=\"{}\"/>", escaped(value));
@@ -170,7 +171,14 @@ mod tests {
     fn part(serial: &str, verdict: Verdict, seconds: f64) -> PartVerdict {
         let reasons = if verdict == Verdict::Go { Vec::new() } else { vec!["by <+2> \"px²\"".to_string()] };
         let time = Some("2026-01-02T03:04:05.000Z".to_string());
-        PartVerdict { serial: serial.to_string(), time, judged: String::new(), verdict, reasons, seconds }
+        PartVerdict {
+            serial: serial.to_string(),
+            time,
+            judged: String::new(),
+            verdict,
+            reasons,
+            seconds: Some(seconds),
+        }
     }
 
     #[test]
@@ -194,6 +202,9 @@ mod tests {
         assert_eq!((counts.seconds_p50, counts.seconds_p99), (Some(100.0), Some(198.0)));
         assert_eq!(VerdictCounts::of(parts[..1].iter()).seconds_p99, Some(1.0));
         assert_eq!(VerdictCounts::of(parts[..0].iter()).seconds_p50, None);
+        let kept = [PartVerdict { seconds: None, ..part("a", Verdict::Go, 0.0) }];
+        assert_eq!(VerdictCounts::of(kept.iter()).line(), "1 go, 0 no-go, 0 cannot judge");
+        assert!(junit("in", kept.iter()).contains("name=\"a\">"));
     }
 
     #[test]
