@@ -6,9 +6,9 @@
 //! the whole block. The energy of a V is the mean of the squared residual, divided by what noise adds to it at that V
 //! and by the mean around the pixel.
 //!
-//! Where the best other V has less than [`BETTER`] of the energy of V, the curvature is lowered until σ_V is at least
-//! the distance between the two. Where it has less than [`NO_WORSE`] of it, is beyond σ_V, and the curvature is less
-//! than [`BY_NOISE`] times that of noise alone, the photographs do not determine V: the curvature becomes 0.
+//! Where the best other V has less than 0.9 of the energy of V, the curvature is lowered until σ_V is at least the
+//! distance between the two. Where it has less than 1.05 of it, is beyond σ_V, and the curvature is less than three
+//! times that of noise alone, the photographs do not determine V: the curvature becomes 0.
 //!
 //! A photograph that is solved in parts has other blocks at their borders.
 //!
