@@ -108,7 +108,7 @@ impl Judged {
     }
 }
 
-/// The label of the results in a folder, of which no photographs are known: the name of the folder, and the time of
+/// The label of results in a folder whose photographs are not known: the name of the folder, and the time of
 /// the report.
 pub(crate) fn label_of(folder: &PathBuf) -> InspectedPart {
     let own = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.clone());

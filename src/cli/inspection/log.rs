@@ -32,7 +32,7 @@ pub(crate) struct Log {
     file: Option<PathBuf>,
     /// Whether the last line may have been cut off.
     is_torn: Cell<bool>,
-    /// The last problem, of which a warning was printed.
+    /// The last problem for which a warning was printed.
     problem: RefCell<String>,
 }
 

@@ -7,7 +7,7 @@
 //!   fourth cumulants make it `1 + 2 v/V`, v the variance of the narrower: it differs from place to place, and V, found
 //!   with one θ, is off. On planes and reliefs through the focus of a lens that blurs by disks, θ is 1.1 to 1.8 and V
 //!   0.93 to 1.06 times the true one in the median (frames 3 and 9, 4 and 8, 6 and 9, 1 and 11 of 12). The standard
-//!   deviation of the scale is taken as 0.15 (θ - 1). On cards and blocks, of which each part is sharp in one of the
+//!   deviation of the scale is taken as 0.15 (θ - 1). On cards and blocks, whose parts are each sharp in one of the
 //!   two, θ is 1.0 to 1.24 and V 0.98 to 1.01 times the true one. Gaussians have no such error.
 //! - **The correlation of neighbouring residuals.** Noise differs from pixel to pixel. What the kernel leaves is alike
 //!   over a feature of the texture. The ratio of b times the sum of b around it to b² is 1 for the former, and 3 to 11
