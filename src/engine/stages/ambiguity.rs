@@ -60,8 +60,8 @@ bindings! {
 
 /// Side of a block, px. Blocks of a workgroup along x and y: 2.
 const BLOCK: usize = shaders::ambiguity::BLOCK as usize;
-/// Every fourth pixel along x and y is a sample: the pass takes 3 to 6 % of a solve of three real pairs on the CPU device.
-/// With every second one it would take four times as long.
+/// Every fourth pixel along x and y is a sample: the pass takes 3 to 6 % of a solve of three real pairs on the CPU
+/// device. With every second one it would take four times as long.
 const STEP: usize = shaders::ambiguity::STEP as usize;
 /// The other V: the limit times (k/6)² on either side of 0, k = 1 to 6, spaced as widely as the blurs they stand for.
 const OTHERS: usize = shaders::ambiguity::OTHERS as usize;
@@ -73,7 +73,8 @@ const LEAST: f64 = shaders::ambiguity::LEAST;
 const BETTER: f64 = shaders::ambiguity::BETTER;
 /// The curvature may be that of noise below this multiple of that of noise alone. In windows of noise it varies by a
 /// fifth, and up to 2.3 times of it come from the interpolation between the nodes of a stack. With 4 and 6 the dark
-/// background of `evaluate --only judgement` is as with 3, and 1 and 3 % more of a relief of noise 0.03 are not measured.
+/// background of `evaluate --only judgement` is as with 3, and 1 and 3 % more of a relief of noise 0.03 are not
+/// measured.
 const BY_NOISE: f64 = shaders::ambiguity::BY_NOISE;
 /// Another V is no worse below this share of the energy, where the curvature is that of noise. With 1.2 up to 7 % of
 /// the pixels of generated scenes were not measured at noise 0.03, with 1.05 up to 2 %.
