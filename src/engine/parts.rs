@@ -190,7 +190,7 @@ impl Engine {
 
     /// Whether a pair fits one solve, or why not.
     fn admits_pair(&self, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<(), Error> {
-        self.admits(&Plan::new(size[0], size[1], formats, settings)?, 1)
+        self.admits(&Plan::new(size[0], size[1], formats, settings)?.shaped_for(self.info()), 1)
     }
 }
 
@@ -260,7 +260,7 @@ fn copy_interior(whole: &mut Solution, solved: &Solution, part: Part) {
 
 /// The largest parts that the device holds.
 fn grid(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<Grid, Error> {
-    let plan = Plan::new(size[0], size[1], formats, settings)?;
+    let plan = Plan::new(size[0], size[1], formats, settings)?.shaped_for(engine.info());
     let (on_device, host) = plan.bytes();
     let share = engine.memory() as f64 / (on_device + host) as f64;
     let sides = (share * f64::from(size[0]) * f64::from(size[1])).sqrt().min(engine.info().max_image_size.into());

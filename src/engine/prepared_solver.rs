@@ -58,7 +58,7 @@ impl PreparedSolver {
         is_masked: Option<bool>,
         reading: Reading,
     ) -> Result<Self, Error> {
-        let plan = Plan::new(width, height, formats, settings)?;
+        let plan = Plan::new(width, height, formats, settings)?.shaped_for(engine.info());
         let (device, count) = (engine.device().clone(), frames_in_flight.max(1));
         if let AnyDevice::Vulkan(device, _) = &device {
             device.check_usable()?;

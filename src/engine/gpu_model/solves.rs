@@ -106,7 +106,7 @@ impl Solve {
     fn pair(pair: &Measured, registers: bool) -> Self {
         let [width, height] = pair.size;
         let format = Format { channels: pair.channels, depth: Depth::U8 };
-        let plan = Plan::new(width, height, [format; 2], &Settings::default()).unwrap();
+        let plan = Plan { for_gpu: true, ..Plan::new(width, height, [format; 2], &Settings::default()).unwrap() };
         let mut script = compose(&plan, pair.masked);
         if registers {
             script.parts.truncate(script.registered);

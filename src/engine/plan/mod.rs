@@ -1,6 +1,6 @@
 //! The plan of a solve: levels of the pyramid, filters, and what each iteration does.
 
-use crate::base::{Channels, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
+use crate::base::{CPU, Channels, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
 use crate::engine::filter::{self, Filter};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
@@ -61,6 +61,9 @@ pub(crate) struct Plan {
     pub(crate) layers: Vec<StackLayer>,
     /// Filters of the frames of a sweep: a low pass; then along x and along y the part that a high pass adds.
     pub(crate) band: [FilterRange; 3],
+    /// Whether passes are shaped for a GPU, where the traffic and the number of dispatches cost most, rather than for a
+    /// processor, where instructions do.
+    pub(crate) for_gpu: bool,
 }
 
 impl Plan {
@@ -98,9 +101,17 @@ impl Plan {
             window: weights.add(&uncertainty_terms::window()),
             layers,
             band: band().map(|filter| weights.add(&filter)),
+            for_gpu: false,
             pyramid,
             weights,
         })
+    }
+
+    /// The plan with passes shaped for a device. `PARFOCAL_SHAPE=gpu` shapes them for a GPU on any device, to test them
+    /// without one.
+    pub(crate) fn shaped_for(self, device: &DeviceInfo) -> Self {
+        let forced = std::env::var_os("PARFOCAL_SHAPE").is_some_and(|shape| shape == "gpu");
+        Self { for_gpu: forced || device.kind != CPU, ..self }
     }
 
     /// The levels solved, coarsest first.

@@ -119,7 +119,7 @@ impl JointSolver {
         let (timeout, max_relative_blur) = (engine.timeout(), settings.max_relative_blur.min(MAX_RELATIVE_BLUR));
         let decode = settings.decode.resolved([format.depth]);
         let settings = Settings { max_relative_blur, relaxation_sweeps: RELAXATION_SWEEPS, decode, ..settings.clone() };
-        let plan = Plan::new(size[0], size[1], [format; 2], &settings)?;
+        let plan = Plan::new(size[0], size[1], [format; 2], &settings)?.shaped_for(engine.info());
         let is_small = plan.sweep_bytes(frames as u32) <= memory;
         if is_small && plan.check_sweep(engine.device(), frames as u32).is_ok() || plan.pyramid.len() == 1 {
             let whole = PyramidSolver::new(engine, plan, frames)?;
@@ -130,6 +130,7 @@ impl JointSolver {
         let half = Settings { max_relative_blur, decode: Decode::None, levels: None, ..settings.clone() };
         let format = Format { channels: Channels::Gray, depth: Depth::F32 };
         let plan = Plan::new(size[0].div_ceil(2), size[1].div_ceil(2), [format; 2], &half)?;
+        let plan = plan.shaped_for(engine.info());
         Ok(Self { settings, size, timeout, whole: PyramidSolver::new(engine, plan, frames)?, parts })
     }
 
