@@ -1,5 +1,5 @@
 #version 460
-// Estimates gain, offset and shading from the blur-matched pair, smoothed. One workgroup. CPU reference:
+// Estimates gain, offset and shading from samples of the blur-matched pair. One workgroup. CPU reference:
 // src/engine/stages/exposure.rs.
 
 #extension GL_EXT_control_flow_attributes : require
@@ -8,14 +8,15 @@
 #include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform readonly image2DArray pair;   // smoothed: I1 and I2 times the share, and the share
+layout(constant_id = 2) const bool SHADES = false;               // also matches the shading
+layout(binding = 0, std430) readonly buffer Samples { float means[]; };   // of I1 and I2 times the share, and of the share
 layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;               // of the level
     float factor;                    // pixels of the full-size image per pixel of this level
     float centre_x, centre_y;
     int every;                       // pixels of the pair from sample to sample
-    int adopt;                       // 0: measure the correlation only; 1: gain and offset; 2: shading too
+    int adopt;                       // 1: gain and offset; 0: measure the correlation only
     float dependent;                 // samples that are worth one independent sample
 };
 
@@ -35,12 +36,12 @@ int samples() { return columns() * ((height + 2 * every - 1) / (2 * every)); }
 Sample sample_at(int n, Registration r) {
     const Sample NONE = Sample(0.0, 0.0, 0.0, 0.0, vec2(0.0));
     if (n >= samples()) return NONE;
-    ivec2 h = every * ivec2(n % columns(), n / columns()), x = 2 * h;
-    float share = imageLoad(pair, ivec3(h, 2)).r;
+    ivec2 x = 2 * every * ivec2(n % columns(), n / columns());
+    float share = means[2 * samples() + n];
     if (!(share > 0.5)) return NONE;
     vec2 centre = vec2(centre_x, centre_y);
     vec2 place = (vec2(x) + displacement(r, x, factor, centre) - centre) / centre;
-    float u = imageLoad(pair, ivec3(h, 0)).r / share, v = imageLoad(pair, ivec3(h, 1)).r / share;
+    float u = means[n] / share, v = means[samples() + n] / share;
     float middle = 0.5 * (u + v);
     return Sample(u, v, share, DARK * DARK / (DARK * DARK + middle * middle), place);
 }
@@ -89,7 +90,7 @@ void match_moments(Registration r) {
         correlation = contrast ? second.z / (sqrt(variance.x) * sqrt(variance.y)) : 0.0;
         state.correlation = correlation;
         // Images that hardly correlate, for example because they are far apart, do not determine the gain.
-        if (adopt > 0) {
+        if (adopt == 1) {
             gain = correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;
             offset = mean.x - gain * mean.y;
             state.registration.gain = gain;
@@ -227,5 +228,5 @@ void match_shading(Registration r) {
 void main() {
     Registration r = state.registration;
     match_moments(r);
-    if (adopt == 2 && correlation > 0.5) match_shading(r);
+    if (SHADES && correlation > 0.5) match_shading(r);
 }

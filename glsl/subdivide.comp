@@ -7,6 +7,8 @@ layout(binding = 1, r32f) uniform writeonly image2DArray fine;
 layout(binding = 2, std430) readonly buffer Tiles { uint tiles[]; };
 layout(push_constant) uniform Constants {
     int width, height;   // of the fine image
+    int from_layer;      // of the coarse image, the first
+    int from_step;       // from there to the next
     int layer;           // of the fine image, for the first layer of the coarse one
     int step;            // from there to the next
     int planes;          // layers
@@ -15,7 +17,9 @@ layout(push_constant) uniform Constants {
 
 #include "tiles.glsl"
 
-float coefficient(int x, int y) { return imageLoad(coarse, ivec3(x, y, gl_WorkGroupID.z)).r; }
+float coefficient(int x, int y) {
+    return imageLoad(coarse, ivec3(x, y, from_layer + int(gl_WorkGroupID.z) * from_step)).r;
+}
 
 void main() {
     ivec2 size = ivec2(width, height), i = invocation(tile_at(listed), gl_WorkGroupSize.xy), pixel = 2 * i;

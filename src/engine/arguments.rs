@@ -1,7 +1,7 @@
 //! The protocol of indirect dispatch: recorded dispatches that run no workgroups when not needed.
 //!
 //! Each level has [`WORDS`] words of arguments: the workgroups over tiles, over one color, over all pixels, over blocks
-//! of pixels, of filters along x and along y, one, and over each coarse grid; then three for each pass that warps I2
+//! of pixels, of filters along x, along y and along both, one, and over each coarse grid; then three for each pass that warps I2
 //! again. Before a solve they are the [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a
 //! level's words when it settles. Before an iteration that may warp it restores the words of the warping passes, or
 //! zeroes them.
@@ -15,7 +15,7 @@ use super::stages::state::{LevelState, MAX_LEVELS};
 /// The most coarse grids that have workgroups of their own: those of a level of 65536 x 65536 pixels.
 const COARSE: usize = 11;
 /// What the dispatches of a level run over.
-const GRIDS: usize = 7 + COARSE;
+const GRIDS: usize = 8 + COARSE;
 /// Words of all grids of a level.
 const GRID_WORDS: usize = 3 * GRIDS;
 /// The most words of the passes that warp I2 again, of a level.
@@ -67,6 +67,8 @@ pub(crate) enum Over {
     AlongX,
     /// The same along y.
     AlongY,
+    /// The tiles of a filter along both axes, of D and of b.
+    BothAxes,
     /// One workgroup.
     One,
     /// The n-th coarse grid.
@@ -101,7 +103,16 @@ impl Grid {
 impl Over {
     /// All, in the order of their words.
     pub(crate) fn all() -> [Over; GRIDS] {
-        let first = [Over::Tiles, Over::Half, Over::Pixels, Over::Blocks, Over::AlongX, Over::AlongY, Over::One];
+        let first = [
+            Over::Tiles,
+            Over::Half,
+            Over::Pixels,
+            Over::Blocks,
+            Over::AlongX,
+            Over::AlongY,
+            Over::BothAxes,
+            Over::One,
+        ];
         std::array::from_fn(|n| first.get(n).copied().unwrap_or_else(|| Over::Coarse(n - first.len())))
     }
 
@@ -113,8 +124,9 @@ impl Over {
             Over::Blocks => 3,
             Over::AlongX => 4,
             Over::AlongY => 5,
-            Over::One => 6,
-            Over::Coarse(n) => 7 + n,
+            Over::BothAxes => 6,
+            Over::One => 7,
+            Over::Coarse(n) => 8 + n,
         }
     }
 }

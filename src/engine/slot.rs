@@ -186,6 +186,11 @@ impl<Q: Quantity> Handle<Q> {
         Self { slot, quantity: PhantomData }
     }
 
+    /// The slot.
+    pub(crate) fn slot(self) -> Slot {
+        self.slot
+    }
+
     /// For a pass that reads it.
     pub(crate) fn read(self) -> Reads<Q> {
         Reads(self)

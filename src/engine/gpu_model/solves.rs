@@ -106,7 +106,7 @@ impl Solve {
     fn pair(pair: &Measured, registers: bool) -> Self {
         let [width, height] = pair.size;
         let format = Format { channels: pair.channels, depth: Depth::U8 };
-        let plan = Plan { for_gpu: true, ..Plan::new(width, height, [format; 2], &Settings::default()).unwrap() };
+        let plan = Plan::new(width, height, [format; 2], &Settings::default()).unwrap().shaped_for_gpu();
         let mut script = compose(&plan, pair.masked);
         if registers {
             script.parts.truncate(script.registered);
@@ -183,7 +183,7 @@ impl Solve {
             stage: Some(dispatch.stage),
             level: dispatch.place.level,
             waves: needed * share * groups * f64::from((width * height).div_ceil(WAVE)),
-            bytes: needed * dispatch.bytes as f64 * share_of_tiles(dispatch, groups),
+            bytes: needed * bytes(dispatch) * share_of_tiles(dispatch, groups),
             waits: false,
             rounds: rounds(dispatch),
         }
@@ -214,6 +214,11 @@ fn groups_at_edges(script: &Script, over: Edges) -> [u32; 3] {
 
 fn dispatches(part: &Part) -> impl Iterator<Item = &Dispatch> {
     part.entries.iter().filter_map(|entry| if let Action::Dispatch(d) = &entry.action { Some(d) } else { None })
+}
+
+/// The compulsory traffic of a dispatch. `shape` returns at once where the blur is Gaussian, as in these pairs.
+fn bytes(dispatch: &Dispatch) -> f64 {
+    if dispatch.stage.shader.name == "shape" { 0.0 } else { dispatch.bytes as f64 }
 }
 
 /// The rounds of the loop in which a pass spends its time, as a share of those that the compiler counts: 8, in a loop

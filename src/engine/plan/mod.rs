@@ -111,7 +111,16 @@ impl Plan {
     /// without one.
     pub(crate) fn shaped_for(self, device: &DeviceInfo) -> Self {
         let forced = std::env::var_os("PARFOCAL_SHAPE").is_some_and(|shape| shape == "gpu");
-        Self { for_gpu: forced || device.kind != CPU, ..self }
+        if forced || device.kind != CPU { self.shaped_for_gpu() } else { self }
+    }
+
+    /// The plan with passes shaped for a GPU.
+    pub(crate) fn shaped_for_gpu(mut self) -> Self {
+        // The tiles of the finest level also state the deviation of T, which is not to depend on the device.
+        for level in &mut self.pyramid[1..] {
+            level.rows = linearise::rows(level.size, true);
+        }
+        Self { for_gpu: true, ..self }
     }
 
     /// The levels solved, coarsest first.
@@ -335,6 +344,8 @@ pub(crate) struct Level {
     pub(crate) limit: f64,
     /// Nodes of the stack of blurred images.
     pub(crate) nodes: usize,
+    /// Lines of pairs of pixels that an invocation of `linearise` goes down.
+    pub(crate) rows: u32,
 }
 
 impl Level {
@@ -351,12 +362,13 @@ impl Level {
             length: f64::from(size[0]).hypot(size[1].into()) / 4.0,
             limit,
             nodes: node_count(READ_BEYOND * limit),
+            rows: linearise::rows(size, false),
         }
     }
 
     /// Workgroups of `linearise`: a row of partial sums each.
     pub(crate) fn tiles(&self) -> [u32; 3] {
-        linearise::tiles(self.size)
+        linearise::tiles(self.size, self.rows)
     }
 
     /// Pixels.

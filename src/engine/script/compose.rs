@@ -6,10 +6,10 @@ use super::{Action, CpuReference, Dispatch, Entry, Hazards, Part, Script};
 use crate::base::color::LUMINANCE;
 use crate::engine::arguments::{self, Grid, Over, Place};
 use crate::engine::plan::{Level, Plan};
-use crate::engine::slot::Slot;
+use crate::engine::slot::{self, Handle, Plane, Slot};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
-use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, system, update};
+use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, separable, system, update};
 use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
@@ -63,11 +63,13 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     }
     s.next_part();
     s.place = Place::level(0);
+    if plan.solves_transform() {
+        s.copy(Slot::Partials, Slot::EndPartials);
+    }
     if !plan.matches_exposure() {
         s.exposure(&plan.pyramid[0], Adopt::Nothing, true);
     }
     if plan.solves_transform() {
-        s.copy(Slot::Partials, Slot::EndPartials);
         s.download_registration();
         registered = s.parts.len();
         s.next_part();
@@ -94,6 +96,7 @@ fn groups(level: &Level, over: Over) -> [u32; 3] {
         Over::Blocks => update::tiles(level.size),
         Over::AlongX => convolve::groups([level.size[0], level.size[1]], false, linearise::LAYERS),
         Over::AlongY => convolve::groups([level.size[1], level.size[0]], true, linearise::LAYERS),
+        Over::BothAxes => separable::groups(level.size, 1, linearise::LAYERS),
         Over::One => [1, 1, 1],
         Over::Coarse(n) => grid::grids(level.size).get(n).map_or([0; 3], |grid| relax_grid::tiles(grid.size)),
     }
@@ -124,6 +127,8 @@ pub(super) struct Composer<'a> {
     pub(super) settles: bool,
     /// The place of the next pass in the method.
     pub(super) place: Place,
+    /// D and b after the window.
+    pub(super) smoothed: Handle<Plane>,
     /// The tiles that passes run over; `None` for all.
     wanted: Option<NeededCells>,
     /// The first tile and the number of tiles of each list, by size of the tiles and margin.
@@ -144,6 +149,7 @@ impl<'a> Composer<'a> {
             warps: vec![Vec::new(); plan.solved],
             settles: true,
             place: Place::default(),
+            smoothed: slot::NORMAL_EQUATIONS,
             wanted: None,
             listed: BTreeMap::new(),
             lists: Vec::new(),

@@ -7,7 +7,12 @@ use crate::engine::arguments::{Grid, Over, Place};
 use crate::engine::plan::{FilterRange, Level, SCRATCH_LAYERS, StackLayer};
 use crate::engine::slot::{self, Handle, Plane};
 use crate::engine::stages::stack::Sampling;
-use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, subdivide, warp};
+use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, separable, subdivide, warp};
+
+/// Whether one dispatch can filter an image of a size along both axes.
+fn takes_both_axes(size: [u32; 2], filters: [FilterRange; 2], periods: [u32; 2]) -> bool {
+    filters[0].bank == filters[1].bank && separable::takes(size, filters.map(|filter| filter.radius), periods)
+}
 
 /// A layer of an image.
 type Layer = (Handle<Plane>, u32);
@@ -91,7 +96,16 @@ impl Composer<'_> {
         };
         let StackLayer { from, sampling, terms } = &plan.layers[n as usize - 1];
         if *sampling != Sampling::Every {
-            self.half_layer(level, [*from, n].map(layers), *sampling == Sampling::Halving, terms[0]);
+            let first = *sampling == Sampling::Halving;
+            if self.halves_by_both_axes(level) {
+                let to = if n + 1 < plan.layers_of(level) { layers(n + 1) } else { scratch(count) };
+                // The half-size layer before is in this layer's place.
+                self.half_by_both_axes(level, [layers(if first { *from } else { n }), to], first, terms[0]);
+                self.subdivide(level, to, layers(n));
+            } else {
+                self.half_layer(level, [*from, n].map(layers), first, terms[0]);
+                self.subdivide(level, scratch(count), layers(n));
+            }
             return u64::from(count);
         }
         for (add, &term) in terms.iter().enumerate() {
@@ -135,6 +149,20 @@ impl Composer<'_> {
         self.separable([layers; 2], size, [self.plan.window; 2], 1, false);
     }
 
+    /// The means over the window around each pixel of D, of b and of a sweep's third layer: in place, or in the scratch
+    /// image where one dispatch filters along both axes.
+    pub(super) fn smooth_equations(&mut self, level: &Level, count: u32) {
+        let (window, periods) = ([self.plan.window; 2], level.size.map(|side| 2 * (side - 1)));
+        if self.plan.for_gpu && count <= SCRATCH_LAYERS && takes_both_axes(level.size, window, periods) {
+            let equations = Layers { count, ..(slot::NORMAL_EQUATIONS, 0).into() };
+            self.smoothed = slot::SCRATCH;
+            self.both_axes([equations, scratch(count)], level.size, window, 1, periods, 1);
+        } else {
+            self.smoothed = slot::NORMAL_EQUATIONS;
+            self.smooth(slot::NORMAL_EQUATIONS, count, level.size);
+        }
+    }
+
     /// The first layer of I2's blur stack: I2 warped onto I1's pixels. The second layer holds its samples in between.
     fn warp(&mut self, level: &Level) {
         let base = self.plan.first_layer(1);
@@ -169,7 +197,7 @@ impl Composer<'_> {
         Grid::IfMoved { level, n: warps.len() - 1 }
     }
 
-    /// Layers that are computed on every other pixel, then subdivided.
+    /// Layers on every other pixel.
     ///
     /// A half-size layer is in the corner of the scratch image, which holds the layer before unless this is the
     /// first. The layer's own place holds the result of the first direction in between.
@@ -191,12 +219,40 @@ impl Composer<'_> {
         let half = scratch(layers.count);
         self.convolve([if first { from } else { half }, layers], &x, along_x, false);
         self.convolve([layers, half], &y, along_y, false);
+    }
+
+    /// Whether the half-size layers of a level's stacks are filtered along both axes in one dispatch.
+    fn halves_by_both_axes(&self, level: &Level) -> bool {
+        let half = level.size.map(|side| side.div_ceil(2));
+        let layers = self.plan.layers[..self.plan.layers_of(level) as usize - 1].iter();
+        self.plan.for_gpu
+            && layers
+                .filter(|layer| layer.sampling != Sampling::Every)
+                .all(|layer| takes_both_axes(half, layer.terms[0], level.size.map(|side| side - 1)))
+    }
+
+    /// A half-size layer, from the full-size one or from the half-size one before.
+    ///
+    /// It is in the corner of the layer that comes next, which is not computed yet, or of the scratch image.
+    fn half_by_both_axes(&mut self, level: &Level, layers: [Layers; 2], first: bool, filters: [FilterRange; 2]) {
+        let periods = level.size.map(|side| side - 1);
+        match first {
+            true => self.both_axes(layers, level.size, filters, 2, periods.map(|period| 2 * period), 1),
+            false => self.both_axes(layers, level.size.map(|side| side.div_ceil(2)), filters, 1, periods, 2),
+        }
+    }
+
+    /// Layers on every pixel from half-size ones.
+    fn subdivide(&mut self, level: &Level, from: Layers, to: Layers) {
+        let [width, height] = level.size;
         let tile = subdivide::STAGE.workgroup.map(|side| 2 * side);
-        let (grid, list) = self.extent(tile, subdivide::groups([half_width, half_height], layers.count));
-        let tiles = slot::TILES.read();
-        let bindings = subdivide::Bindings { coarse: slot::SCRATCH.read(), fine: slot::STACKS.write(), tiles };
-        let Layers { first: layer, step, count: planes, .. } = layers;
-        let constants = subdivide::Constants { width, height, layer, step, planes, listed: list.unwrap_or(0) };
+        let groups = subdivide::groups(level.size.map(|side| side.div_ceil(2)), to.count);
+        let (grid, list) = self.extent(tile, groups);
+        let bindings =
+            subdivide::Bindings { coarse: from.image.read(), fine: slot::STACKS.write(), tiles: slot::TILES.read() };
+        let (from_layer, from_step, listed) = (from.first, from.step, list.unwrap_or(0));
+        let Layers { first: layer, step, count: planes, .. } = to;
+        let constants = subdivide::Constants { width, height, from_layer, from_step, layer, step, planes, listed };
         self.dispatch(bindings, &constants, subdivide::variant(list.is_some()), grid);
     }
 
@@ -209,23 +265,63 @@ impl Composer<'_> {
         }
     }
 
-    /// A filter along x into the scratch image, then one along y. The results replace the target layers or are added to
-    /// them.
+    /// A filter along x, then one along y: in one dispatch where that is faster and possible, else by way of the scratch
+    /// image. The results replace the target layers or are added to them.
     pub(super) fn separable(
         &mut self,
         layers: [impl Into<Layers>; 2],
-        [width, height]: [u32; 2],
-        [along_x, along_y]: [FilterRange; 2],
+        size @ [width, height]: [u32; 2],
+        filters @ [along_x, along_y]: [FilterRange; 2],
         stride: u32,
         add: bool,
     ) {
-        let spacing = [1, 1];
+        let (spacing, periods) = ([1, 1], size.map(|side| 2 * (side - 1)));
         let x = Axis { length: width, breadth: height, stride, period: 2 * (width - 1), vertical: false, spacing };
         let breadth = width.div_ceil(stride);
         let y = Axis { length: height, breadth, stride, period: 2 * (height - 1), vertical: true, spacing };
         let [from, to] = layers.map(Into::into);
+        let in_place = from.image.slot() == to.image.slot() && from.first == to.first;
+        if self.plan.for_gpu && !add && !in_place && takes_both_axes(size, filters, periods) {
+            return self.both_axes([from, to], size, filters, stride, periods, 1);
+        }
         self.convolve([from, scratch(from.count)], &x, along_x, false);
         self.convolve([scratch(from.count), to], &y, along_y, add);
+    }
+
+    /// Filters along x and along y in one dispatch, from layers to others. `spacing`: pixels of the level from one
+    /// filtered pixel to the next.
+    fn both_axes(
+        &mut self,
+        [from, to]: [Layers; 2],
+        size @ [width, height]: [u32; 2],
+        filters: [FilterRange; 2],
+        stride: u32,
+        periods: [u32; 2],
+        spacing: u32,
+    ) {
+        let tile = separable::tile(stride).map(|side| side * stride * spacing);
+        let (grid, list) = self.extent(tile, separable::groups(size, stride, from.count));
+        let grid = self.unsettled.map_or(grid, |level| Grid::Level { level, over: Over::BothAxes });
+        let constants = separable::Constants {
+            width,
+            height,
+            from_layer: from.first,
+            to_layer: to.first,
+            from_step: from.step,
+            to_step: to.step,
+            planes: from.count,
+            offsets: filters.map(|filter| filter.offset),
+            radii: filters.map(|filter| filter.radius),
+            periods,
+            listed: list.unwrap_or(0),
+        };
+        let bindings = separable::Bindings {
+            from: from.image.read(),
+            to: to.image.write(),
+            filters: slot::filters(filters[0].bank).read(),
+            tiles: slot::TILES.read(),
+        };
+        self.dispatch(bindings, &constants, separable::variant(stride, list.is_some()), grid);
     }
 
     /// A filter along one axis.

@@ -10,9 +10,9 @@ use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
     NO_VARIANT, ambiguity, appearance, blur_matched_pair, coarsest_grids, edge, edge_agree, edge_apply, edge_cells,
-    edge_costs, edge_decide, edge_fuse, exposure, fuse, grid, halve_grid, ingest, linearise, mask, pixels, prolong,
-    relax, relax_grid, relax_level, residual, scale_deviation, shape, shape_median, shape_windows, sums, system,
-    total_deviation, uncertainty, uncertainty_terms, unpack, update, update_transform,
+    edge_costs, edge_decide, edge_fuse, exposure, fuse, grid, halve_grid, ingest, linearise, mask, pair_samples,
+    pixels, prolong, relax, relax_grid, relax_level, residual, scale_deviation, shape, shape_median, shape_windows,
+    sums, system, total_deviation, uncertainty, uncertainty_terms, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -120,10 +120,16 @@ impl Composer<'_> {
         let slopes = if has_stacks { plan.slopes() } else { Slopes::Laplacian };
         let variant = linearise::variant(slopes, has_stacks && plan.warps(level), self.masked, false);
         self.over(size, bindings, &constants, variant);
-        self.smooth(slot::UNCERTAINTY_TERMS.plane(), blur_matched_pair::LAYERS, size);
-        let bindings = exposure::Bindings { pair: slot::UNCERTAINTY_TERMS.read(), state: slot::STATE.update() };
         let constants = exposure::Constants::new(level.size, level.factor, level.centre, adopt);
-        self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1, 1, 1]));
+        let bindings = pair_samples::Bindings {
+            pair: slot::UNCERTAINTY_TERMS.read(),
+            filters: slot::filters(plan.window.bank).read(),
+            samples: slot::PARTIALS.write(),
+        };
+        let sampling = pair_samples::Constants::new(size, constants.every, plan.window);
+        self.dispatch(bindings, &sampling, NO_VARIANT, Grid::Direct(sampling.groups()));
+        let bindings = exposure::Bindings { samples: slot::PARTIALS.read(), state: slot::STATE.update() };
+        self.dispatch(bindings, &constants, exposure::variant(adopt), Grid::Direct([1, 1, 1]));
     }
 
     /// Estimates the kernel's shape from windows, and applies it to both blur stacks.
@@ -179,7 +185,7 @@ impl Composer<'_> {
         let constants = appearance::Constants {
             width: level.size[0],
             height: level.size[1],
-            rows: linearise::rows(level.size),
+            rows: level.rows,
             factor: level.factor as f32,
             centre: single(level.centre),
             length: level.length as f32,
@@ -206,7 +212,7 @@ impl Composer<'_> {
             height: level.size[1],
             nodes: level.nodes as u32,
             second_stack: plan.first_layer(1),
-            rows: linearise::rows(level.size),
+            rows: level.rows,
             factor: level.factor as f32,
             centre: single(level.centre),
             length: level.length as f32,
@@ -324,11 +330,11 @@ impl Composer<'_> {
     /// The linear system for the step of the unknown: V of a pair, u of a sweep.
     pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) {
         self.unsettled = self.settles.then_some(level.index);
-        self.smooth(slot::NORMAL_EQUATIONS, system::layers(variant), level.size);
+        self.smooth_equations(level, system::layers(variant));
         self.unsettled = None;
         let bindings = system::Bindings {
             unknown: slot::relative_blur(level.index).read(),
-            equations: slot::NORMAL_EQUATIONS.read(),
+            equations: self.smoothed.read(),
             right_sides: slot::RIGHT_SIDES.write(),
             weights: slot::WEIGHTS.write(),
             partials: slot::PARTIALS.write(),
@@ -438,7 +444,7 @@ impl Composer<'_> {
             red: slot::change(RED).read(),
             black: slot::change(BLACK).read(),
             v: slot::relative_blur(level.index).update(),
-            equations: slot::NORMAL_EQUATIONS.read(),
+            equations: self.smoothed.read(),
             state: slot::STATE.update(),
             kept: slot::UNCERTAINTY_TERMS.update(),
         };

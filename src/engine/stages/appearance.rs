@@ -46,7 +46,7 @@ bindings! {
 impl Pass for Bindings {
     /// Compulsory traffic: I1 and the spline of I2 read, a row of sums a workgroup written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
-        8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height], Layout::of_variant(variant))
+        8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height], c.rows, Layout::of_variant(variant))
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
@@ -110,7 +110,7 @@ mod tests {
         Constants {
             width: width as u32,
             height: height as u32,
-            rows: rows([width as u32, height as u32]),
+            rows: rows([width as u32, height as u32], false),
             factor: 2.0,
             centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
             length: 20.0,
@@ -124,7 +124,7 @@ mod tests {
         let spline2 = build_stack(i2, &Kernel::Gaussian, 1);
         let masks = [7, 8].map(|seed| mask::shares(i1.width, i1.height, seed));
         let state = State::new(&registration);
-        let groups = tiles([c.width, c.height]);
+        let groups = tiles([c.width, c.height], c.rows);
         let room = vec![0.0; Layout::of(true).length * (groups[0] * groups[1]) as usize];
         let [i1, spline2, masks] = [std::slice::from_ref(i1), &spline2, &masks].map(Input::Image);
         let inputs = [i1, spline2, Input::State(&state), Input::Numbers(&room), masks];

@@ -1,4 +1,5 @@
-//! Estimates gain, offset and shading from the [blur-matched pair](super::blur_matched_pair), smoothed.
+//! Estimates gain, offset and shading from [samples](super::pair_samples) of the
+//! [blur-matched pair](super::blur_matched_pair).
 //!
 //! Gain and offset map mean and deviation of I2 to those of I1. As an unknown of the energy, the gain would be biased
 //! by noise: it lowers the correlation of J and thereby the gain (at noise 0.03 to 0.93 instead of 1; V rises by 0.37
@@ -19,7 +20,7 @@ use nalgebra::{DMatrix, DVector};
 use super::blur_matched_pair::LAYERS;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
-use super::{Number, Raster, pixels};
+use super::{Number, pixels};
 use crate::base::{Shading, brightness};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -35,7 +36,7 @@ push_constants! {
     centre: [f32; 2],
     /// Pixels of the pair from sample to sample.
     every: u32,
-    /// A number of `Adopt`.
+    /// 1: gain and offset are adopted.
     adopt: u32,
     /// The number of samples that are worth one independent sample.
     dependent: f32,
@@ -45,11 +46,16 @@ push_constants! {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Adopt {
     /// None: only the correlation is measured.
-    Nothing = 0,
+    Nothing,
     /// Gain and offset.
-    Exposure = 1,
+    Exposure,
     /// Gain, offset and shading.
-    Shading = 2,
+    Shading,
+}
+
+/// The variant that matches the shading too. It takes ten times as many instructions.
+pub(crate) fn variant(adopt: Adopt) -> Variant {
+    [adopt == Adopt::Shading, false, false, false]
 }
 
 /// The most samples, for one workgroup.
@@ -74,10 +80,22 @@ impl Constants {
             factor: factor as f32,
             centre: centre.map(|c| c as f32),
             every: every as u32,
-            adopt: adopt as u32,
+            adopt: u32::from(adopt != Adopt::Nothing),
             dependent: (WINDOW / (every * every)).max(1.0) as f32,
         }
     }
+
+    /// The number of samples.
+    pub(crate) fn samples(&self) -> usize {
+        let [columns, rows] = [self.width, self.height].map(|side| side.div_ceil(2 * self.every) as usize);
+        columns * rows
+    }
+}
+
+/// Bytes of the samples on a level.
+pub(crate) fn bytes_of_samples(size: [u32; 2]) -> u64 {
+    let c = Constants::new(size, 1.0, [0.0; 2], Adopt::Nothing);
+    4 * u64::from(LAYERS) * c.samples() as u64
 }
 
 /// Whether a level has enough pixels for 14 terms of shading: 60 independent samples.
@@ -87,20 +105,20 @@ pub(crate) fn shows_shading([width, height]: [u32; 2]) -> bool {
 
 bindings! {
     EXPOSURE:
-    /// The blur-matched pair, smoothed.
-    pair: Reads<UncertaintyTerms>,
+    /// Samples of the blur-matched pair.
+    samples: Reads<Partials>,
     state: Updates<State>,
 }
 
 impl Pass for Bindings {
     /// Compulsory traffic: the samples, once.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * u64::from(LAYERS) * pixels(c.width, c.height) / (4 * u64::from(c.every).pow(2))
+        4 * u64::from(LAYERS) * c.samples() as u64
     }
 
-    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+    fn run<N: Number>(&self, c: &Constants, [shades, ..]: Variant, memory: &mut Memory<N>) {
         let mut state = memory.state(self.state).clone();
-        cpu_reference(c, &mut state, std::array::from_fn(|n| memory.layer(self.pair, n)));
+        cpu_reference(c, shades, &mut state, memory.numbers(self.samples));
         *memory.state_mut(self.state) = state;
     }
 }
@@ -114,27 +132,27 @@ struct Sample {
     place: [f64; 2],
 }
 
-/// Matches gain, offset and shading in place, and measures the correlation.
-pub fn cpu_reference<N: Number>(c: &Constants, state: &mut DoubleState, sides: [&Raster<N>; LAYERS as usize]) {
-    let samples = samples(c, state, sides);
+/// Matches gain and offset in place, with `shades` also the shading, and measures the correlation.
+pub fn cpu_reference<N: Number>(c: &Constants, shades: bool, state: &mut DoubleState, samples: &[N]) {
+    let samples = counting(c, state, samples);
     match_moments(c, state, &samples);
-    if c.adopt == Adopt::Shading as u32 && state.correlation > 0.5 {
+    if shades && state.correlation > 0.5 {
         match_shading(c, state, &samples);
     }
 }
 
-fn samples<N: Number>(c: &Constants, state: &DoubleState, sides: [&Raster<N>; LAYERS as usize]) -> Vec<Sample> {
-    let centre = c.centre.map(f64::from);
-    let (every, size) = (c.every as usize, [c.width, c.height].map(|side| side as usize));
-    let along = |side: usize| (0..side.div_ceil(2 * every)).map(move |n| n * every);
-    let all = along(size[1]).flat_map(|y| along(size[0]).map(move |x| [x, y]));
-    let counting = all.filter(|&[x, y]| sides[2].get(x, y) > 0.5);
+/// The samples that count, of the means of all three layers.
+fn counting<N: Number>(c: &Constants, state: &DoubleState, means: &[N]) -> Vec<Sample> {
+    let (centre, spacing) = (c.centre.map(f64::from), 2 * c.every as usize);
+    let (count, columns) = (c.samples(), (c.width as usize).div_ceil(spacing));
+    let mean = |layer: usize, n: usize| means[layer * count + n].into();
+    let counting = (0..count).filter(|&n| mean(2, n) > 0.5);
     counting
-        .map(|[x, y]| {
-            let share = sides[2].get(x, y);
-            let d = state.registration.displacement(2 * x, 2 * y, c.factor.into(), centre);
-            let place = from_centre([2.0 * x as f64 + d[0], 2.0 * y as f64 + d[1]], centre);
-            let [u, v] = [0, 1].map(|side: usize| sides[side].get(x, y) / share);
+        .map(|n| {
+            let ([x, y], share) = ([n % columns, n / columns].map(|place| place * spacing), mean(2, n));
+            let d = state.registration.displacement(x, y, c.factor.into(), centre);
+            let place = from_centre([x as f64 + d[0], y as f64 + d[1]], centre);
+            let [u, v] = [0, 1].map(|side| mean(side, n) / share);
             let weight = DARK * DARK / (DARK * DARK + (0.5 * (u + v)).powi(2));
             Sample { u, v, share, weight, place }
         })
@@ -153,7 +171,7 @@ fn match_moments(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
     let covariance = mean(&|u, v| (u - mean1) * (v - mean2));
     let contrast = variance1.min(variance2) > 1e-6;
     state.correlation = if contrast { covariance / (variance1 * variance2).sqrt() } else { 0.0 };
-    if c.adopt != Adopt::Nothing as u32 {
+    if c.adopt == 1 {
         let gain = if state.correlation > 0.5 { (variance1 / variance2).sqrt() } else { 1.0 };
         state.registration.gain = gain;
         state.registration.offset = mean1 - gain * mean2;
@@ -220,7 +238,6 @@ mod tests {
     use super::super::state::{Registration, State};
     use super::*;
     use crate::base::{Homography, Photometric, Similarity};
-    use crate::engine::stages::NO_VARIANT;
 
     /// Runs `exposure` on a pair for a level twice as large, and compares it with the CPU reference.
     fn check(
@@ -237,7 +254,16 @@ mod tests {
         state.applied_shading = applied_shading.coefficients.map(|c| c as f32);
         let centre = [width as f64 - 0.5, height as f64 - 0.7];
         let c = Constants::new([2 * width as u32 - 1, 2 * height as u32], 4.0, centre, adopt);
-        let trial = Trial::run::<Bindings>(&[Input::Image(&layers), Input::State(&state)], &c, NO_VARIANT, [1; 3]);
+        let along = |side: usize| (0..side).step_by(c.every as usize);
+        let sampled = |layer: &Field| {
+            along(height)
+                .flat_map(|y| along(width).map(move |x| [x, y]))
+                .map(|[x, y]| layer.get(x, y))
+                .collect::<Vec<f64>>()
+        };
+        let samples: Vec<f64> = layers.iter().flat_map(sampled).collect();
+        let inputs = [Input::Numbers(&samples), Input::State(&state)];
+        let trial = Trial::run::<Bindings>(&inputs, &c, variant(adopt), [1; 3]);
         // 1e-3: least squares of 15 unknowns in single precision, with outliers weighted by the residual.
         trial.assert_within(1e-3);
         let [actual, expected] = trial.states(1);

@@ -32,12 +32,13 @@ use crate::engine::vulkan::Variant;
 /// The most lines of two pixels per invocation. Values that adjacent lines share are loaded once, and the sums of a
 /// workgroup are reduced once for all lines.
 const MOST_ROWS: u32 = 8;
-/// Levels with fewer pixels use more workgroups, so that small levels do not leave most of a device idle.
-const SPREAD: u64 = 1 << 15;
+/// Levels with fewer pixels use more workgroups, so that small levels do not leave most of a device idle: on a processor
+/// and on a GPU.
+const SPREAD: [u64; 2] = [1 << 15, 1 << 19];
 
 /// Lines per invocation on a level.
-pub(crate) fn rows([width, height]: [u32; 2]) -> u32 {
-    if pixels(width, height) < SPREAD { MOST_ROWS / 4 } else { MOST_ROWS }
+pub(crate) fn rows([width, height]: [u32; 2], for_gpu: bool) -> u32 {
+    if pixels(width, height) < SPREAD[usize::from(for_gpu)] { MOST_ROWS / 4 } else { MOST_ROWS }
 }
 
 /// Layers of the equations: D, b.
@@ -85,9 +86,9 @@ push_constants! {
     noise: Noise,
 }
 
-/// Workgroups over a level.
-pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
-    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows([width, height])), 1]
+/// Workgroups over a level of this size, with `rows` lines per invocation.
+pub(crate) fn tiles([width, height]: [u32; 2], rows: u32) -> [u32; 3] {
+    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows), 1]
 }
 
 /// The variant for a kernel, for a warped I2, for masked pixels, and for the sums of homographies.
@@ -119,7 +120,8 @@ impl Pass for Bindings {
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let slopes = if variant[0] { Slopes::Layers } else { Slopes::Laplacian };
         let layers = 3 * slopes.layers() as u64;
-        (8 + 4 * layers + 8) * pixels(c.width, c.height) + row_bytes([c.width, c.height], Layout::of_variant(variant))
+        (8 + 4 * layers + 8) * pixels(c.width, c.height)
+            + row_bytes([c.width, c.height], c.rows, Layout::of_variant(variant))
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
@@ -137,8 +139,8 @@ impl Pass for Bindings {
 }
 
 /// Bytes of a level's partial sums.
-pub(crate) fn row_bytes(size: [u32; 2], layout: Layout) -> u64 {
-    let [columns, rows, _] = tiles(size);
+pub(crate) fn row_bytes(size: [u32; 2], rows: u32, layout: Layout) -> u64 {
+    let [columns, rows, _] = tiles(size, rows);
     4 * layout.length as u64 * pixels(columns, rows)
 }
 
@@ -175,7 +177,7 @@ pub fn cpu_reference<N: Number>(
     let [eta, continuation] = [c.smoothness_eta, c.continuation].map(f64::from);
     let links = Links::new(v, [continuation * alpha, 1.0, eta], false);
     let (scale, centre, spread) = (r.scale(), c.centre.map(f64::from), least_spread(c, spread));
-    let [columns, ..] = tiles([c.width, c.height]);
+    let [columns, ..] = tiles([c.width, c.height], c.rows);
     let lines = (WORKGROUP[1] * c.rows) as usize;
     let mut equations = [(); LAYERS as usize].map(|()| Raster::zeros(width, height));
     let rasters = equations.each_mut().map(|raster| Rows::from(raster).joined(lines));

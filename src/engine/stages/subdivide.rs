@@ -16,6 +16,10 @@ push_constants! {
     width: u32,
     /// Height of the fine image, pixels.
     height: u32,
+    /// First layer of the coarse image.
+    from_layer: u32,
+    /// Layers from there to the next.
+    from_step: u32,
     /// Target layer of the fine image, for the first layer of the coarse one.
     layer: u32,
     /// Layers from there to the next.
@@ -39,7 +43,7 @@ pub(crate) fn variant(listed: bool) -> Variant {
 
 bindings! {
     SUBDIVIDE:
-    /// Coefficients on every other pixel, in the first layers.
+    /// Coefficients on every other pixel.
     coarse: Reads<Plane>,
     /// Coefficients on every pixel.
     fine: Writes<Stacks>,
@@ -54,7 +58,7 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         for plane in 0..c.planes {
-            let coarse = memory.layer(self.coarse, plane as usize);
+            let coarse = memory.layer(self.coarse, (c.from_layer + plane * c.from_step) as usize);
             let fine = cpu_reference([c.width as usize, c.height as usize], coarse);
             memory.set_layer(self.fine, (c.layer + plane * c.step) as usize, fine);
         }
@@ -118,7 +122,8 @@ mod tests {
             let rig = Rig::new();
             let negative = |field: &Field| Field { data: field.data.iter().map(|value| -value).collect(), ..*field };
             let (from, to) = (rig.image(&[coarse.clone(), negative(&coarse)]), rig.empty([width, height], 4));
-            let constants = Constants { width, height, layer: 1, step: 2, planes: 2, listed: 1 };
+            let constants =
+                Constants { width, height, from_layer: 0, from_step: 1, layer: 1, step: 2, planes: 2, listed: 1 };
             let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 | 1 << 16]));
             let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];
             let zeros = Field::zeros(width as usize, height as usize);

@@ -17,7 +17,7 @@ const END: f64 = 6.0;
 pub(crate) fn plan([width, height]: [u32; 2], format: Format) -> Plan {
     let (max_relative_blur, relaxation_sweeps) = (MAX_RELATIVE_BLUR, RELAXATION_SWEEPS);
     let settings = Settings { max_relative_blur, relaxation_sweeps, ..Settings::default() };
-    Plan { for_gpu: true, ..Plan::new(width, height, [format; 2], &settings).unwrap() }
+    Plan::new(width, height, [format; 2], &settings).unwrap().shaped_for_gpu()
 }
 
 /// The scripts of a sweep of `frames` frames at even settings, of a plane that is in focus in the first frame on the

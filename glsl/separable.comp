@@ -1,0 +1,81 @@
+#version 460
+// A filter along x, then one along y, with mirrored borders, in one dispatch. With stride 2 it halves the image. CPU
+// reference: src/engine/stages/separable.rs.
+//
+// On a GPU this halves the traffic and the number of dispatches of two passes of convolve.
+
+#extension GL_EXT_control_flow_attributes : require // arrays stay in registers only if loops are unrolled
+
+const int VECTORS = 1024;            // of four weights: the 16 KiB that each device allows a uniform buffer
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray from;
+layout(binding = 1, r32f) uniform writeonly image2DArray to;
+layout(binding = 2, std140) uniform Filters { vec4 weights[VECTORS]; };
+layout(binding = 3, std430) readonly buffer Tiles { uint tiles[]; };
+layout(constant_id = 5) const bool HALVING = false; // stores every other result of either axis
+layout(push_constant) uniform Constants {
+    int width, height;          // before the filters
+    int from_layer, to_layer;   // of the first of `planes` layers; each workgroup along z filters one
+    int from_step, to_step;     // from a layer to the next
+    int planes;
+    int offset_x, offset_y;     // of the filters among the vectors of weights
+    int radius_x, radius_y;
+    int period_x, period_y;     // pixels after which the mirrored image repeats
+    int listed;                 // first entry of the list of tiles
+};
+
+#include "tiles.glsl"
+
+// Adjacent results per invocation: each weight and each value is loaded once for all of them.
+const int SPAN = 8;
+// The most weights of a filter. Others are zero.
+const int TAPS = 19;
+// Results from one that is stored to the next.
+const int STRIDE = HALVING ? 2 : 1;
+// Columns of results of a workgroup, and lines that it filters along x.
+const int COLUMNS = 32, LINES = 64;
+// Lines of results of a workgroup.
+const int RESULTS = (LINES - TAPS + 1) / STRIDE;
+// Values for the results of an invocation.
+const int VALUES = TAPS + STRIDE * (SPAN - 1);
+
+// Filtered along x. One column more, so that lines begin in different banks.
+shared float filtered[LINES][COLUMNS + 1];
+
+int mirrored(int place, int period, int length) {
+    place = abs(place);
+    return clamp(min(place, period - place), 0, length - 1);
+}
+
+void main() {
+    int plane = int(gl_WorkGroupID.z), source = from_layer + plane * from_step, target = to_layer + plane * to_step;
+    ivec2 tile = ivec2(COLUMNS, RESULTS) * ivec2(tile_at(listed));
+    ivec2 size = (ivec2(width, height) + STRIDE - 1) / STRIDE;
+    int index = int(gl_LocalInvocationIndex), total = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    for (int n = index; n < LINES * COLUMNS / SPAN; n += total) {
+        int line = n / (COLUMNS / SPAN), column = n % (COLUMNS / SPAN) * SPAN;
+        int y = mirrored(STRIDE * tile.y - radius_y + line, period_y, height), x = STRIDE * (tile.x + column) - radius_x;
+        float values[VALUES];
+        [[unroll]] for (int m = 0; m < VALUES; m++)
+            values[m] = imageLoad(from, ivec3(mirrored(x + m, period_x, width), y, source)).r;
+        [[unroll]] for (int j = 0; j < SPAN; j++) {
+            float sum = 0.0;
+            [[unroll]] for (int m = 0; m < TAPS; m++) sum += weights[offset_x + m / 4][m % 4] * values[STRIDE * j + m];
+            filtered[line][column + j] = sum;
+        }
+    }
+    barrier();
+    for (int n = index; n < (RESULTS + SPAN - 1) / SPAN * COLUMNS; n += total) {
+        int line = n / COLUMNS * SPAN, column = n % COLUMNS;
+        ivec2 x = tile + ivec2(column, line);
+        float values[VALUES];
+        [[unroll]] for (int m = 0; m < VALUES; m++) values[m] = filtered[min(STRIDE * line + m, LINES - 1)][column];
+        [[unroll]] for (int j = 0; j < SPAN; j++) {
+            float sum = 0.0;
+            [[unroll]] for (int m = 0; m < TAPS; m++) sum += weights[offset_y + m / 4][m % 4] * values[STRIDE * j + m];
+            if (line + j < RESULTS && x.x < size.x && x.y + j < size.y)
+                imageStore(to, ivec3(x.x, x.y + j, target), vec4(sum));
+        }
+    }
+}

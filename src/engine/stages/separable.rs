@@ -1,0 +1,187 @@
+//! A filter along x, then one along y, in one dispatch: two passes of [`convolve`](super::convolve) as a GPU takes them.
+//!
+//! There a filter is bound by its traffic, which this halves, and on small levels by the time of a dispatch. A workgroup
+//! filters 64 lines along x into shared memory, and these along y. A processor would filter the lines that tiles share
+//! twice for nothing.
+
+use super::convolve::{self, cpu_reference_mirrored};
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pixels;
+use super::spline::{Number, Raster};
+use crate::engine::shaders::separable::{COLUMNS, LINES, SPAN, TAPS};
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width before the filters, pixels.
+    width: u32,
+    /// Height before the filters, pixels.
+    height: u32,
+    /// First layer read.
+    from_layer: u32,
+    /// First layer written.
+    to_layer: u32,
+    /// From a layer read to the next.
+    from_step: u32,
+    /// From a layer written to the next.
+    to_step: u32,
+    /// The number of layers: workgroups along z.
+    planes: u32,
+    /// First weights of the filters along x and along y, in units of four weights.
+    offsets: [u32; 2],
+    /// A filter has 2 radius + 1 weights, at most 19.
+    radii: [u32; 2],
+    /// Pixels after which the mirrored image repeats, along x and along y.
+    periods: [u32; 2],
+    /// First entry of the list of tiles; only with the variant for lists.
+    listed: u32,
+}
+
+/// Whether the filters are short enough for the sides that they filter, so that one reflection suffices.
+pub(crate) fn takes(sides: [u32; 2], radii: [u32; 2], periods: [u32; 2]) -> bool {
+    let fits = |n: usize| 2 * radii[n] < TAPS && sides[n] > TAPS / 2 && sides[n] + TAPS / 2 <= periods[n];
+    fits(0) && fits(1)
+}
+
+const HALVING: usize = 3;
+
+/// The variant that filters or, with stride 2, halves. `listed`: for listed tiles.
+pub(crate) fn variant(stride: u32, listed: bool) -> Variant {
+    let mut variant = [false, false, listed, false];
+    variant[HALVING] = stride == 2;
+    variant
+}
+
+/// Width and height of a workgroup's results, pixels of the filtered image.
+pub(crate) fn tile(stride: u32) -> [u32; 2] {
+    [COLUMNS, (LINES - TAPS + 1) / stride]
+}
+
+/// Workgroups over an image of this size before the filters, of `planes` layers.
+pub(crate) fn groups(size: [u32; 2], stride: u32, planes: u32) -> [u32; 3] {
+    let [width, height] = tile(stride);
+    let [columns, rows] = size.map(|side| side.div_ceil(stride));
+    [columns.div_ceil(width), rows.div_ceil(height), planes]
+}
+
+bindings! {
+    SEPARABLE:
+    /// Image that is filtered.
+    from: Reads<Plane>,
+    /// Other layers than those that are read.
+    to: Writes<Plane>,
+    filters: Reads<Filters>,
+    tiles: Reads<Tiles>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: every value read, every result written.
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
+        let [columns, rows] = [c.width, c.height].map(|side| side.div_ceil(stride(variant)));
+        4 * u64::from(c.planes) * (pixels(c.width, c.height) + pixels(columns, rows))
+    }
+
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let weights = memory.numbers(self.filters);
+        let filters =
+            [0, 1].map(|axis| weights[4 * c.offsets[axis] as usize..][..2 * c.radii[axis] as usize + 1].to_vec());
+        for plane in 0..c.planes {
+            let [from, to] = [c.from_layer + plane * c.from_step, c.to_layer + plane * c.to_step].map(|n| n as usize);
+            let filtered =
+                cpu_reference(c, stride(variant), filters.each_ref().map(Vec::as_slice), memory.layer(self.from, from));
+            memory.set_layer(self.to, to, filtered);
+        }
+    }
+}
+
+fn stride(variant: Variant) -> u32 {
+    if variant[HALVING] { 2 } else { 1 }
+}
+
+/// The image filtered along x, then along y; with stride 2 every other result along either.
+pub fn cpu_reference<N: Number>(
+    c: &Constants,
+    stride: u32,
+    [along_x, along_y]: [&[N]; 2],
+    image: &Raster<N>,
+) -> Raster<N> {
+    let ([across, down], stride) = (c.periods.map(|period| period as usize), stride as usize);
+    let filtered = cpu_reference_mirrored(image, along_x, stride, false, across);
+    cpu_reference_mirrored(&filtered, along_y, stride, true, down)
+}
+
+const _: () = assert!(TAPS == convolve::TAPS && SPAN == convolve::SPAN, "filters are padded for convolve");
+
+#[cfg(test)]
+mod tests {
+    use super::super::Field;
+    use super::super::harness::{Rig, random_field};
+    use super::*;
+    use crate::engine::filter;
+    use crate::engine::stages::convolve::WEIGHTS;
+    use crate::engine::vulkan::Resource;
+
+    /// Compares with the CPU reference, over all tiles or over the first and one below it. `beyond`: pixels by which the
+    /// periods exceed those of the image.
+    fn check([width, height]: [usize; 2], filters: [&[f64]; 2], stride: u32, listed: bool, beyond: [u32; 2]) {
+        let (input, size) = (random_field(width, height, 7), [width as u32, height as u32]);
+        let (radii, periods) =
+            (filters.map(|filter| (filter.len() / 2) as u32), [0, 1].map(|n| 2 * (size[n] - 1) + beyond[n]));
+        assert!(takes(size, radii, periods));
+        let c = Constants {
+            width: size[0],
+            height: size[1],
+            from_layer: 1,
+            to_layer: 0,
+            from_step: 2,
+            to_step: 2,
+            planes: 2,
+            offsets: [2, 7],
+            radii,
+            periods,
+            listed: 1,
+        };
+        let expected = cpu_reference(&c, stride, filters, &input);
+        let rig = Rig::new();
+        let times =
+            |field: &Field, factor: f64| Field { data: field.data.iter().map(|v| factor * v).collect(), ..*field };
+        // From layers 1 and 3 into layers 0 and 2.
+        let from = rig.image(&[times(&input, f64::NAN), input.clone(), times(&input, f64::NAN), times(&input, -1.0)]);
+        let to = rig.empty([expected.width as u32, expected.height as u32], 3);
+        let mut weights = vec![0.0; WEIGHTS];
+        for (offset, filter) in c.offsets.into_iter().zip(filters) {
+            filter.iter().enumerate().for_each(|(n, &weight)| weights[4 * offset as usize + n] = weight as f32);
+        }
+        let weights = rig.upload(bytemuck::cast_slice(&weights));
+        let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
+        let resources =
+            [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights), Resource::Buffer(&tiles)];
+        let groups = if listed { [2, 1, 2] } else { groups(size, stride, 2) };
+        rig.run_variant(&STAGE, variant(stride, listed), &resources, &c, groups);
+        let [right, below] = [tile(stride)[0], 2 * tile(stride)[1]].map(|side| side as usize);
+        let written = Field::from_fn(expected.width, expected.height, |x, y| {
+            if !listed || x < right && y < below { expected.get(x, y) } else { 0.0 }
+        });
+        // 1e-5: 38 products of single precision, with weights of the prefilter that sum to 3 in absolute value.
+        rig.assert_close(&to, &[times(&written, 1.0), times(&written, 0.0), times(&written, -1.0)], 1e-5);
+    }
+
+    #[test]
+    fn matches_the_cpu_reference_on_odd_sizes_and_at_borders() {
+        let [narrow, prefilter, wide] = [filter::gaussian(0.8), filter::spline_prefilter(), filter::gaussian(4.0)];
+        for size in [[37, 21], [150, 80], [16, 97], [65, 46], [33, 47]] {
+            for filters in [[&prefilter; 2], [&narrow, &wide]] {
+                for stride in [1, 2] {
+                    check(size, filters.map(Vec::as_slice), stride, false, [0, 0]);
+                    check(size, filters.map(Vec::as_slice), stride, true, [0, 1]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn short_sides_and_long_filters_are_left_to_convolve() {
+        assert!(takes([16, 16], [9, 9], [30, 30]) && takes([32, 20], [9, 4], [61, 38]));
+        assert!(!takes([9, 16], [9, 9], [16, 30]), "shorter than the filter");
+        assert!(!takes([16, 16], [10, 9], [30, 30]), "too many weights");
+    }
+}
