@@ -52,8 +52,8 @@ void main() {
     int plane = int(gl_WorkGroupID.z), source = from_layer + plane * from_step, target = to_layer + plane * to_step;
     ivec2 tile = ivec2(COLUMNS, RESULTS) * ivec2(tile_at(listed));
     ivec2 size = (ivec2(width, height) + STRIDE - 1) / STRIDE;
-    int index = int(gl_LocalInvocationIndex), total = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    for (int n = index; n < LINES * COLUMNS / SPAN; n += total) {
+    int n = int(gl_LocalInvocationIndex);
+    {   // A span along x for each invocation.
         int line = n / (COLUMNS / SPAN), column = n % (COLUMNS / SPAN) * SPAN;
         int y = mirrored(STRIDE * tile.y - radius_y + line, period_y, height), x = STRIDE * (tile.x + column) - radius_x;
         float values[VALUES];
@@ -66,7 +66,7 @@ void main() {
         }
     }
     barrier();
-    for (int n = index; n < (RESULTS + SPAN - 1) / SPAN * COLUMNS; n += total) {
+    if (n < (RESULTS + SPAN - 1) / SPAN * COLUMNS) {
         int line = n / COLUMNS * SPAN, column = n % COLUMNS;
         ivec2 x = tile + ivec2(column, line);
         float values[VALUES];

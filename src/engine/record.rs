@@ -115,14 +115,26 @@ pub(crate) fn record_with(
     recorder.finish()
 }
 
-/// Records the entries of a part, with a barrier before each that waits.
+/// Records the entries of a part, with a barrier before each that waits. The device skips those that warp I2 again as a
+/// whole unless they are needed.
 fn record_entries(
     recorder: &mut Recorder,
     pipelines: &Pipelines,
     workspace: &Workspace,
     entries: &[Entry],
 ) -> Result<(), Error> {
+    let mut warps = false;
     for Entry { action, waits, .. } in entries {
+        let first = match action {
+            Action::Dispatch(Dispatch { grid: Grid::IfMoved { level, .. }, .. }) => {
+                Grid::IfMoved { level: *level, n: 0 }.word()
+            }
+            _ => None,
+        };
+        if first.is_some() != warps {
+            warps = first.is_some();
+            recorder.only_if_set(first.map(|word| (workspace.buffer(Slot::Arguments), 4 * word as u64)));
+        }
         if *waits {
             recorder.barrier();
         }

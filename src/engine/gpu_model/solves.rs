@@ -138,8 +138,8 @@ impl Solve {
         self.scripts.iter().map(|script| script.parts.len()).sum()
     }
 
-    /// What the GPU executes. Parts in which no dispatch is needed are skipped by conditional rendering. Elsewhere a
-    /// dispatch that is not needed is executed with no workgroups.
+    /// What the GPU executes. Parts in which no dispatch is needed are skipped by conditional rendering, and so are passes
+    /// that would warp I2 again. Elsewhere a dispatch that is not needed is executed with no workgroups.
     pub(super) fn work(&self) -> Vec<Work> {
         let mut all = Vec::new();
         for (script, part) in self.scripts.iter().flat_map(|script| script.parts.iter().map(move |part| (script, part)))
@@ -150,6 +150,11 @@ impl Solve {
             let mut level = dispatches(part).next().map_or(0, |dispatch| dispatch.place.level);
             for (n, entry) in part.entries.iter().enumerate() {
                 let work = match &entry.action {
+                    Action::Dispatch(dispatch)
+                        if matches!(dispatch.grid, Grid::IfMoved { .. }) && !self.needs(dispatch) =>
+                    {
+                        continue;
+                    }
                     Action::Dispatch(dispatch) => self.dispatch(script, dispatch),
                     transfer => self.transfer(transfer, level),
                 };

@@ -6,8 +6,8 @@
 
 use super::convolve::{self, cpu_reference_mirrored};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::pixels;
 use super::spline::{Number, Raster};
+use super::{WORKGROUP, pixels};
 use crate::engine::shaders::separable::{COLUMNS, LINES, SPAN, TAPS};
 use crate::engine::vulkan::Variant;
 
@@ -110,6 +110,7 @@ pub fn cpu_reference<N: Number>(
 }
 
 const _: () = assert!(TAPS == convolve::TAPS && SPAN == convolve::SPAN, "filters are padded for convolve");
+const _: () = assert!(LINES * COLUMNS == SPAN * WORKGROUP[0] * WORKGROUP[1], "a span along x for each invocation");
 
 #[cfg(test)]
 mod tests {

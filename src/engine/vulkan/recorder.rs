@@ -48,11 +48,23 @@ pub(crate) struct Recorder {
     /// The objects that the commands use.
     retained: Vec<Arc<dyn Any + Send + Sync>>,
     timestamps: Timestamps,
-    /// Whether conditional rendering is active in the current part.
+    /// The condition of the current part, if the device skips parts.
+    part_condition: Option<Condition>,
+    /// Whether conditional rendering is active.
     in_condition: bool,
     /// If the commands go to one command buffer of the embedding program, which begins and ends it: the word that says
     /// that it was executed to its end.
     completion: Option<Arc<Buffer>>,
+}
+
+/// A word of a buffer that decides whether the device executes dispatches.
+#[derive(Clone)]
+struct Condition {
+    buffer: Arc<Buffer>,
+    /// Of the word, bytes.
+    offset: u64,
+    /// Whether they are executed if the word is zero, and not if it is any other.
+    if_zero: bool,
 }
 
 impl Recorder {
@@ -115,6 +127,7 @@ impl Recorder {
             descriptors: DescriptorSets::new(device),
             retained: Vec::new(),
             timestamps,
+            part_condition: None,
             in_condition: false,
             completion: None,
         }
@@ -136,23 +149,54 @@ impl Recorder {
     /// Begins a part that the device skips if a word of a buffer, at a byte offset, is not zero when the earlier parts
     /// are complete. Without conditional rendering it is an optional part.
     pub(crate) fn next_part_unless_set(&mut self, (buffer, offset): (&Arc<Buffer>, u64)) -> Result<(), Error> {
-        let device = self.device.clone();
-        let Some(conditional) = &device.conditional_rendering else { return self.next_optional_part() };
+        if !self.is_conditional() {
+            return self.next_optional_part();
+        }
         self.next_part()?;
+        self.part_condition = Some(Condition { buffer: buffer.clone(), offset, if_zero: true });
+        self.begin_condition(self.part_condition.clone());
+        Ok(())
+    }
+
+    /// The device skips the following dispatches of the part if a word of a buffer, at a byte offset, is zero; with
+    /// `None` those that the part's own condition skips. Devices without conditional rendering skip none.
+    pub(crate) fn only_if_set(&mut self, word: Option<(&Arc<Buffer>, u64)>) {
+        self.end_condition();
+        let own = word.map(|(buffer, offset)| Condition { buffer: buffer.clone(), offset, if_zero: false });
+        self.begin_condition(own.or_else(|| self.part_condition.clone()));
+    }
+
+    fn begin_condition(&mut self, condition: Option<Condition>) {
+        let device = self.device.clone();
+        let (Some(conditional), Some(Condition { buffer, offset, if_zero })) =
+            (&device.conditional_rendering, condition)
+        else {
+            return;
+        };
         self.memory_barrier(
             (vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_STORAGE_WRITE),
             (vk::PipelineStageFlags2::CONDITIONAL_RENDERING_EXT, vk::AccessFlags2::CONDITIONAL_RENDERING_READ_EXT),
         );
-        let begin = vk::ConditionalRenderingBeginInfoEXT::default()
-            .buffer(buffer.handle)
-            .offset(offset)
-            .flags(vk::ConditionalRenderingFlagsEXT::INVERTED);
-        // SAFETY: the command buffer is recording; the word lies within the buffer, which has the usage for conditional
-        // rendering and is retained.
+        let inverted = if if_zero {
+            vk::ConditionalRenderingFlagsEXT::INVERTED
+        } else {
+            vk::ConditionalRenderingFlagsEXT::empty()
+        };
+        let begin =
+            vk::ConditionalRenderingBeginInfoEXT::default().buffer(buffer.handle).offset(offset).flags(inverted);
+        // SAFETY: the command buffer is recording and in no condition; the word lies within the buffer, which has the
+        // usage for conditional rendering and is retained.
         unsafe { (conditional.fp().cmd_begin_conditional_rendering_ext)(self.commands(), &begin) };
-        self.retain(buffer.clone());
+        self.retain(buffer);
         self.in_condition = true;
-        Ok(())
+    }
+
+    fn end_condition(&mut self) {
+        if let (true, Some(conditional)) = (std::mem::take(&mut self.in_condition), &self.device.conditional_rendering)
+        {
+            // SAFETY: the command buffer is recording, and conditional rendering is active in it.
+            unsafe { (conditional.fp().cmd_end_conditional_rendering_ext)(self.commands()) };
+        }
     }
 
     /// Whether the device skips parts by conditional rendering.
@@ -190,11 +234,8 @@ impl Recorder {
     }
 
     fn end_part(&mut self) -> Result<(), Error> {
-        if let (true, Some(conditional)) = (std::mem::take(&mut self.in_condition), &self.device.conditional_rendering)
-        {
-            // SAFETY: the command buffer is recording, and conditional rendering is active in it.
-            unsafe { (conditional.fp().cmd_end_conditional_rendering_ext)(self.commands()) };
-        }
+        self.end_condition();
+        self.part_condition = None;
         self.host_barrier();
         if self.completion.is_some() {
             return Ok(());
