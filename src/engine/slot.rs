@@ -219,6 +219,8 @@ pub(crate) const RESULTS: Handle<Results> = Handle::new(Slot::Stacks);
 pub(crate) const SPLINE2: Handle<Spline2> = Handle::new(Slot::Spline2);
 pub(crate) const SCRATCH: Handle<Plane> = Handle::new(Slot::Scratch);
 pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::Scratch);
+/// Where the smoothed equations are in the scratch image.
+pub(crate) const RIGHT_SIDES_APART: Handle<RightSides> = Handle::new(Slot::NormalEquations);
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
 pub(crate) const GRID_EQUATIONS: Handle<GridEquations> = Handle::new(Slot::GridEquations);
 pub(crate) const GRID_STEPS: Handle<GridSteps> = Handle::new(Slot::GridSteps);

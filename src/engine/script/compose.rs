@@ -6,7 +6,7 @@ use super::{Action, CpuReference, Dispatch, Entry, Hazards, Part, Script};
 use crate::base::color::LUMINANCE;
 use crate::engine::arguments::{self, Grid, Over, Place};
 use crate::engine::plan::{Level, Plan};
-use crate::engine::slot::{self, Handle, Plane, Slot};
+use crate::engine::slot::{self, Handle, Plane, RightSides, Slot};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, separable, system, update};
@@ -129,6 +129,8 @@ pub(super) struct Composer<'a> {
     pub(super) place: Place,
     /// D and b after the window.
     pub(super) smoothed: Handle<Plane>,
+    /// The right sides of the linear system, in another image.
+    pub(super) right_sides: Handle<RightSides>,
     /// The tiles that passes run over; `None` for all.
     wanted: Option<NeededCells>,
     /// The first tile and the number of tiles of each list, by size of the tiles and margin.
@@ -150,6 +152,7 @@ impl<'a> Composer<'a> {
             settles: true,
             place: Place::default(),
             smoothed: slot::NORMAL_EQUATIONS,
+            right_sides: slot::RIGHT_SIDES,
             wanted: None,
             listed: BTreeMap::new(),
             lists: Vec::new(),

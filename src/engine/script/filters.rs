@@ -155,10 +155,10 @@ impl Composer<'_> {
         let (window, periods) = ([self.plan.window; 2], level.size.map(|side| 2 * (side - 1)));
         if self.plan.for_gpu && count <= SCRATCH_LAYERS && takes_both_axes(level.size, window, periods) {
             let equations = Layers { count, ..(slot::NORMAL_EQUATIONS, 0).into() };
-            self.smoothed = slot::SCRATCH;
+            (self.smoothed, self.right_sides) = (slot::SCRATCH, slot::RIGHT_SIDES_APART);
             self.both_axes([equations, scratch(count)], level.size, window, 1, periods, 1);
         } else {
-            self.smoothed = slot::NORMAL_EQUATIONS;
+            (self.smoothed, self.right_sides) = (slot::NORMAL_EQUATIONS, slot::RIGHT_SIDES);
             self.smooth(slot::NORMAL_EQUATIONS, count, level.size);
         }
     }

@@ -335,7 +335,7 @@ impl Composer<'_> {
         let bindings = system::Bindings {
             unknown: slot::relative_blur(level.index).read(),
             equations: self.smoothed.read(),
-            right_sides: slot::RIGHT_SIDES.write(),
+            right_sides: self.right_sides.write(),
             weights: slot::WEIGHTS.write(),
             partials: slot::PARTIALS.write(),
             state: slot::STATE.read(),
@@ -411,7 +411,7 @@ impl Composer<'_> {
 
     fn relax_level(&mut self, level: &Level) {
         let bindings = relax_level::Bindings {
-            right_sides: slot::RIGHT_SIDES.read(),
+            right_sides: self.right_sides.read(),
             weights: slot::WEIGHTS.read(),
             red: slot::change(RED).update(),
             black: slot::change(BLACK).update(),
@@ -426,7 +426,7 @@ impl Composer<'_> {
     /// Half a relaxation sweep: one color.
     fn relax(&mut self, level: &Level, color: usize, sweep: u32) {
         let bindings = relax::Bindings {
-            right_sides: slot::RIGHT_SIDES.read(),
+            right_sides: self.right_sides.read(),
             weights: slot::WEIGHTS.read(),
             other: slot::change(1 - color).read(),
             own: slot::change(color).update(),
