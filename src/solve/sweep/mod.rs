@@ -391,6 +391,7 @@ fn sides(focus: &[f32], last: f64, rate: f64) -> Vec<i8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Decode;
     use crate::base::random::Random;
     use crate::engine::testing;
     use crate::lab::scene::{Preset, Scene, SweepScene};
