@@ -8,9 +8,7 @@ use ply_rs_bw::ply::{DefaultElement, Property};
 use serde_json::Value;
 
 use crate::desk::{Desk, python, stderr_of};
-
-const LENS: [&str; 5] =
-    ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
+use crate::synthetic::CUP_LENS;
 
 /// Returns a folder with a simulated pair.
 fn desk() -> Desk {
@@ -43,13 +41,13 @@ const EXPORT: [&str; 4] = ["--export", "ply,cloud,glb,stl,obj,depth16,npy,tiff,z
 #[test]
 fn depth_command_gives_the_same_files_as_solve_with_a_lens() {
     let desk = desk();
-    solve(&desk, "at_once", &[&LENS[..], &EXPORT].concat());
+    solve(&desk, "at_once", &[&CUP_LENS[..], &EXPORT].concat());
     solve(&desk, "later", &[&EXPORT[..], &["--nearer", "2"]].concat());
     assert_eq!(desk.report("later")["surface"]["unit"], "px");
     let before = desk.bytes("later/surface.ply");
     // The command must not need the photographs.
     fs::rename(desk.path("pair"), desk.path("elsewhere")).unwrap();
-    desk.done(&[&["depth", "later"], &LENS[..]].concat());
+    desk.done(&[&["depth", "later"], &CUP_LENS[..]].concat());
     let [at_once, later] = ["at_once", "later"].map(|out| desk.report(out));
     assert_eq!((&later["surface"], &later["surface"]["unit"]), (&at_once["surface"], &"mm".into()));
     assert_ne!(before, desk.bytes("later/surface.ply"));
@@ -79,7 +77,7 @@ fn depth_command_gives_the_same_files_as_solve_with_a_lens() {
 #[test]
 fn the_page_shows_measurements_and_an_unreadable_page_is_reported() {
     let desk = desk();
-    solve(&desk, "out", &[&LENS[..], &["--colors", "red-blue"]].concat());
+    solve(&desk, "out", &[&CUP_LENS[..], &["--colors", "red-blue"]].concat());
     let pictures = elements(&desk, "out")["picture-1"].clone();
     desk.done(&["measure", "out", "--step", "10,10,20,20", "70,40,20,20"]);
     let data = page_data(&desk, "out");
@@ -89,7 +87,7 @@ fn the_page_shows_measurements_and_an_unreadable_page_is_reported() {
 
     let view = desk.path("out/view.png");
     desk.done(&["view", "out", "--width", "64"]);
-    let depth = [&["depth", "out"], &LENS[..]].concat();
+    let depth = [&["depth", "out"], &CUP_LENS[..]].concat();
     assert!(stderr_of(&desk.done(&depth)).contains(view.file_name().unwrap().to_str().unwrap()));
     desk.write("out/report.html", "<html>");
     let stderr = stderr_of(&desk.done(&depth));
@@ -105,7 +103,7 @@ fn apart(a: [f32; 3], b: [f32; 3]) -> f64 {
 #[test]
 fn independent_readers_read_the_surface_in_millimetres() {
     let desk = desk();
-    solve(&desk, "out", &[&LENS[..], &["--export", "stl,obj,ply"]].concat());
+    solve(&desk, "out", &[&CUP_LENS[..], &["--export", "stl,obj,ply"]].concat());
     let stl = stl_io::read_stl(&mut fs::File::open(desk.path("out/surface.stl")).unwrap()).unwrap();
     stl.validate().unwrap_err(); // The mesh has a border, which `validate` refuses.
     let (models, _) = tobj::load_obj(desk.path("out/surface.obj"), &tobj::LoadOptions::default()).unwrap();
@@ -167,7 +165,7 @@ fn numpy_tifffile_and_zarr_read_the_same_values() {
     // The image spans two Zarr chunks, both incomplete.
     desk.done(&["simulate", "relief", "-o", "pair", "--size", "530x40", "--range", "1.2", "--force"]);
     for (lens, quantity, units, file) in
-        [(&[][..], "relative_blur", "px^2", "relative_blur.exr"), (&LENS, "depth", "mm", "depth_mm.exr")]
+        [(&[][..], "relative_blur", "px^2", "relative_blur.exr"), (&CUP_LENS, "depth", "mm", "depth_mm.exr")]
     {
         solve(&desk, "out", &[lens, &["--export", "npy,tiff,zarr"]].concat());
         let found = python(READER, &[desk.path("out").to_str().unwrap(), quantity]);

@@ -324,18 +324,15 @@ fn all_devices_share_a_batch() {
 #[cfg(unix)]
 #[test]
 fn watch_solves_pairs_as_they_arrive() {
-    use std::os::unix::fs::PermissionsExt;
-
     let desk = desk(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"]]);
     let whole = desk.bytes("shots/b_2.png");
     desk.write("shots/b_2.png", &whole[..whole.len() / 2]);
     fs::copy(desk.path("shots/a_1.png"), desk.path("shots/c_1.png")).unwrap();
     // When pair b fails, the script completes its truncated file and adds the missing file of pair c.
-    let script = "#!/bin/sh\necho \"$PARFOCAL_NAME $PARFOCAL_STATUS $1\" >> told\nif [ $PARFOCAL_STATUS = failed ]; then cp whole.png shots/b_2.png; \
+    let script = "echo \"$PARFOCAL_NAME $PARFOCAL_STATUS $1\" >> told\nif [ $PARFOCAL_STATUS = failed ]; then cp whole.png shots/b_2.png; \
                   cp whole.png shots/c_2.png; fi\n";
     desk.write("whole.png", whole);
-    desk.write("done.sh", script);
-    fs::set_permissions(desk.path("done.sh"), fs::Permissions::from_mode(0o755)).unwrap();
+    desk.write_script("done.sh", script);
     let watch = |settle: &str, idle: &str| {
         let watch = ["watch", "shots", "-o", "out", "--outer-iterations", "6", "--no-html", "--json"];
         desk.run(&[&watch[..], &["--settle", settle, "--until-idle", idle, "--on-done", "./done.sh"]].concat())
@@ -362,8 +359,7 @@ fn watch_solves_pairs_as_they_arrive() {
 fn watch_fails_if_its_folder_is_gone_at_the_end() {
     let desk = desk(&[["a_1.png", "a_2.png"]]);
     let watch = ["watch", "shots", "-o", "out", "--outer-iterations", "6", "--no-html", "--settle", "0"];
-    desk.write("gone.sh", "#!/bin/sh\nexec mv shots moved\n");
-    fs::set_permissions(desk.path("gone.sh"), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    desk.write_script("gone.sh", "exec mv shots moved\n");
     let watched = desk.exits(&[&watch[..], &["--until-idle", "0.1", "--on-done", "./gone.sh"]].concat(), 1);
     let stderr = stderr_of(&watched);
     assert!(stderr.contains("a: solved"), "{stderr}");
@@ -378,8 +374,7 @@ fn a_second_interrupt_ends_a_program_of_on_done_that_hangs() {
 
     let desk = desk(&[["a_1.png", "a_2.png"]]);
     // The shell starts a program of its own, which holds stdout open while it runs.
-    desk.write("hang.sh", "#!/bin/sh\necho begun\nsleep 600\necho ended\n");
-    fs::set_permissions(desk.path("hang.sh"), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    desk.write_script("hang.sh", "echo begun\nsleep 600\necho ended\n");
     let mut child = desk
         .process(&["watch", "shots", "-o", "out", "--no-html", "--settle", "0", "--on-done", "./hang.sh"])
         .stdout(Stdio::piped())

@@ -100,6 +100,19 @@ impl Desk {
         fs::write(self.path(name), content).unwrap();
     }
 
+    /// Writes a shell script that can be run.
+    #[cfg(unix)]
+    pub fn write_script(&self, name: &str, lines: &str) {
+        self.write(name, format!("#!/bin/sh\n{lines}"));
+        fs::set_permissions(self.path(name), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    }
+
+    /// Makes a named pipe.
+    #[cfg(unix)]
+    pub fn make_pipe(&self, name: &str) {
+        assert!(std::process::Command::new("mkfifo").arg(self.path(name)).status().unwrap().success());
+    }
+
     #[track_caller]
     pub fn bytes(&self, name: &str) -> Vec<u8> {
         fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))

@@ -13,8 +13,8 @@ const FILES: [&str; 6] =
 /// Compares each file with depth.npy: by zipfile, hashlib and ElementTree of Python, tifffile, zarr, and surfalize,
 /// SurfaceTopography and xarray where they are installed.
 ///
-/// X3P and SDF begin with the bottom row. `sign` is 1 where larger depths are nearer. Prints the readers and the largest
-/// difference of heights, mm.
+/// X3P and SDF begin with the bottom row. `sign` is 1 where larger depths are nearer. Prints the readers and the
+/// largest difference of heights, mm.
 const READER: &str = r#"
 import hashlib, importlib.util, json, sys, xml.etree.ElementTree as ElementTree, zipfile
 import numpy, tifffile, zarr

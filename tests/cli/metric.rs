@@ -6,7 +6,7 @@ use parfocal::{Lens, image_io};
 use serde_json::Value;
 
 use crate::desk::Desk;
-use crate::synthetic::{write_field, write_pair};
+use crate::synthetic::{CUP_LENS, write_field, write_pair};
 
 const SIZE: (usize, usize) = (96, 64);
 
@@ -19,9 +19,6 @@ const CUP: Lens = Lens {
     kappa: Lens::DISK,
     telecentric: true,
 };
-const CUP_FLAGS: [&str; 5] =
-    ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
-
 /// Returns a results folder with the files that these commands read.
 ///
 /// V corresponds to 600 mm at the left and 700 mm at the right, by the lens of the Cup pair.
@@ -68,7 +65,7 @@ fn deviations(depth_file: &Path) -> Vec<f64> {
 #[test]
 fn depth_is_added_to_a_results_folder() {
     let desk = desk();
-    let printed = desk.printed(&[&["depth", "out"], &CUP_FLAGS[..]].concat());
+    let printed = desk.printed(&[&["depth", "out"], &CUP_LENS[..]].concat());
     let report = desk.report("out");
     assert_eq!(report["depth"], printed);
     assert_eq!((&printed["out_of_range"], &report["nearer"]), (&Value::from(1), &Value::from(1)));
@@ -99,8 +96,8 @@ fn an_invalid_or_contradictory_lens_is_refused() {
     desk.refuses(&["depth", "out", "--lens", "absent.json"], 1, &["absent.json", "check the path"]);
     desk.refuses(&["depth", "out"], 2, &["--lens"]);
     desk.refuses(&["depth", "out", "--f-number=8"], 2, &["--focal-length, --pixel-pitch, --focus"]);
-    desk.refuses(&[&["depth", "absent"], &CUP_FLAGS[..]].concat(), 1, &["absent", "no folder"]);
-    let contradicted = [&["solve", "a.png", "b.png", "-o", "o", "--nearer", "2"], &CUP_FLAGS[..]].concat();
+    desk.refuses(&[&["depth", "absent"], &CUP_LENS[..]].concat(), 1, &["absent", "no folder"]);
+    let contradicted = [&["solve", "a.png", "b.png", "-o", "o", "--nearer", "2"], &CUP_LENS[..]].concat();
     desk.refuses(&contradicted, 2, &["--nearer 2 contradicts the lens", "I1"]);
     assert!(!desk.has("out/depth_mm.exr"));
 }
@@ -129,7 +126,7 @@ fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
     assert_eq!((lines.len(), lines[0].split(',').count()), (62, 5));
     assert!(lines[26].ends_with(",,"), "a hole must give empty columns: {}", lines[26]);
 
-    desk.printed(&[&["depth", "out"], &CUP_FLAGS[..]].concat());
+    desk.printed(&[&["depth", "out"], &CUP_LENS[..]].concat());
     let in_mm = desk.printed(&arguments[..7]);
     assert!((number(&in_mm["steps"][0]["depth_mm"]["value"]) - 100.0).abs() < 0.01, "{in_mm}");
     let csv = desk.text("out/profile_1.csv");
@@ -149,7 +146,7 @@ fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
 fn known_steps_calibrate_the_lens_and_undetermined_parameters_are_reported() {
     let desk = desk();
     desk.write("steps.json", r#"[{"region": [2, 2, 40, 60], "depth_mm": 600}]"#);
-    let start = [&["calibrate", "out", "--kappa", "0.7"], &CUP_FLAGS[..]].concat();
+    let start = [&["calibrate", "out", "--kappa", "0.7"], &CUP_LENS[..]].concat();
     let both = ["--known-from", "steps.json", "--known", "52,2,30,60=700", "--fit", "kappa,focus1", "-o", "lens.json"];
     let found = desk.printed(&[&start, &both[..]].concat());
     assert!((number(&found["lens"]["kappa"]) - 0.5).abs() < 1e-4, "{found}");
@@ -237,7 +234,7 @@ fn depths_of_bread_cup_and_background_are_in_order_between_the_focus_distances()
     }
     let desk = Desk::new();
     let measure = ["--step", "60,200,140,200", "280,220,200,100", "--profile", "20,300,600,300,9"];
-    let report = desk.printed(&[&["solve", &near, &far, "-o", "out"], &CUP_FLAGS[..], &measure].concat());
+    let report = desk.printed(&[&["solve", &near, &far, "-o", "out"], &CUP_LENS[..], &measure].concat());
     let file = desk.path("out/depth_mm.exr");
     let bread = median(&file, [60, 200, 140, 200]);
     let cup = median(&file, [280, 220, 200, 100]);

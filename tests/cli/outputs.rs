@@ -8,13 +8,9 @@ use png::{ColorType, Transformations};
 use serde_json::Value;
 
 use crate::desk::Desk;
-use crate::synthetic::waves;
+use crate::synthetic::{WIDE_LENS, waves};
 
 const SIZE: [u32; 2] = [96, 64];
-
-/// A lens whose depth range covers the V of these photographs.
-const LENS: [&str; 5] =
-    ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric"];
 
 /// Returns a folder with 8-bit photographs of different blur, and a float photograph with a highlight above white.
 fn desk() -> Desk {
@@ -121,9 +117,9 @@ fn depth16_files_hold_v_or_depth_if_a_lens_is_given() {
     let report = solve(&desk, &["--export", "depth16"]);
     holds(&desk, &report, &field(&desk, "out/relative_blur.exr"), "px^2");
     // The lens is given later, by `depth`.
-    let report = reported(&desk, &[&["depth", "out"], &LENS[..]].concat());
+    let report = reported(&desk, &[&["depth", "out"], &WIDE_LENS[..]].concat());
     holds(&desk, &report, &field(&desk, "out/depth_mm.exr"), "mm");
-    let report = solve(&desk, &[&["--export", "depth16"], &LENS[..]].concat());
+    let report = solve(&desk, &[&["--export", "depth16"], &WIDE_LENS[..]].concat());
     holds(&desk, &report, &field(&desk, "out/depth_mm.exr"), "mm");
     assert!(
         solve(&desk, &[]).get("depth16").is_none() && !desk.has("out/depth16.png") && !desk.has("out/depth16.tiff")
@@ -147,7 +143,7 @@ fn the_depth_map_has_a_colour_key_and_states_its_range() {
     reported(&desk, &["solve", "near.png", "far.png", "-o", "out", "--colors", "red-blue"]);
     assert!(desk.text("out/report.html").contains("\"colormap\":1,"));
     png(&desk, "out/depth.png").states("px^2", &["red near", "blue far"]);
-    reported(&desk, &[&["depth", "out", "--colors", "grey"], &LENS[..]].concat());
+    reported(&desk, &[&["depth", "out", "--colors", "grey"], &WIDE_LENS[..]].concat());
     let map = png(&desk, "out/depth.png");
     map.states("mm", &["depth in mm", "white near", "black far"]);
     let depth = field(&desk, "out/depth_mm.exr");

@@ -9,14 +9,10 @@ use serde_json::{Value, json};
 use crate::browser::Browser;
 use crate::desk::Desk;
 use crate::page::{assert_holds, assert_reads, assert_surface, canvas, choose, half_step, pixels, point, shown};
-use crate::synthetic::waves;
+use crate::synthetic::{CUP_LENS, waves};
 
 /// A file name that contains HTML, as an attacker would choose it.
 const ODD_NAME: &str = "<img src=x onerror=alert(1)>&amp;.png";
-
-/// A lens, so that the page has depth in mm.
-const LENS: [&str; 9] =
-    ["--focal-length", "25", "--f-number", "8.3", "--pixel-pitch", "0.01304", "--focus", "529,869", "--telecentric"];
 
 /// A folder with the results of one solve. One photograph is named `ODD_NAME`.
 fn results() -> &'static Desk {
@@ -28,7 +24,7 @@ fn results() -> &'static Desk {
             let image = image::RgbImage::from_fn(240, 160, |x, y| image::Rgb([value(x, y), value(x, y), x as u8]));
             image.save(desk.path(name)).unwrap();
         }
-        solve(&desk, &LENS);
+        solve(&desk, &CUP_LENS);
         desk
     })
 }

@@ -1,7 +1,5 @@
 //! Commands on existing results: a pair, a sweep, and results of a batch.
 
-use std::fs;
-
 use crate::browser::Browser;
 use crate::desk::{Desk, assert_fails, stderr_of};
 
@@ -52,10 +50,8 @@ fn commands_accept_batch_results_and_the_index_lists_failures_first() {
 #[cfg(unix)]
 #[test]
 fn open_passes_the_page_to_the_system_opener() {
-    use std::os::unix::fs::PermissionsExt;
     let desk = desk();
-    desk.write("bin/xdg-open", format!("#!/bin/sh\necho \"$1\" > '{}'\n", desk.path("opened").display()));
-    fs::set_permissions(desk.path("bin/xdg-open"), fs::Permissions::from_mode(0o755)).unwrap();
+    desk.write_script("bin/xdg-open", &format!("echo \"$1\" > '{}'\n", desk.path("opened").display()));
     for (folder, page) in [("many/first", "many/first/report.html"), ("many", "many/index.html")] {
         let mut command = desk.command(&["open", folder]);
         command.env("PATH", format!("{}:/bin:/usr/bin", desk.path("bin").display()));

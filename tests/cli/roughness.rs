@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use serde_json::Value;
 
 use crate::desk::{Desk, printed, stderr_of};
-use crate::synthetic::write_pair;
+use crate::synthetic::{CUP_LENS, write_pair};
 
 const SIZE: (usize, usize) = (96, 64);
 const AMPLITUDE: f64 = 1.5;
@@ -103,8 +103,7 @@ fn the_scale_of_v_is_a_part_of_the_standard_deviation() {
 #[test]
 fn with_a_lens_and_a_pixel_size_heights_are_in_mm_and_lengths_in_micrometres() {
     let desk = desk();
-    let lens = ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
-    desk.done(&[&["depth", "out"], &lens[..]].concat());
+    desk.done(&[&["depth", "out"], &CUP_LENS[..]].concat());
     let (px, _) = roughness(&desk, &[]);
     let (report, _) =
         roughness(&desk, &["--pixel-size", "500", "--s-filter", "2000", "--l-filter", "20000", "--form", "quadric"]);

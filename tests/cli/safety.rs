@@ -5,12 +5,10 @@ use std::fs;
 use serde_json::{Value, json};
 
 use crate::desk::{Desk, printed};
+use crate::synthetic::WIDE_LENS;
 
 /// Options that name a missing device. A file check must fail before the device is opened.
 const NO_DEVICE: [&str; 2] = ["--device", "no such GPU"];
-const LENS: [&str; 5] =
-    ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric"];
-
 #[track_caller]
 fn solve(desk: &Desk, extra: &[&str]) {
     let quick = ["solve", "i1.png", "i2.png", "-o", "out", "--outer-iterations", "6", "--no-html"];
@@ -77,7 +75,7 @@ fn foreign_files_are_refused_before_any_work_and_overwritten_by_force() {
     for (extra, name) in [
         (&["--export", "glb"][..], "surface.glb"),
         (&["--profile", "10,10,60,10"], "profile_1.png"),
-        (&LENS, "depth_mm.exr"),
+        (&WIDE_LENS, "depth_mm.exr"),
         (&[], "report.json"),
     ] {
         fs::remove_dir_all(desk.path("out")).unwrap();
@@ -97,11 +95,11 @@ fn files_of_later_commands_are_listed_and_replaced() {
     let desk = Desk::with_pair();
     solve(&desk, &[]);
     for _ in 0..2 {
-        desk.done(&[&["depth", "out"], &LENS[..]].concat());
+        desk.done(&[&["depth", "out"], &WIDE_LENS[..]].concat());
         desk.done(&["measure", "out", "--profile", "10,10,60,10", "--profile", "10,20,60,20"]);
         desk.done(&["view", "out", "--turntable", "out/turn.gif", "--turntable-width", "64", "--width", "64"]);
         let region = ["--known", "2,2,30,30=500"];
-        desk.done(&[&["calibrate", "out", "-o", "out/lens.json"], &LENS[..], &region].concat());
+        desk.done(&[&["calibrate", "out", "-o", "out/lens.json"], &WIDE_LENS[..], &region].concat());
     }
     let listed = desk.report("out")["files"].clone();
     let listed = listed.as_array().unwrap();
@@ -118,7 +116,7 @@ fn files_of_later_commands_are_listed_and_replaced() {
     assert!(!desk.has("out/depth_mm.exr") && !desk.has("out/profile_1.csv") && desk.has("out/lens.json"));
     for (command, name) in [("view", "view.png"), ("depth", "depth_mm.exr")] {
         write_foreign(&desk, &format!("out/{name}"));
-        let arguments = [&[command, "out"][..], if command == "depth" { &LENS[..] } else { &[] }].concat();
+        let arguments = [&[command, "out"][..], if command == "depth" { &WIDE_LENS[..] } else { &[] }].concat();
         desk.refuses_in_one_line(&arguments, &[name, "--force"]);
         assert_foreign_kept(&desk, &format!("out/{name}"));
         desk.done(&[&arguments[..], &["--force"]].concat());
@@ -204,7 +202,7 @@ mod links_and_devices {
         let own = ["solve", "i1.png", "i2.png", "-o", "out", "--force", NO_DEVICE[0], NO_DEVICE[1]];
         desk.refuses_in_one_line(&own, &["out/fused.png: is a symbolic link"]);
         fs::remove_file(desk.path("out/fused.png")).unwrap();
-        assert!(std::process::Command::new("mkfifo").arg(desk.path("out/fused.png")).status().unwrap().success());
+        desk.make_pipe("out/fused.png");
         desk.refuses_in_one_line(&own, &["out/fused.png: is a device or a pipe"]);
         assert_foreign_kept(&desk, "victim");
     }
@@ -234,7 +232,7 @@ mod links_and_devices {
         assert!(desk.text("kept/t.json").contains("transform"));
 
         let pipe = desk.path("pipe");
-        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        desk.make_pipe("pipe");
         let reader = std::thread::spawn(move || fs::read_to_string(pipe).unwrap());
         assert!(register("pipe", &[]).status.success());
         assert!(reader.join().unwrap().contains("transform"));

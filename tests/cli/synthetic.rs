@@ -8,6 +8,14 @@ use parfocal::{Region, Settings, Solution, results::Findings, settings::DeviceIn
 
 use crate::desk::Desk;
 
+/// Options of the lens of the Cup pair.
+pub const CUP_LENS: [&str; 5] =
+    ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
+
+/// Options of a lens whose depth range covers the V of small synthetic pairs.
+pub const WIDE_LENS: [&str; 5] =
+    ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric"];
+
 /// Returns the light of a texture of long and short waves, from -3 to 3.
 pub fn waves(x: u32, y: u32) -> f64 {
     let (x, y) = (f64::from(x), f64::from(y));

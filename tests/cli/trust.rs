@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::desk::{Desk, assert_refused, stderr_of};
+use crate::synthetic::WIDE_LENS;
 
 /// An EXR file with one changed byte that makes the decoder allocate all memory.
 const DWAA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hostile/dwaa_abort.exr");
@@ -61,9 +62,7 @@ fn files_of_later_commands_are_covered_by_hashes() {
     let desk = Desk::with_pair();
     desk.write("list.csv", "i1.png,i2.png,a\n");
     assert_eq!(batch(&desk, &[], 0), ["solved"]);
-    let lens =
-        ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric", "--quiet"];
-    desk.done(&[&["depth", "many/a"], &lens[..]].concat());
+    desk.done(&[&["depth", "many/a", "--quiet"], &WIDE_LENS[..]].concat());
     assert_eq!(batch(&desk, &["--resume"], 0), ["kept"]);
     fs::copy(desk.path("many/a/relative_blur.exr"), desk.path("many/a/depth_mm.exr")).unwrap();
     assert_eq!(batch(&desk, &["--resume"], 0), ["solved"]);
@@ -73,7 +72,7 @@ fn files_of_later_commands_are_covered_by_hashes() {
 #[test]
 fn pipes_and_devices_are_refused_as_any_input() {
     let desk = Desk::with_pair();
-    assert!(std::process::Command::new("mkfifo").arg(desk.path("pipe")).status().unwrap().success());
+    desk.make_pipe("pipe");
     let solve = ["solve", "i1.png", "i2.png", "-o", "out"];
     for file in ["pipe", "/dev/zero"] {
         desk.refuses_in_one_line(&["solve", "i1.png", file, "-o", "out"], &[file, "regular file"]);
