@@ -158,7 +158,8 @@ pub(crate) struct Gradients {
     pub(crate) effects: Products,
     /// The contrasts of the smoothed sides in each window.
     pub(crate) matched: Vec<Contrast>,
-    /// Those of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all windows.
+    /// Those of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all
+    /// windows.
     pub(crate) unmatched: Option<Vec<Contrast>>,
     /// The change of each photograph from pixel to pixel.
     pub(crate) steps: [Steps; 2],

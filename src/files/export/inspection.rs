@@ -49,7 +49,8 @@ pub struct InspectReport {
     pub unjudged_px: usize,
     /// `unjudged_px` as a fraction of the golden part's pixels.
     pub unjudged: f64,
-    /// Pixels where the part is too uncertain for the tolerance, or without a height since all of it has as little evidence.
+    /// Pixels where the part is too uncertain for the tolerance, or without a height since all of it has as little
+    /// evidence.
     pub uncertain_px: usize,
     /// The least tolerance that the part's uncertainty allows to judge; null if too many heights are missing.
     pub least_tolerance: Option<f64>,
