@@ -82,7 +82,8 @@ pub struct Solution {
     /// or the light changed between the photographs. NaN outside the valid region.
     pub residual: Vec<f32>,
     /// The fused image (pseudo-radiance, equation 37): interleaved channels in the values of I1, with white at 1.
-    /// Pixels that I2 does not show are those of I1. Empty if [`Settings::fused`] is false.
+    /// Pixels that I2 does not show are those of I1. Empty if [`Settings::fused`](crate::Settings::fused)
+    /// is false.
     pub fused: Vec<f32>,
     /// Everything else. Its fields are also fields of the solution by `Deref`.
     pub findings: Findings,
