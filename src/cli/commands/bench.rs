@@ -240,7 +240,7 @@ pub(crate) fn evaluate(arguments: &EvaluateArguments) -> Result<(), Failure> {
     evaluation.write(out)?;
     let summary = [evaluation.summary(), format!("in {}", arguments.output.display())];
     let summary = summary.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n");
-    arguments.report.print(&summary, || evaluation.to_json())
+    arguments.report.print(&summary, evaluation.report())
 }
 
 #[cfg(test)]

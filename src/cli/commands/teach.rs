@@ -103,7 +103,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         _ => lines.push(format!("golden part    {} is not written", arguments.output.display())),
     }
-    arguments.report.print(&lines.join("\n"), || serde_json::to_string_pretty(&report))?;
+    arguments.report.print(&lines.join("\n"), &report)?;
     if doubts.is_empty() { Ok(()) } else { Err(Failure::CannotJudge) }
 }
 

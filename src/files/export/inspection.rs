@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::destination::{Destination, INSPECT_FILES};
 use super::image_files::write_drawing;
-use super::report::{Header, Kind, to_json, write_json_to};
+use super::report::{Header, Kind, write_json_to};
 use super::staging::Staging;
 use crate::base::{Error, Region, Similarity};
 use crate::files::bounded_read::Hashes;
@@ -131,14 +131,6 @@ impl InspectReport {
             regions: inspection.regions.iter().map(of).collect(),
             listed: None,
         }
-    }
-
-    /// The report as text, without a newline at its end.
-    ///
-    /// # Errors
-    /// None known; serde_json's signature allows one.
-    pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        to_json(self)
     }
 }
 

@@ -85,11 +85,11 @@ pub(crate) fn write_json_to(mut writer: impl Write, value: &impl Serialize) -> R
     writeln!(writer, "{text}").map_err(|e| e.to_string())
 }
 
-/// The text of a value: indented, without negative zeros, and without a newline at its end.
+/// The text of a report as JSON, as in its file: indented, without negative zeros, and without a newline at its end.
 ///
 /// # Errors
 /// None is known for the reports; serde_json's signature allows one.
-pub(crate) fn to_json(value: &impl Serialize) -> Result<String, serde_json::Error> {
+pub fn to_json(value: &impl Serialize) -> Result<String, serde_json::Error> {
     let mut bytes = Vec::new();
     value.serialize(&mut Serializer::with_formatter(&mut bytes, PositiveZeros(PrettyFormatter::new())))?;
     String::from_utf8(bytes).map_err(serde::ser::Error::custom)

@@ -15,9 +15,9 @@ use crate::engine::{OtherMotion, Registered, Solution, TransformDeviation};
 use crate::files::bounded_read::Hash;
 use crate::files::image_io::{self, Input, Values};
 use crate::solve::sweep::{Positions, RegisteredSweep, Sweep};
-pub use json::{Header, Kind};
+pub use json::{Header, Kind, to_json};
 pub(super) use json::{MAX_BYTES, PROGRAM, invalid, is_plain, read_json, strings};
-pub(crate) use json::{to_json, with_header, write_json_to};
+pub(crate) use json::{with_header, write_json_to};
 pub use parts::{
     Depth16Report, DepthReport, DeviceReport, FieldReport, FrameReport, LevelReport, Measurements, NearerBy,
     NeverReport, ProfileReport, RangeReport, ShadingReport, SizeReport, StepReport, SurfaceReport, TextureReport,
