@@ -18,8 +18,9 @@ choices! {
 impl Decode {
     /// Replaces [`Decode::Auto`] by what the samples of all photographs of one scene imply.
     ///
-    /// 8 bits are made to be looked at and follow the sRGB curve, as browsers assume too: so few bits of linear light would
-    /// show steps in the dark. More bits are a measurement, and linear. If any photograph has 8 bits, all are sRGB.
+    /// 8 bits are made to be looked at and follow the sRGB curve, as browsers assume too: so few bits of linear light
+    /// would show steps in the dark. More bits are a measurement, and linear. If any photograph has 8 bits, all are
+    /// sRGB.
     pub fn resolved(self, depths: impl IntoIterator<Item = Depth>) -> Self {
         match self {
             Self::Auto if depths.into_iter().any(|depth| depth == Depth::U8) => Self::Srgb,

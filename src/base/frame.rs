@@ -18,9 +18,10 @@ pub enum Depth {
 }
 
 /// The colour channels of a [`Frame`], without alpha.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Channels {
     /// One luminance channel.
+    #[default]
     Gray,
     /// Red, green, blue, interleaved.
     Rgb,

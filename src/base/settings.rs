@@ -93,7 +93,8 @@ pub struct Setting {
     pub default: fn() -> String,
     /// What it is: the first line stands alone, the others add details.
     pub doc: &'static str,
-    /// The section of the program's help and the placeholder of the value; `None`: the program has no flag of this name.
+    /// The section of the program's help and the placeholder of the value; `None`: the program has no flag of this
+    /// name.
     pub flag: Option<[&'static str; 2]>,
     /// The parser of the flag's value.
     #[cfg(feature = "program")]
@@ -350,12 +351,12 @@ settings! {
     /// auto finds where it lies between a Gaussian and a disk.
     kernel: Kernel = Kernel::Auto;
     /// Whether depth edges of a pair are as sharp as the scene's.
-    /// Where two layers explain the photographs better, V passes from one depth to the other at their outline, instead of
-    /// over some 5 px around it.
+    /// Where two layers explain the photographs better, V passes from one depth to the other at their outline, instead
+    /// of over some 5 px around it.
     edges: bool = true, flag "Relative blur V" "on|off";
     /// Whether the fused image of a pair is computed; depth and registration do not need it.
-    /// Its pass takes a twentieth of the solve of 1 Mpx in grey (`parfocal bench`, lavapipe). Without it a quarter less is
-    /// read back, of colour half.
+    /// Its pass takes a twentieth of the solve of 1 Mpx in grey (`parfocal bench`, lavapipe). Without it a quarter less
+    /// is read back, of colour half.
     fused: bool = true;
     /// Whether frames of a sweep are kept that do not show the scene of the others.
     /// Otherwise they are left out, and a warning names each with its reason.

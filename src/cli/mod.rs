@@ -50,6 +50,7 @@ mod output {
 
 /// Batches of pairs and sweeps: how they are found and solved, and their summary.
 mod batch {
+    pub mod manifest;
     pub mod on_done;
     pub mod outcome;
     pub mod pairs;

@@ -5,11 +5,12 @@ use super::stages::uncertainty::LARGEST;
 
 /// The largest |V|, px², that counts as no difference of blur.
 ///
-/// Brightness is matched to 0.3 to 0.6 % on generated pairs of one focus setting. V that stands for it is up to 0.04 px².
+/// Brightness is matched to 0.3 to 0.6 % on generated pairs of one focus setting. V that stands for it is up to 0.04
+/// px².
 const NO_DIFFERENCE: f64 = 0.1;
 /// The least share by which the contrasts along and across a direction differ in photographs that moved while they were
-/// taken, made equally blurred. It is at most 0.015 in generated and real pairs that fit, and 0.12 where a camera moved by
-/// 9 px.
+/// taken, made equally blurred. It is at most 0.015 in generated and real pairs that fit, and 0.12 where a camera moved
+/// by 9 px.
 const LEAST_SHAKE: f64 = 0.03;
 /// The least certainty, in standard errors.
 const CERTAIN: f64 = 3.0;
@@ -70,9 +71,9 @@ impl Contrast {
         sum
     }
 
-    /// The least and the largest logarithm of the factor from the contrast of I1's side to that of I2's, of the gradients
-    /// weighted by `of`. The least is true if all noise is in I2, the largest if all is in I1. `None` if the two share
-    /// nothing.
+    /// The least and the largest logarithm of the factor from the contrast of I1's side to that of I2's, of the
+    /// gradients weighted by `of`. The least is true if all noise is in I2, the largest if all is in I1. `None` if the
+    /// two share nothing.
     fn change(&self, of: [f64; 3]) -> Option<[f64; 2]> {
         let sum = |sums: [f64; 3]| sums.iter().zip(of).map(|(sum, of)| sum * of).sum::<f64>();
         let [first, second, both] = [self.first, self.second, self.both].map(sum);
@@ -80,7 +81,8 @@ impl Contrast {
         change.iter().all(|v| v.is_finite()).then_some(change)
     }
 
-    /// By how much more contrast I2's side has along a direction than across it, relative to I1's, at least: a logarithm.
+    /// By how much more contrast I2's side has along a direction than across it, relative to I1's, at least: a
+    /// logarithm.
     fn difference(&self, degrees: f64) -> Option<f64> {
         let (sin, cos) = degrees.to_radians().sin_cos();
         let [least, _] = self.change([cos * cos, 2.0 * sin * cos, sin * sin])?;

@@ -14,8 +14,8 @@ pub(crate) fn effects(value: f64, laplacian: f64, [x, y]: [f64; 2]) -> [f64; UNK
 ///
 /// Brightness and V are fitted in turn. Of an error of V the share that brightness takes up stays after each turn, and
 /// brightness is matched three times on a level. Gratings of one frequency leave 0.0003 and less. With three or four
-/// harmonics V was within 0.05 px² where 0.12 or more was left, and off by 0.2 and 0.6 of 4 px² at 0.034 and 0.049. Pairs
-/// that fit leave 0.12 to 0.9.
+/// harmonics V was within 0.05 px² where 0.12 or more was left, and off by 0.2 and 0.6 of 4 px² at 0.034 and 0.049.
+/// Pairs that fit leave 0.12 to 0.9.
 const LEAST_SHARE: f64 = 0.1;
 /// The largest standard deviation by noise, px², of an error of V that is the same everywhere. Real pairs have up to
 /// 0.05, pairs of noise 0.05 have 0.08.
@@ -24,7 +24,8 @@ const MOST_DEVIATION: f64 = 0.5;
 /// The fewest pixels that say anything.
 const FEWEST: f64 = 256.0;
 
-/// Whether V is determined, by the sums over pixels of the products of the [`effects`] on both sides, one with the other.
+/// Whether V is determined, by the sums over pixels of the products of the [`effects`] on both sides, one with the
+/// other.
 ///
 /// `valid` pixels have a V, and the difference of the photographs has `noise`.
 pub(crate) fn determine_v(sums: &[[f64; UNKNOWNS]; UNKNOWNS], fits_brightness: bool, valid: f64, noise: f64) -> bool {

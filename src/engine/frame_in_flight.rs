@@ -4,12 +4,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::cpu::pair::CpuPair;
+use super::judgement::Counts;
 use super::motion::QuadraticForm;
 use super::pair_memory::{CancelFlag, PairMemory, Shared};
 use super::record::{Phases, Profile, Ran, SUBMIT_WAIT};
 use super::script::{Dispatch, Script};
 use super::slot::Slot;
-use super::solution::{Counts, Findings, LevelHistory, Registered, SolutionRef, Timings};
+use super::solution::{Findings, LevelHistory, Registered, SolutionRef, Timings};
 use super::stages::linearise;
 use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
@@ -240,7 +241,6 @@ impl FrameInFlight {
         let mut findings = Findings {
             width,
             height,
-            origin: [0, 0],
             photograph: [width, height],
             fused_channels: self.shared.plan.fused_channels(),
             transform: state.registration().transform,
@@ -250,19 +250,11 @@ impl FrameInFlight {
             regularization: state.alpha.into(),
             kernel_shape: (settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
             scale_deviation: state.scale_deviation.into(),
-            transform_deviation: None,
-            other_motion: None,
             levels: self.levels(&state, Slot::EndEnergies)?,
-            converged: false,
-            warnings: Vec::new(),
-            valid_fraction: 0.0,
-            mean_confidence: 0.0,
-            saturated_fraction: 0.0,
-            clipped_fractions: [0.0; 2],
             unsettled_fraction: f64::from(state.levels[0].moving.min(1.0)),
-            unexplained_fraction: 0.0,
             noise: f64::from(state.spread).max(settings.data_eta / linearise::BROAD),
             timings: self.timings()?,
+            ..Findings::default()
         };
         let maps = self.memory.pair().maps()?;
         let pixels = width as usize * height as usize;

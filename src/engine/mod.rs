@@ -9,6 +9,7 @@ pub(crate) mod filter;
 mod frame_in_flight;
 #[cfg(test)]
 mod gpu_model;
+mod judgement;
 mod motion;
 mod pair_memory;
 pub(crate) mod parts;

@@ -14,15 +14,15 @@ const SAME_CORNERS: f64 = 0.05;
 /// reaches this once in 1e5, for two and 12 blocks once in 500.
 const SIGNIFICANT: f64 = 12.0;
 
-/// What a registration without noise is off by, px: the interpolation of I2, and the slope of V at the borders. On planes,
-/// reliefs and cylinders of 192 to 256 px it is 0.003 to 0.0085.
+/// What a registration without noise is off by, px: the interpolation of I2, and the slope of V at the borders. On
+/// planes, reliefs and cylinders of 192 to 256 px it is 0.003 to 0.0085.
 const WITHOUT_NOISE: f64 = 0.006;
 /// The least share of the gradients along an unknown that is not noise. T is less certain than this allows to say.
 const LEAST_SHARED: f64 = 0.02;
 /// The two photographs must share gradients along every unknown, relative to those that they share most.
 ///
-/// Along stripes, and where stripes were taken for their neighbours, 0.04 to 0.35 are shared. Pairs that fit have 0.8 and
-/// more; with a quarter or a half of another scene, or moved, 0.45 to 0.75.
+/// Along stripes, and where stripes were taken for their neighbours, 0.04 to 0.35 are shared. Pairs that fit have 0.8
+/// and more; with a quarter or a half of another scene, or moved, 0.45 to 0.75.
 const LEAST_SHARED_RATIO: f64 = 0.3;
 
 /// The standard deviation of T.

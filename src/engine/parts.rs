@@ -198,7 +198,8 @@ impl Engine {
 /// then V part by part at full size with these held. The engine's time limit is that of each part.
 ///
 /// # Errors
-/// Those of [`PairSolver::solve`](crate::PairSolver::solve); [`Error::TooLarge`] if the device does not hold a part either.
+/// Those of [`PairSolver::solve`](crate::PairSolver::solve); [`Error::TooLarge`] if the device does not hold a part
+/// either.
 pub(crate) fn solve_pair(
     engine: &Engine,
     [i1, i2]: [&Frame; 2],

@@ -274,9 +274,10 @@ impl Pending {
     /// Waits for the pair and returns its results, in mapped memory.
     ///
     /// # Errors
-    /// [`Error::Cancelled`]; [`Error::Timeout`] past the engine's time limit, which poisons the engine; [`Error::Poisoned`],
-    /// [`Error::Vulkan`]. The limit of a pair is [`EngineOptions::timeout`](crate::EngineOptions::timeout) for each pair in flight
-    /// when it was submitted, itself included.
+    /// [`Error::Cancelled`]; [`Error::Timeout`] past the engine's time limit, which poisons the engine;
+    /// [`Error::Poisoned`], [`Error::Vulkan`]. The limit of a pair is
+    /// [`EngineOptions::timeout`](crate::EngineOptions::timeout) for each pair in flight when it was submitted, itself
+    /// included.
     pub fn wait(&mut self) -> Result<SolutionRef<'_>, Error> {
         self.frame.wait(Duration::MAX)?;
         self.frame.solution()

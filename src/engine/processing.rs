@@ -7,9 +7,9 @@ use super::stages::spline::Field;
 const BLOCK: usize = 8;
 /// The least step at the borders of blocks over that at the next largest place, by which blocks are seen.
 ///
-/// Of a slanted plane, a relief and plates, compressed with a quality of 10, 20, 30, 50 and 75, it was 3.4 to 5.3, 2.0 to
-/// 2.7, 1.6 to 2.1, 1.4 to 1.7 and 1.2 to 1.4, and V was beyond 3 σ at 11 to 18, 13 to 16, 14 to 17, 3 to 9 and 2 to 3 %
-/// of the pixels. JPEG photographs of cameras have up to 1.44, pictures without blocks up to 1.03.
+/// Of a slanted plane, a relief and plates, compressed with a quality of 10, 20, 30, 50 and 75, it was 3.4 to 5.3, 2.0
+/// to 2.7, 1.6 to 2.1, 1.4 to 1.7 and 1.2 to 1.4, and V was beyond 3 σ at 11 to 18, 13 to 16, 14 to 17, 3 to 9 and 2 to
+/// 3 % of the pixels. JPEG photographs of cameras have up to 1.44, pictures without blocks up to 1.03.
 const LEAST_STEP: f64 = 1.6;
 /// The most of all change along an axis that may lie at the borders of blocks. Squares of 8 px, as of a chart, change
 /// nowhere else; the worst JPEG changes inside of its blocks too.

@@ -33,7 +33,8 @@ pub struct Reference {
 /// Solves one pair on the CPU.
 ///
 /// # Errors
-/// [`Error::Setting`], [`Error::TooSmall`], [`Error::Mismatch`] where the sizes differ, [`Error::NoKeyPoints`] for SIFT.
+/// [`Error::Setting`], [`Error::TooSmall`], [`Error::Mismatch`] where the sizes differ, [`Error::NoKeyPoints`] for
+/// SIFT.
 pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, Error> {
     solve_masked(i1, i2, settings, None)
 }

@@ -158,7 +158,8 @@ pub(crate) struct Gradients {
     pub(crate) effects: Products,
     /// The contrasts of the smoothed sides in each window.
     pub(crate) matched: Vec<Contrast>,
-    /// Those of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all windows.
+    /// Those of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all
+    /// windows.
     pub(crate) unmatched: Option<Vec<Contrast>>,
     /// The change of each photograph from pixel to pixel.
     pub(crate) steps: [Steps; 2],
@@ -230,10 +231,10 @@ impl Pair<'_> {
         let reach = MARGIN + (3.0 * widest.sqrt()).ceil() as u32;
         let part = window.expanded(reach, self.size());
         let i1 = self.photographs[0].luminance(part)?;
-        let Some(seen) = self.seen(part) else { return Ok(None) };
-        let original = self.photographs[1].luminance(seen)?;
-        let steps = [Steps::of(&i1, [part.x, part.y]), Steps::of(&original, [seen.x, seen.y])];
-        let photographs = [i1, self.registered(part, &original, seen)];
+        let Some(counterpart) = self.counterpart(part) else { return Ok(None) };
+        let original = self.photographs[1].luminance(counterpart)?;
+        let steps = [Steps::of(&i1, [part.x, part.y]), Steps::of(&original, [counterpart.x, counterpart.y])];
+        let photographs = [i1, self.registered(part, &original, counterpart)];
         let clear = self.clear(part, &photographs, reach as usize);
         let alike = (widest <= NEARLY_ALIKE).then(|| photographs.each_ref().map(|i| convolve::smoothed(i, SMOOTHING)));
         let sides = [(&photographs[0], 1.0), (&photographs[1], -1.0)].map(|(image, sign)| {
@@ -305,7 +306,7 @@ impl Pair<'_> {
     }
 
     /// The part of I2 that its spline reads on the pixels of a part of I1. `None` if T maps the part outside of I2.
-    fn seen(&self, part: Region) -> Option<Region> {
+    fn counterpart(&self, part: Region) -> Option<Region> {
         let (size, whole) = (self.photographs[1].size, centre(self.size()[0], self.size()[1]));
         let ends = |first: u32, length: u32| [f64::from(first), f64::from(first + length - 1)];
         let [left, top] = [ends(part.x, part.width), ends(part.y, part.height)];
@@ -325,9 +326,9 @@ impl Pair<'_> {
         Some(Region { x, y, width, height })
     }
 
-    /// I2 on the pixels of a part of I1, in the brightness of I1; from the part of I2 that is [`seen`](Self::seen).
-    fn registered(&self, part: Region, original: &Field, seen: Region) -> Field {
-        let (whole, first) = (centre(self.size()[0], self.size()[1]), [seen.x, seen.y].map(f64::from));
+    /// I2 on the pixels of a part of I1, in the brightness of I1; from the [`counterpart`](Self::counterpart) in I2.
+    fn registered(&self, part: Region, original: &Field, counterpart: Region) -> Field {
+        let (whole, first) = (centre(self.size()[0], self.size()[1]), [counterpart.x, counterpart.y].map(f64::from));
         let coefficients = spline(original);
         let value = |i: usize, j: usize| {
             let place = [f64::from(part.x) + i as f64, f64::from(part.y) + j as f64];

@@ -5,8 +5,8 @@ use super::inspect::{Deviation, GOLDEN_EVIDENCE, Limits, Verdict, difference, in
 use crate::base::Error;
 
 /// By how much the scatter between n - 1 good parts is widened before another is compared with them, from n = 3: the
-/// quantile of Student's t distribution with n - 2 degrees of freedom that 3 standard deviations are of a Gaussian, over
-/// 3. Of parts whose scatter is known from few others, one would seem off too often.
+/// quantile of Student's t distribution with n - 2 degrees of freedom that 3 standard deviations are of a Gaussian,
+/// over 3. Of parts whose scatter is known from few others, one would seem off too often.
 const WIDER: [f64; 10] = [78.6, 6.4, 3.07, 2.21, 1.84, 1.63, 1.51, 1.43, 1.36, 1.32];
 
 /// Makes a golden part from several good parts that are registered to the pixels of the first.

@@ -22,8 +22,8 @@ pub struct Heights {
 }
 
 impl Heights {
-    /// Makes a height map from row-major fields, with evidence that is not known. Pixels whose height or standard deviation is not finite have no
-    /// height.
+    /// Makes a height map from row-major fields, with evidence that is not known. Pixels whose height or standard
+    /// deviation is not finite have no height.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if a field has another size.

@@ -4,11 +4,11 @@
 //! deviates if the remaining difference exceeds the tolerance and the uncertainty of both.
 
 use super::plane::MIN_POINTS;
-use super::regions::{Extent, connected_regions};
+use super::regions::{Extent, connected_regions, label_regions};
 use crate::base::statistics::median;
 use crate::base::{Error, Region};
 
-pub use super::{heights::Heights, plane::Plane};
+pub use super::{heights::Heights, plane::Plane, regions::Deviation};
 
 /// The standard deviation of the registration error, px, which gives an error of height on slopes. Key-points of
 /// photographs of one part agree to 0.1 to 0.2 px.
@@ -19,9 +19,9 @@ const REGISTRATION_SIGMA: f64 = 0.25;
 /// that lies on a half of the part.
 const FLAT: f64 = 1.0 / 3.0;
 
-/// The default of [`Limits::max_tilt`], in tolerances. A part that is thicker at one side looks tilted, so that tilt needs
-/// a bound, and only the user knows how well the fixture holds. Up to here the tilt itself leaves no difference: good
-/// parts that lie tilted by 4 to 8 tolerances are found tilted by that, within 0.5 %, and nothing deviates.
+/// The default of [`Limits::max_tilt`], in tolerances. A part that is thicker at one side looks tilted, so that tilt
+/// needs a bound, and only the user knows how well the fixture holds. Up to here the tilt itself leaves no difference:
+/// good parts that lie tilted by 4 to 8 tolerances are found tilted by that, within 0.5 %, and nothing deviates.
 const MAX_TILT: f64 = 10.0;
 
 /// The least evidence of a height of the part: the texture must exceed the noise, and the evidence of both together is
@@ -56,9 +56,10 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Returns the default limits: 3 standard deviations, an area of 50 px, a quarter of the pixels without heights, and
-    /// a tilt of ten tolerances from one corner of the picture to the opposite one. Noise that is correlated over 2 px exceeds 3 standard deviations in regions of 5 px on average, and in
-    /// one of 50 px once in twenty images of 2 Mpx.
+    /// Returns the default limits: 3 standard deviations, an area of 50 px, a quarter of the pixels without heights,
+    /// and a tilt of ten tolerances from one corner of the picture to the opposite one. Noise that is correlated over 2
+    /// px exceeds 3 standard deviations in regions of 5 px on average, and in one of 50 px once in twenty images of 2
+    /// Mpx.
     pub fn new(tolerance: f64) -> Self {
         Self { tolerance, sigmas: 3.0, min_area_px: 50, max_unjudged: 0.25, max_tilt: MAX_TILT * tolerance }
     }
@@ -103,13 +104,13 @@ pub struct Inspection {
     pub plane: Plane,
     /// The tilt of the plane over the picture.
     pub tilt: f64,
-    /// The number of pixels that were judged: both have a height, and the part's is certain enough for the tolerance, or
-    /// deviates for certain.
+    /// The number of pixels that were judged: both have a height, and the part's is certain enough for the tolerance,
+    /// or deviates for certain.
     pub judged: usize,
     /// The number of other pixels at which only the golden part has a height that there is evidence for.
     pub unjudged: usize,
-    /// The number of pixels at which the part is too uncertain for the tolerance, or has no height since all of it has as
-    /// little evidence.
+    /// The number of pixels at which the part is too uncertain for the tolerance, or has no height since all of it has
+    /// as little evidence.
     pub uncertain: usize,
     /// The least tolerance that the part's uncertainty allows to judge; `None` if too many of its heights are missing.
     pub least_tolerance: Option<f64>,
@@ -216,13 +217,13 @@ pub struct Gap {
     pub centroid_px: [f64; 2],
     /// The bounding box.
     pub bounds_px: Region,
-    /// Whether a quarter of it, and as much as the least region, has no height and far less texture than the rest of the
-    /// part has, compared with the golden part: then the surface differs there, and not the light.
+    /// Whether a quarter of it, and as much as the least region, has no height and far less texture than the rest of
+    /// the part has, compared with the golden part: then the surface differs there, and not the light.
     pub is_bare: bool,
 }
 
-/// Returns whether a pixel of the part is bare: it has far less evidence than the rest of the part has, compared with the
-/// golden part. What is not known does not excuse.
+/// Returns whether a pixel of the part is bare: it has far less evidence than the rest of the part has, compared with
+/// the golden part. What is not known does not excuse.
 fn bareness<'a>(part: &'a Heights, golden: &'a Heights) -> impl Fn(usize) -> bool + 'a {
     let ratio = move |i: usize| f64::from(part.evidence[i]) / f64::from(golden.evidence[i]);
     let usual = median((0..golden.values.len()).filter(|i| golden.values[*i].is_finite()).map(ratio));
@@ -249,8 +250,8 @@ fn gaps(
     let gap = |pixels: Vec<usize>| {
         let bare = pixels.iter().filter(|i| part.values[**i].is_nan() && is_bare(**i)).count();
         let Extent { area_px, centroid_px, bounds_px } = Extent::of(&pixels, golden.width);
-        // Around a bare area V is uncertain, which is two thirds of the region of a grey disk of 14 px radius. The share is
-        // set by that scene alone.
+        // Around a bare area V is uncertain, which is two thirds of the region of a grey disk of 14 px radius. The
+        // share is set by that scene alone.
         let is_bare = bare >= limits.min_area_px && 4 * bare > pixels.len();
         Gap { area_px, centroid_px, bounds_px, is_bare }
     };
@@ -273,47 +274,6 @@ pub(super) fn difference(part: &Heights, other: &Heights, limits: &Limits) -> Re
     });
     plane.subtract_from(size, &mut difference);
     Ok((plane, difference))
-}
-
-/// A connected region of pixels that deviate with the same sign.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Deviation {
-    /// The number of pixels.
-    pub area_px: usize,
-    /// The mean height over the golden part, above 0 towards the camera.
-    pub mean: f64,
-    /// The height of the largest magnitude.
-    pub extreme: f64,
-    /// The centroid, px.
-    pub centroid_px: [f64; 2],
-    /// The bounding box.
-    pub bounds_px: Region,
-}
-
-/// Labels the 8-connected regions of pixels with the same sign, -1 or 1, and at least `min_area` pixels. Returns them,
-/// the largest first, with the number of each pixel's region, from 1, or 0.
-fn label_regions(width: u32, signs: &[i8], heights: &[f32], min_area: usize) -> (Vec<Deviation>, Vec<u32>) {
-    let regions = connected_regions(width, signs, min_area);
-    let mut labels = vec![0; signs.len()];
-    for (number, pixels) in (1..).zip(&regions) {
-        pixels.iter().for_each(|i| labels[*i] = number);
-    }
-    (regions.iter().map(|pixels| Deviation::of(pixels, width, heights)).collect(), labels)
-}
-
-impl Deviation {
-    fn of(pixels: &[usize], width: u32, heights: &[f32]) -> Self {
-        let Extent { area_px, centroid_px, bounds_px } = Extent::of(pixels, width);
-        let heights = || pixels.iter().map(|i| f64::from(heights[*i]));
-        Self {
-            area_px,
-            mean: heights().sum::<f64>() / area_px as f64,
-            extreme: heights().fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a }),
-            centroid_px,
-            bounds_px,
-        }
-    }
 }
 
 #[cfg(test)]
@@ -540,24 +500,5 @@ pub(super) mod tests {
         assert_eq!(dark.verdict(&limits), Verdict::CannotJudge);
         let most = Limits { max_unjudged: 0.5, ..limits };
         assert_eq!(dark.verdict(&most), Verdict::CannotJudge, "as a region");
-    }
-
-    #[test]
-    fn diagonal_pixels_are_one_region_and_signs_are_separate() {
-        let pattern = "\
-            +..-.\
-            .+.-.\
-            ..+..\
-            -....";
-        let sign = |c: char| i8::from(c == '+') - i8::from(c == '-');
-        let signs: Vec<i8> = pattern.chars().map(sign).collect();
-        let heights: Vec<f32> = signs.iter().enumerate().map(|(i, s)| f32::from(*s) * (1 + i) as f32).collect();
-        let (regions, labels) = label_regions(5, &signs, &heights, 2);
-        assert_eq!(regions.len(), 2);
-        let bounds_px = Region { x: 0, y: 0, width: 3, height: 3 };
-        let diagonal = Deviation { area_px: 3, mean: 7.0, extreme: 13.0, centroid_px: [1.0, 1.0], bounds_px };
-        assert_eq!(regions[0], diagonal);
-        assert_eq!((regions[1].area_px, regions[1].mean, regions[1].extreme), (2, -6.5, -9.0));
-        assert_eq!((labels[0], labels[3], labels[15]), (1, 2, 0), "a single pixel is too small");
     }
 }

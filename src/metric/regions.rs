@@ -1,4 +1,4 @@
-//! Connected regions of marked pixels.
+//! Connected regions of marked pixels, and the regions in which a part deviates.
 
 use crate::base::Region;
 
@@ -66,5 +66,70 @@ impl Extent {
             centroid_px: [mean(&|i| i % width), mean(&|i| i / width)],
             bounds_px: Region { x, y, width: columns, height: rows },
         }
+    }
+}
+
+/// A connected region of pixels that deviate with the same sign.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Deviation {
+    /// The number of pixels.
+    pub area_px: usize,
+    /// The mean height over the golden part, above 0 towards the camera.
+    pub mean: f64,
+    /// The height of the largest magnitude.
+    pub extreme: f64,
+    /// The centroid, px.
+    pub centroid_px: [f64; 2],
+    /// The bounding box.
+    pub bounds_px: Region,
+}
+
+/// Labels the 8-connected regions of pixels with the same sign, -1 or 1, and at least `min_area` pixels. Returns them,
+/// the largest first, with the number of each pixel's region, from 1, or 0.
+pub(super) fn label_regions(width: u32, signs: &[i8], heights: &[f32], min_area: usize) -> (Vec<Deviation>, Vec<u32>) {
+    let regions = connected_regions(width, signs, min_area);
+    let mut labels = vec![0; signs.len()];
+    for (number, pixels) in (1..).zip(&regions) {
+        pixels.iter().for_each(|i| labels[*i] = number);
+    }
+    (regions.iter().map(|pixels| Deviation::of(pixels, width, heights)).collect(), labels)
+}
+
+impl Deviation {
+    fn of(pixels: &[usize], width: u32, heights: &[f32]) -> Self {
+        let Extent { area_px, centroid_px, bounds_px } = Extent::of(pixels, width);
+        let heights = || pixels.iter().map(|i| f64::from(heights[*i]));
+        Self {
+            area_px,
+            mean: heights().sum::<f64>() / area_px as f64,
+            extreme: heights().fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a }),
+            centroid_px,
+            bounds_px,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn diagonal_pixels_are_one_region_and_signs_are_separate() {
+        let pattern = "\
+            +..-.\
+            .+.-.\
+            ..+..\
+            -....";
+        let sign = |c: char| i8::from(c == '+') - i8::from(c == '-');
+        let signs: Vec<i8> = pattern.chars().map(sign).collect();
+        let heights: Vec<f32> = signs.iter().enumerate().map(|(i, s)| f32::from(*s) * (1 + i) as f32).collect();
+        let (regions, labels) = label_regions(5, &signs, &heights, 2);
+        assert_eq!(regions.len(), 2);
+        let bounds_px = Region { x: 0, y: 0, width: 3, height: 3 };
+        let diagonal = Deviation { area_px: 3, mean: 7.0, extreme: 13.0, centroid_px: [1.0, 1.0], bounds_px };
+        assert_eq!(regions[0], diagonal);
+        assert_eq!((regions[1].area_px, regions[1].mean, regions[1].extreme), (2, -6.5, -9.0));
+        assert_eq!((labels[0], labels[3], labels[15]), (1, 2, 0), "a single pixel is too small");
     }
 }

@@ -2,69 +2,36 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::PathBuf;
-use std::process::Output;
 
-use assert_cmd::Command;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 use serde_json::Value;
-use tempfile::TempDir;
 
-const LENS: [&str; 5] =
-    ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
+use crate::desk::{Desk, python, stderr_of};
+use crate::synthetic::CUP_LENS;
 
-/// A temporary folder with a simulated pair; results go into it.
-struct Desk(TempDir);
+/// Returns a folder with a simulated pair.
+fn desk() -> Desk {
+    let desk = Desk::new();
+    desk.done(&["simulate", "relief", "-o", "pair", "--size", "120x90", "--range", "1.2"]);
+    desk
+}
 
-impl Desk {
-    fn new() -> Self {
-        let desk = Self(TempDir::new().unwrap());
-        desk.done(&["simulate", "relief", "-o", "pair", "--size", "120x90", "--range", "1.2"]);
-        desk
-    }
+fn solve(desk: &Desk, out: &str, extra: &[&str]) {
+    desk.done(&[&["solve", "pair/i1.png", "pair/i2.png", "-o", out], extra].concat());
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
+/// The `<script>` elements of a page that hold data, by id.
+fn elements(desk: &Desk, out: &str) -> BTreeMap<String, String> {
+    let page = desk.text(&format!("{out}/report.html"));
+    let parts = page.split("<script type=\"").skip(1).filter_map(|part| part.split_once("\" id=\""));
+    let parts = parts.filter_map(|(_, rest)| rest.split_once("\">"));
+    parts.map(|(id, text)| (id.to_string(), text.split("</script>").next().unwrap().to_string())).collect()
+}
 
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        command.output().unwrap()
-    }
-
-    fn done(&self, arguments: &[&str]) -> String {
-        let output = self.run(arguments);
-        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{arguments:?}: {stderr}");
-        stderr
-    }
-
-    fn solve(&self, out: &str, extra: &[&str]) {
-        self.done(&[&["solve", "pair/i1.png", "pair/i2.png", "-o", out], extra].concat());
-    }
-
-    fn bytes(&self, name: &str) -> Vec<u8> {
-        fs::read(self.path(name)).unwrap()
-    }
-
-    fn report(&self, out: &str) -> Value {
-        serde_json::from_slice(&self.bytes(&format!("{out}/report.json"))).unwrap()
-    }
-
-    /// The `<script>` elements of a page that hold data, by id.
-    fn elements(&self, out: &str) -> BTreeMap<String, String> {
-        let page = fs::read_to_string(self.path(out).join("report.html")).unwrap();
-        let parts = page.split("<script type=\"").skip(1).filter_map(|part| part.split_once("\" id=\""));
-        let parts = parts.filter_map(|(_, rest)| rest.split_once("\">"));
-        parts.map(|(id, text)| (id.to_string(), text.split("</script>").next().unwrap().to_string())).collect()
-    }
-
-    /// The JSON data of a page.
-    fn page_data(&self, out: &str) -> Value {
-        serde_json::from_str(&self.elements(out)["data"]).unwrap()
-    }
+/// The JSON data of a page.
+fn page_data(desk: &Desk, out: &str) -> Value {
+    serde_json::from_str(&elements(desk, out)["data"]).unwrap()
 }
 
 const SURFACES: [&str; 5] = ["surface.ply", "points.ply", "surface.glb", "surface.stl", "surface.obj"];
@@ -73,14 +40,14 @@ const EXPORT: [&str; 4] = ["--export", "ply,cloud,glb,stl,obj,depth16,npy,tiff,z
 
 #[test]
 fn depth_command_gives_the_same_files_as_solve_with_a_lens() {
-    let desk = Desk::new();
-    desk.solve("at_once", &[&LENS[..], &EXPORT].concat());
-    desk.solve("later", &[&EXPORT[..], &["--nearer", "2"]].concat());
+    let desk = desk();
+    solve(&desk, "at_once", &[&CUP_LENS[..], &EXPORT].concat());
+    solve(&desk, "later", &[&EXPORT[..], &["--nearer", "2"]].concat());
     assert_eq!(desk.report("later")["surface"]["unit"], "px");
     let before = desk.bytes("later/surface.ply");
     // The command must not need the photographs.
     fs::rename(desk.path("pair"), desk.path("elsewhere")).unwrap();
-    desk.done(&[&["depth", "later"], &LENS[..]].concat());
+    desk.done(&[&["depth", "later"], &CUP_LENS[..]].concat());
     let [at_once, later] = ["at_once", "later"].map(|out| desk.report(out));
     assert_eq!((&later["surface"], &later["surface"]["unit"]), (&at_once["surface"], &"mm".into()));
     assert_ne!(before, desk.bytes("later/surface.ply"));
@@ -89,11 +56,11 @@ fn depth_command_gives_the_same_files_as_solve_with_a_lens() {
         assert!(a == b, "{name}");
         assert_eq!(later["hashes"][name], at_once["hashes"][name], "{name}");
     }
-    let ([mut a, mut b], data) = (["at_once", "later"].map(|out| desk.elements(out)), desk.page_data("later"));
+    let ([mut a, mut b], data) = (["at_once", "later"].map(|out| elements(&desk, out)), page_data(&desk, "later"));
     assert_eq!(data["report"]["depth"], later["depth"]);
     assert_eq!(
         (&data["surface"], &data["names"]),
-        (&desk.page_data("at_once")["surface"], &serde_json::json!(["i1.png", "i2.png"]))
+        (&page_data(&desk, "at_once")["surface"], &serde_json::json!(["i1.png", "i2.png"]))
     );
     assert!(a.remove("data").is_some() && b.remove("data").is_some());
     assert!(a == b && a.contains_key("field-relative_blur") && a.contains_key("picture-2"));
@@ -102,29 +69,30 @@ fn depth_command_gives_the_same_files_as_solve_with_a_lens() {
     let turned = ["--focus=869,529"];
     desk.done(&[&["depth", "later", "--lens", "later/report.json"], &turned[..]].concat());
     let again = desk.report("later");
-    assert_eq!((&again["nearer"], &desk.page_data("later")["report"]["nearer"]), (&2.into(), &2.into()));
+    assert_eq!((&again["nearer"], &page_data(&desk, "later")["report"]["nearer"]), (&2.into(), &2.into()));
     assert!(SURFACES.iter().all(|name| desk.path("later").join(name).is_file()));
-    assert_ne!(desk.elements("later")["heights"], a["heights"]);
+    assert_ne!(elements(&desk, "later")["heights"], a["heights"]);
 }
 
 #[test]
 fn the_page_shows_measurements_and_an_unreadable_page_is_reported() {
-    let desk = Desk::new();
-    desk.solve("out", &[&LENS[..], &["--colors", "red-blue"]].concat());
-    let pictures = desk.elements("out")["picture-1"].clone();
+    let desk = desk();
+    solve(&desk, "out", &[&CUP_LENS[..], &["--colors", "red-blue"]].concat());
+    let pictures = elements(&desk, "out")["picture-1"].clone();
     desk.done(&["measure", "out", "--step", "10,10,20,20", "70,40,20,20"]);
-    let data = desk.page_data("out");
+    let data = page_data(&desk, "out");
     assert_eq!(data["report"]["measurements"], desk.report("out")["measurements"]);
     assert!(data["report"]["measurements"]["steps"][0]["depth_mm"].is_object() && data["colormap"] == 1);
-    assert_eq!(desk.elements("out")["picture-1"], pictures);
+    assert_eq!(elements(&desk, "out")["picture-1"], pictures);
 
     let view = desk.path("out/view.png");
     desk.done(&["view", "out", "--width", "64"]);
-    assert!(desk.done(&[&["depth", "out"], &LENS[..]].concat()).contains(view.file_name().unwrap().to_str().unwrap()));
-    fs::write(desk.path("out/report.html"), "<html>").unwrap();
-    let stderr = desk.done(&[&["depth", "out"], &LENS[..]].concat());
+    let depth = [&["depth", "out"], &CUP_LENS[..]].concat();
+    assert!(stderr_of(&desk.done(&depth)).contains(view.file_name().unwrap().to_str().unwrap()));
+    desk.write("out/report.html", "<html>");
+    let stderr = stderr_of(&desk.done(&depth));
     assert!(stderr.contains("report.html cannot be written again"), "{stderr}");
-    assert!(!desk.path("out/report.html").exists() && desk.report("out")["hashes"].get("report.html").is_none());
+    assert!(!desk.has("out/report.html") && desk.report("out")["hashes"].get("report.html").is_none());
 }
 
 /// Distance between two points.
@@ -134,8 +102,8 @@ fn apart(a: [f32; 3], b: [f32; 3]) -> f64 {
 
 #[test]
 fn independent_readers_read_the_surface_in_millimetres() {
-    let desk = Desk::new();
-    desk.solve("out", &[&LENS[..], &["--export", "stl,obj,ply"]].concat());
+    let desk = desk();
+    solve(&desk, "out", &[&CUP_LENS[..], &["--export", "stl,obj,ply"]].concat());
     let stl = stl_io::read_stl(&mut fs::File::open(desk.path("out/surface.stl")).unwrap()).unwrap();
     stl.validate().unwrap_err(); // The mesh has a border, which `validate` refuses.
     let (models, _) = tobj::load_obj(desk.path("out/surface.obj"), &tobj::LoadOptions::default()).unwrap();
@@ -193,20 +161,14 @@ print(json.dumps(found))
 
 #[test]
 fn numpy_tifffile_and_zarr_read_the_same_values() {
-    let desk = Desk::new();
+    let desk = desk();
     // The image spans two Zarr chunks, both incomplete.
     desk.done(&["simulate", "relief", "-o", "pair", "--size", "530x40", "--range", "1.2", "--force"]);
     for (lens, quantity, units, file) in
-        [(&[][..], "relative_blur", "px^2", "relative_blur.exr"), (&LENS, "depth", "mm", "depth_mm.exr")]
+        [(&[][..], "relative_blur", "px^2", "relative_blur.exr"), (&CUP_LENS, "depth", "mm", "depth_mm.exr")]
     {
-        desk.solve("out", &[lens, &["--export", "npy,tiff,zarr"]].concat());
-        let python = std::env::var("PARFOCAL_PYTHON").unwrap_or("/usr/bin/python3".to_string());
-        let output = std::process::Command::new(&python)
-            .args(["-c", READER, desk.path("out").to_str().unwrap(), quantity])
-            .output()
-            .unwrap_or_else(|e| panic!("{python}: {e}: run tools/setup --test, or set PARFOCAL_PYTHON"));
-        assert!(output.status.success(), "{}: run tools/setup --test", String::from_utf8_lossy(&output.stderr));
-        let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+        solve(&desk, "out", &[lens, &["--export", "npy,tiff,zarr"]].concat());
+        let found = python(READER, &[desk.path("out").to_str().unwrap(), quantity]);
         let (width, height, values) = parfocal::image_io::read_field(&desk.path("out").join(file)).unwrap();
         let (_, _, sigma) = parfocal::image_io::read_field(&desk.path("out/uncertainty.exr")).unwrap();
         let most = desk.report("out")["texture"]["max_uncertainty_px2"].as_f64().unwrap() as f32;

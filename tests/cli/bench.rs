@@ -1,62 +1,33 @@
 //! `parfocal bench` on a device. The images are too small for the times to mean anything.
 
 use std::fs;
-use std::path::PathBuf;
 use std::process::Output;
 
-use assert_cmd::Command;
 use serde_json::Value;
-use tempfile::TempDir;
 
-struct Desk(TempDir);
+use crate::desk::{Desk, assert_refused, printed, stderr_of};
 
-impl Desk {
-    fn new() -> Self {
-        Self(TempDir::new().unwrap())
-    }
+/// Runs `bench` on the test device with these arguments; the default size is 64x64.
+fn measure(desk: &Desk, arguments: &[&str]) -> Output {
+    let sizes: &[&str] = if arguments.contains(&"--sizes") { &[] } else { &["--sizes", "64x64"] };
+    desk.run(&[&["bench"], sizes, &["--repeats", "2", "--outer-iterations", "8"], arguments].concat())
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut program = Command::cargo_bin("parfocal").unwrap();
-        program.env("PARFOCAL_CACHE_DIR", self.path("cache")).current_dir(self.0.path()).arg("bench");
-        program.args(arguments).output().unwrap()
-    }
-
-    /// Runs `bench` on the test device with these arguments; the default size is 64x64.
-    fn measure(&self, arguments: &[&str]) -> Output {
-        let sizes: &[&str] = if arguments.contains(&"--sizes") { &[] } else { &["--sizes", "64x64"] };
-        self.run(&[sizes, &["--repeats", "2", "--outer-iterations", "8"], arguments].concat())
-    }
-
-    /// Writes two different photographs of 80x64 px.
-    fn photographs(&self, names: [&str; 2]) {
-        for (name, shift) in names.into_iter().zip([0, 1]) {
-            let value = |x: u32, y: u32| (x + shift + 7 * (y / 5)).wrapping_mul(2_654_435_761) >> 24;
-            let path = self.path(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            image::GrayImage::from_fn(80, 64, |x, y| image::Luma([value(x, y) as u8])).save(path).unwrap();
-        }
-    }
-
-    fn json(&self, name: &str) -> Value {
-        serde_json::from_slice(&fs::read(self.path(name)).unwrap()).unwrap()
+/// Writes two different photographs of 80x64 px.
+fn photographs(desk: &Desk, names: [&str; 2]) {
+    for (name, shift) in names.into_iter().zip([0, 1]) {
+        let value = |x: u32, y: u32| (x + shift + 7 * (y / 5)).wrapping_mul(2_654_435_761) >> 24;
+        let path = desk.path(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        image::GrayImage::from_fn(80, 64, |x, y| image::Luma([value(x, y) as u8])).save(path).unwrap();
     }
 }
 
+/// Asserts success and returns the text on stdout.
 #[track_caller]
-fn done(output: &Output) -> String {
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+fn stdout_of(output: &Output) -> String {
+    assert!(output.status.success(), "{}", stderr_of(output));
     String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-#[track_caller]
-fn refused(output: &Output, status: i32, parts: &[&str]) {
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(status), "{stderr}");
-    assert!(parts.iter().all(|part| stderr.contains(part)), "{stderr}");
 }
 
 #[track_caller]
@@ -122,9 +93,8 @@ fn check_run(run: &Value) {
 #[test]
 fn the_report_and_the_trace_are_complete() {
     let desk = Desk::new();
-    let stdout =
-        done(&desk.measure(&["--methods", "unified,appearance", "--json", "-o", "made/a.json", "--trace", "t.json"]));
-    let report: Value = serde_json::from_str(&stdout).unwrap();
+    let methods = ["--methods", "unified,appearance", "--json", "-o", "made/a.json", "--trace", "t.json"];
+    let report = printed(&measure(&desk, &methods));
     assert_eq!(desk.json("made/a.json"), report);
     for name in ["name", "driver", "uuid"] {
         assert!(!report["device"][name].as_str().unwrap().is_empty(), "{report}");
@@ -151,19 +121,19 @@ fn the_report_and_the_trace_are_complete() {
 #[test]
 fn the_text_report_is_a_table_with_ratios_to_an_earlier_report() {
     let desk = Desk::new();
-    let text = done(&desk.measure(&["-o", "a.json"]));
+    let text = stdout_of(&measure(&desk, &["-o", "a.json"]));
     for part in ["copy ", "GB/s", "64x64 unified auto", "Mpx-sweeps/s", "bytes a pixel", "linearise", "of copy"] {
         assert!(text.contains(part), "{part} is missing in {text}");
     }
-    let output = desk.measure(&["--kernels", "gaussian,half-gaussian", "--json", "--against", "a.json", "--quiet"]);
-    let report: Value = serde_json::from_str(&done(&output)).unwrap();
+    let output = measure(&desk, &["--kernels", "gaussian,half-gaussian", "--json", "--against", "a.json", "--quiet"]);
+    let report = printed(&output);
     assert_eq!([0, 1].map(|n| &report["runs"][n]["kernel"]), ["gaussian", "half-gaussian"]);
-    let ratios = String::from_utf8_lossy(&output.stderr).into_owned();
+    let ratios = stderr_of(&output);
     assert!(
         ratios.contains("new/old") && ratios.contains("only in the new report: synthetic 64x64 unified half-gaussian")
     );
 
-    let text = done(&desk.run(&["--compare", "a.json", "a.json"]));
+    let text = stdout_of(&desk.run(&["bench", "--compare", "a.json", "a.json"]));
     for name in ["solve", "device", "relax"] {
         let line = text.lines().find(|line| line.trim_start().starts_with(name)).unwrap();
         assert_eq!(line.split_whitespace().nth(3), Some("1.00"), "{text}");
@@ -173,9 +143,9 @@ fn the_text_report_is_a_table_with_ratios_to_an_earlier_report() {
 #[test]
 fn an_unsupported_size_is_reported_and_the_others_are_measured() {
     let desk = Desk::new();
-    let output = desk.measure(&["--sizes", "400000x400000,64x64,8x8", "--json"]);
-    refused(&output, 1, &["400000x400000", "too large", "8x8", "too small"]);
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let output = measure(&desk, &["--sizes", "400000x400000,64x64,8x8", "--json"]);
+    assert_refused(&output, 1, &["400000x400000", "too large", "8x8", "too small"]);
+    let report = printed(&output);
     assert_eq!((report["runs"].as_array().unwrap().len(), report["refused"].as_array().unwrap().len()), (1, 2));
     check_run(&report["runs"][0]);
 }
@@ -183,24 +153,24 @@ fn an_unsupported_size_is_reported_and_the_others_are_measured() {
 #[test]
 fn the_pair_option_measures_two_photographs() {
     let desk = Desk::new();
-    desk.photographs(["a.png", "b.png"]);
-    let pair = ["--pair", "a.png", "b.png", "--repeats", "1", "--outer-iterations", "5", "--quiet"];
-    let report: Value = serde_json::from_str(&done(&desk.run(&[&pair[..], &["--json"]].concat()))).unwrap();
+    photographs(&desk, ["a.png", "b.png"]);
+    let pair = ["bench", "--pair", "a.png", "b.png", "--repeats", "1", "--outer-iterations", "5", "--quiet"];
+    let report = desk.printed(&pair);
     assert_eq!((&report["runs"][0]["scene"], &report["runs"][0]["width"]), (&"pair".into(), &80.into()));
     // Input: two 8-bit photographs and a mask. Output: four 32-bit channels, as for simulated pairs.
     assert_eq!(report["runs"][0]["memory"]["host_bytes_per_px"], 19.0);
-    refused(&desk.run(&[&pair[..], &["-o", "a.png"]].concat()), 1, &["a.png", "is an input"]);
-    refused(&desk.run(&[&pair[..], &["--sizes", "64x64"]].concat()), 2, &["--sizes"]);
+    desk.refuses(&[&pair[..], &["-o", "a.png"]].concat(), 1, &["a.png", "is an input"]);
+    desk.refuses(&[&pair[..], &["--sizes", "64x64"]].concat(), 2, &["--sizes"]);
 }
 
 #[test]
 fn shipped_pairs_come_before_synthetic_ones_and_absent_pairs_are_named() {
     let desk = Desk::new();
     let measure = |arguments: &[&str]| {
-        let quick = ["--repeats", "1", "--warmup", "0", "--outer-iterations", "5", "--no-fused", "--quiet"];
-        done(&desk.run(&[&quick[..], arguments].concat()))
+        let quick = ["bench", "--repeats", "1", "--warmup", "0", "--outer-iterations", "5", "--no-fused", "--quiet"];
+        stdout_of(&desk.run(&[&quick[..], arguments].concat()))
     };
-    desk.photographs(["data/heatsink/frame_15.png", "data/heatsink/frame_30.png"]);
+    photographs(&desk, ["data/heatsink/frame_15.png", "data/heatsink/frame_30.png"]);
     let report: Value = serde_json::from_str(&measure(&["--json", "-o", "a.json"])).unwrap();
     let runs = report["runs"].as_array().unwrap();
     let scenes: Vec<&str> = runs.iter().map(|run| run["scene"].as_str().unwrap()).collect();
@@ -220,13 +190,13 @@ fn shipped_pairs_come_before_synthetic_ones_and_absent_pairs_are_named() {
 #[test]
 fn invalid_options_are_refused_before_any_work() {
     let desk = Desk::new();
-    fs::write(desk.path("no.json"), "{}").unwrap();
-    refused(&desk.run(&["--sizes", "64"]), 2, &["'64'", "WIDTHxHEIGHT"]);
-    refused(&desk.run(&["--kernels", "none"]), 2, &["none", "gaussian"]);
-    refused(&desk.run(&["--outer-iterations", "1"]), 2, &["--outer-iterations is 1"]);
-    refused(&desk.run(&["--compare", "no.json", "no.json"]), 1, &["no.json", "no report of a bench"]);
-    refused(&desk.run(&["--against", "none.json"]), 1, &["none.json", "check the path"]);
-    refused(&desk.run(&["--pair", "a.png", "b.png"]), 1, &["a.png"]);
-    refused(&desk.run(&["-o", "."]), 1, &["is a folder"]);
-    refused(&desk.run(&["-o", "x.json", "--trace", "x.json"]), 2, &["one file"]);
+    desk.write("no.json", "{}");
+    desk.refuses(&["bench", "--sizes", "64"], 2, &["'64'", "WIDTHxHEIGHT"]);
+    desk.refuses(&["bench", "--kernels", "none"], 2, &["none", "gaussian"]);
+    desk.refuses(&["bench", "--outer-iterations", "1"], 2, &["--outer-iterations is 1"]);
+    desk.refuses(&["bench", "--compare", "no.json", "no.json"], 1, &["no.json", "no report of a bench"]);
+    desk.refuses(&["bench", "--against", "none.json"], 1, &["none.json", "check the path"]);
+    desk.refuses(&["bench", "--pair", "a.png", "b.png"], 1, &["a.png"]);
+    desk.refuses(&["bench", "-o", "."], 1, &["is a folder"]);
+    desk.refuses(&["bench", "-o", "x.json", "--trace", "x.json"], 2, &["one file"]);
 }

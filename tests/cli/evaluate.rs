@@ -2,26 +2,16 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Output;
 
-use assert_cmd::Command;
 use serde_json::Value;
-use tempfile::TempDir;
 
-fn evaluate(folder: &Path, extra: &[&str]) -> Output {
-    let mut program = Command::cargo_bin("parfocal").unwrap();
-    program.env("PARFOCAL_CACHE_DIR", folder.join("cache")).current_dir(folder).args(["evaluate", "--quick"]);
-    program.args(extra).output().unwrap()
-}
+use crate::desk::{Desk, stderr_of};
 
 /// Runs one part of the evaluation with a data folder. Returns report.json, report.md and stderr.
-fn evaluated(folder: &TempDir, part: &str, data: &str) -> (Value, String, String) {
-    let output = evaluate(folder.path(), &["--only", part, "--data", data, "-o", "made/out"]);
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success() && output.stdout.is_empty(), "{stderr}");
-    let out = folder.path().join("made/out");
-    let report = serde_json::from_slice(&fs::read(out.join("report.json")).unwrap()).unwrap();
-    (report, fs::read_to_string(out.join("report.md")).unwrap(), stderr)
+fn evaluated(desk: &Desk, part: &str, data: &str) -> (Value, String, String) {
+    let output = desk.done(&["evaluate", "--quick", "--only", part, "--data", data, "-o", "made/out"]);
+    assert!(output.stdout.is_empty(), "{}", stderr_of(&output));
+    (desk.report("made/out"), desk.text("made/out/report.md"), stderr_of(&output))
 }
 
 fn cases(section: &Value) -> &Vec<Value> {
@@ -30,8 +20,8 @@ fn cases(section: &Value) -> &Vec<Value> {
 
 #[test]
 fn the_paper_s_part_without_data_writes_tables_figures_and_verdicts() {
-    let folder = TempDir::new().unwrap();
-    let (report, text, log) = evaluated(&folder, "paper", "pairs");
+    let desk = Desk::new();
+    let (report, text, log) = evaluated(&desk, "paper", "pairs");
     assert!(log.contains("table 1: plane") && log.contains("robustness"), "{log}");
     let sections = report["paper"].as_array().unwrap();
     let names: Vec<&str> = sections.iter().map(|section| section["name"].as_str().unwrap()).collect();
@@ -63,7 +53,7 @@ fn the_paper_s_part_without_data_writes_tables_figures_and_verdicts() {
     assert!(text.contains("absent: looked for pairs/cup/breakfast_near.png"), "{text}");
     let links: Vec<&str> = text.split("](").skip(1).filter_map(|rest| rest.split(')').next()).collect();
     assert_eq!(links, ["fig4-scenes.png", "robustness.png"]);
-    let out = folder.path().join("made/out");
+    let out = desk.path("made/out");
     for link in links {
         assert!(image::open(out.join(link)).unwrap().width() > 500, "{link}");
     }
@@ -72,9 +62,9 @@ fn the_paper_s_part_without_data_writes_tables_figures_and_verdicts() {
 
 #[test]
 fn bounds_of_the_default_settings_are_measured_where_data_exist() {
-    let folder = TempDir::new().unwrap();
+    let desk = Desk::new();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
-    let (report, text, log) = evaluated(&folder, "defaults", data.to_str().unwrap());
+    let (report, text, log) = evaluated(&desk, "defaults", data.to_str().unwrap());
     let sections = report["defaults"].as_array().unwrap();
     assert_eq!(sections.len(), 7);
     for section in sections {
@@ -91,8 +81,8 @@ fn bounds_of_the_default_settings_are_measured_where_data_exist() {
 
 #[test]
 fn absent_sweeps_get_a_row_and_the_simulated_sweep_is_solved() {
-    let folder = TempDir::new().unwrap();
-    let (report, text, log) = evaluated(&folder, "sweeps", "none");
+    let desk = Desk::new();
+    let (report, text, log) = evaluated(&desk, "sweeps", "none");
     assert!(log.contains("## Focus sweeps") && text.contains("### Simulated sweep: "), "{log}");
     let sections = report["sweeps"].as_array().unwrap();
     assert!(sections.len() == 4 && sections.iter().all(|section| cases(section).len() == 1), "{report}");
@@ -105,8 +95,8 @@ fn absent_sweeps_get_a_row_and_the_simulated_sweep_is_solved() {
 
 #[test]
 fn inputs_that_do_not_fit_are_asked_and_counted() {
-    let folder = TempDir::new().unwrap();
-    let (report, text, log) = evaluated(&folder, "judgement", "none");
+    let desk = Desk::new();
+    let (report, text, log) = evaluated(&desk, "judgement", "none");
     assert!(log.contains("## Judgement") && text.contains("### Sweeps that do not fit: "), "{log}");
     let sections = report["judgement"].as_array().unwrap();
     let names: Vec<&str> = sections.iter().map(|section| section["name"].as_str().unwrap()).collect();
@@ -124,10 +114,7 @@ fn inputs_that_do_not_fit_are_asked_and_counted() {
 
 #[test]
 fn an_output_path_that_is_a_file_is_refused_before_any_work() {
-    let folder = TempDir::new().unwrap();
-    fs::write(folder.path().join("out"), "x").unwrap();
-    let output = evaluate(folder.path(), &["-o", "out"]);
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!((output.status.code(), stderr.contains("give a folder")), (Some(1), true), "{stderr}");
-    assert_eq!(stderr.lines().count(), 1);
+    let desk = Desk::new();
+    desk.write("out", "x");
+    desk.refuses_in_one_line(&["evaluate", "--quick", "-o", "out"], &["give a folder"]);
 }

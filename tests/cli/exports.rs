@@ -1,32 +1,10 @@
 //! Exports for metrology, read by programs that are not ours.
 
 use std::fs;
-use std::path::PathBuf;
-use std::process::Output;
 
-use assert_cmd::Command;
 use serde_json::Value;
-use tempfile::TempDir;
 
-struct Desk(TempDir);
-
-impl Desk {
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        command.output().unwrap()
-    }
-
-    #[track_caller]
-    fn done(&self, arguments: &[&str]) {
-        let output = self.run(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    }
-}
+use crate::desk::{Desk, python};
 
 const METRIC: &str = "x3p,sdf,sdf-ascii,xyz";
 const FILES: [&str; 6] =
@@ -35,8 +13,8 @@ const FILES: [&str; 6] =
 /// Compares each file with depth.npy: by zipfile, hashlib and ElementTree of Python, tifffile, zarr, and surfalize,
 /// SurfaceTopography and xarray where they are installed.
 ///
-/// X3P and SDF begin with the bottom row. `sign` is 1 where larger depths are nearer. Prints the readers and the largest
-/// difference of heights, mm.
+/// X3P and SDF begin with the bottom row. `sign` is 1 where larger depths are nearer. Prints the readers and the
+/// largest difference of heights, mm.
 const READER: &str = r#"
 import hashlib, importlib.util, json, sys, xml.etree.ElementTree as ElementTree, zipfile
 import numpy, tifffile, zarr
@@ -98,23 +76,15 @@ if has("xarray"):
 print(json.dumps({"readers": readers, "worst_mm": worst}))
 "#;
 
-#[track_caller]
-fn read(desk: &Desk, out: &str, arguments: [&str; 3]) -> Value {
-    let python = std::env::var("PARFOCAL_PYTHON").unwrap_or("/usr/bin/python3".to_string());
-    let output = std::process::Command::new(&python)
-        .args(["-c", READER, desk.path(out).to_str().unwrap()])
-        .args(arguments)
-        .output()
-        .unwrap_or_else(|e| panic!("{python}: {e}: run tools/setup --test, or set PARFOCAL_PYTHON"));
-    assert!(output.status.success(), "{}: run tools/setup --test", String::from_utf8_lossy(&output.stderr));
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+fn read(desk: &Desk, out: &str, [sign, pixel, kind]: [&str; 3]) -> Value {
+    let found = python(READER, &[desk.path(out).to_str().unwrap(), sign, pixel, kind]);
     println!("{found}");
     found
 }
 
 #[test]
 fn metric_exports_of_a_sweep_are_read_by_other_programs() {
-    let desk = Desk(TempDir::new().unwrap());
+    let desk = Desk::new();
     desk.done(&["simulate", "relief", "-o", "frames", "--frames", "4", "--size", "530x64"]);
     let export = format!("{METRIC},npy,zarr,tiff");
     let own = ["stack", "frames", "-o", "out", "--stage", "--pixel-size", "4.5", "--export", &export];
@@ -126,7 +96,7 @@ fn metric_exports_of_a_sweep_are_read_by_other_programs() {
     // What is added later is regenerated, and files are listed and replaced.
     desk.done(&["depth", "out", "--focus-at", "0,0.2,0.4,0.6", "--stage", "--pixel-size", "9"]);
     read(&desk, "out", ["-1", "0.009", "stage"]);
-    let report: Value = serde_json::from_slice(&fs::read(desk.path("out/report.json")).unwrap()).unwrap();
+    let report = desk.report("out");
     assert!(FILES.iter().all(|file| report["hashes"][file].is_object()), "{report}");
     desk.done(&["stack", "frames", "-o", "out"]);
     assert!(FILES.iter().all(|file| !desk.path("out").join(file).exists()));
@@ -138,18 +108,18 @@ fn metric_exports_of_a_sweep_are_read_by_other_programs() {
 
 #[test]
 fn metric_exports_of_a_pair_follow_its_lens() {
-    let desk = Desk(TempDir::new().unwrap());
+    let desk = Desk::new();
     desk.done(&["simulate", "cylinders", "-o", "pair", "--size", "160x120"]);
     let own = ["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--lens", "pair/truth.json"];
     desk.done(&[&own[..], &["--export", &format!("{METRIC},npy,zarr")]].concat());
-    let lens: Value = serde_json::from_slice(&fs::read(desk.path("pair/truth.json")).unwrap()).unwrap();
+    let lens = desk.json("pair/truth.json");
     let number = |name: &str| lens["lens"][name].as_f64().unwrap();
     let (f, u) = (number("focal_length_mm"), lens["lens"]["focus_mm"][0].as_f64().unwrap());
-    let report: Value = serde_json::from_slice(&fs::read(desk.path("out/report.json")).unwrap()).unwrap();
+    let report = desk.report("out");
     // The depth scale's middle is near the middle of the range.
     let [near, far] = ["min", "max"].map(|end| report["depth"][end].as_f64().unwrap());
     let side = |z: f64| number("pixel_pitch_mm") * z * (u - f) / (f * u);
-    let text = fs::read_to_string(desk.path("out/surface_ascii.sdf")).unwrap();
+    let text = desk.text("out/surface_ascii.sdf");
     let scale = text.lines().find_map(|line| line.strip_prefix("Xscale      = ")).unwrap().parse::<f64>().unwrap();
     assert!((side(near)..side(far)).contains(&(1e3 * scale)), "{scale}");
     let found = read(&desk, "out", ["-1", &(1e3 * scale).to_string(), "lens"]);
@@ -159,7 +129,7 @@ fn metric_exports_of_a_pair_follow_its_lens() {
 
 #[test]
 fn metric_exports_without_units_are_refused_before_the_solve() {
-    let desk = Desk(TempDir::new().unwrap());
+    let desk = Desk::new();
     desk.done(&["simulate", "relief", "-o", "frames", "--frames", "3", "--size", "64x48"]);
     desk.done(&["simulate", "relief", "-o", "pair", "--size", "64x48"]);
     let stage = ["--focus-at", "0,1,2", "--stage"];
@@ -172,7 +142,7 @@ fn metric_exports_without_units_are_refused_before_the_solve() {
         ([&pair[..], &["sdf-ascii", "--pixel-size", "4"]].concat(), &["--export sdf-ascii", "the lens"]),
         ([&stack[..], &["xyz", "--pixel-size", "4", "--z-scale", "3"], &stage].concat(), &["--z-scale"]),
     ] {
-        crate::assert_refused(&desk.run(&arguments), 2, parts);
-        assert!(!desk.path("out").exists());
+        desk.refuses(&arguments, 2, parts);
+        assert!(!desk.has("out"));
     }
 }

@@ -1,63 +1,31 @@
 //! File formats of photographs, including raw frames of machine vision cameras, solved by the program.
 
 use std::fs;
-use std::path::PathBuf;
-use std::process::Output;
 
-use assert_cmd::Command;
 use parfocal::image_io;
 use serde_json::Value;
-use tempfile::TempDir;
+
+use crate::desk::{Desk, assert_fails, stderr_of};
 
 const SIZE: [u32; 2] = [121, 90];
 
-/// A temporary folder with a simulated 16-bit pair.
-struct Desk(TempDir);
+/// Returns a folder with a simulated 16-bit pair.
+fn desk() -> Desk {
+    let desk = Desk::new();
+    desk.done(&["simulate", "relief", "-o", "pair", "--size", &format!("{}x{}", SIZE[0], SIZE[1])]);
+    desk
+}
 
-impl Desk {
-    fn new() -> Self {
-        let desk = Self(TempDir::new().unwrap());
-        let size = format!("{}x{}", SIZE[0], SIZE[1]);
-        assert!(desk.run(&["simulate", "relief", "-o", "pair", "--size", &size]).status.success());
-        desk
-    }
+fn solve(desk: &Desk, i1: &str, i2: &str, extra: &[&str]) -> Value {
+    desk.printed(&[&["solve", i1, i2, "-o", "out", "--no-html"], extra].concat())
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        command.output().unwrap()
-    }
-
-    fn report(&self, arguments: &[&str]) -> Value {
-        self.report_of(&[arguments, &["--no-html"]].concat())
-    }
-
-    fn report_of(&self, arguments: &[&str]) -> Value {
-        let output = self.run(&[arguments, &["--json"]].concat());
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).unwrap()
-    }
-
-    fn solve(&self, i1: &str, i2: &str, extra: &[&str]) -> Value {
-        self.report(&[&["solve", i1, i2, "-o", "out"], extra].concat())
-    }
-
-    /// The samples of both photographs, reduced to `bits` bits.
-    fn samples(&self, bits: u32) -> [Vec<u16>; 2] {
-        ["pair/i1.png", "pair/i2.png"].map(|name| {
-            let image = image::open(self.path(name)).unwrap().into_luma16();
-            image.into_raw().into_iter().map(|v| v >> (16 - bits)).collect()
-        })
-    }
-
-    fn write(&self, name: &str, bytes: &[u8]) {
-        fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
-        fs::write(self.path(name), bytes).unwrap();
-    }
+/// The samples of both photographs, reduced to `bits` bits.
+fn samples(desk: &Desk, bits: u32) -> [Vec<u16>; 2] {
+    ["pair/i1.png", "pair/i2.png"].map(|name| {
+        let image = image::open(desk.path(name)).unwrap().into_luma16();
+        image.into_raw().into_iter().map(|v| v >> (16 - bits)).collect()
+    })
 }
 
 /// Packs samples of `bits` bits without gaps, least significant bits first.
@@ -77,7 +45,7 @@ fn packed(samples: &[u16], bits: u32) -> Vec<u8> {
 
 #[test]
 fn bmp_and_webp_pairs_are_solved_like_png() {
-    let desk = Desk::new();
+    let desk = desk();
     let pair = ["i1", "i2"].map(|name| image::open(desk.path(&format!("pair/{name}.png"))).unwrap().into_luma8());
     for (ending, format) in [("png", "PNG"), ("bmp", "BMP"), ("webp", "WebP")] {
         for (image, name) in pair.iter().zip(["i1", "i2"]) {
@@ -88,7 +56,7 @@ fn bmp_and_webp_pairs_are_solved_like_png() {
         }
         let frame = image_io::read(&desk.path(&format!("i1.{ending}"))).unwrap();
         assert_eq!((frame.width(), frame.height()), (SIZE[0], SIZE[1]));
-        let found = desk.solve(&format!("i1.{ending}"), &format!("i2.{ending}"), &[]);
+        let found = solve(&desk, &format!("i1.{ending}"), &format!("i2.{ending}"), &[]);
         assert_eq!(found["inputs"][0]["format"], format);
         assert!((found["frames"][1]["transform"]["scale"].as_f64().unwrap() - 1.0).abs() < 0.05);
     }
@@ -113,44 +81,44 @@ fn noisy(mut seed: u64) -> Vec<u8> {
 
 #[test]
 fn linear_8_bit_photographs_are_found_by_their_noise() {
-    let desk = Desk::new();
+    let desk = desk();
     let names = ["1.pgm", "2.pgm", "3.pgm"];
-    (1..).zip(names).for_each(|(seed, name)| desk.write(name, &noisy(seed)));
+    (1..).zip(names).for_each(|(seed, name)| desk.write(name, noisy(seed)));
     let by_noise = serde_json::json!({"decode": "none", "by": "noise"});
-    let found = desk.solve(names[0], names[1], &[]);
+    let found = solve(&desk, names[0], names[1], &[]);
     assert_eq!(found["values"], by_noise);
     assert_eq!(found["settings"]["decode"], "none");
-    assert_eq!(desk.report_of(&["register", names[0], names[1]])["values"], by_noise);
-    assert_eq!(desk.report_of(&[&["register"][..], &names].concat())["values"], by_noise);
+    assert_eq!(desk.printed(&["register", names[0], names[1]])["values"], by_noise);
+    assert_eq!(desk.printed(&[&["register"][..], &names].concat())["values"], by_noise);
     // What is stated stays.
-    let stated = desk.solve(names[0], names[1], &["--decode", "srgb"]);
+    let stated = solve(&desk, names[0], names[1], &["--decode", "srgb"]);
     assert_eq!(stated["values"], serde_json::json!({"decode": "srgb", "by": "stated"}));
     let summary = desk.run(&["solve", names[0], names[1], "-o", "printed", "--no-html"]);
-    let summary = String::from_utf8_lossy(&summary.stderr).into_owned();
+    let summary = stderr_of(&summary);
     assert!(summary.contains("linear: the noise grows with brightness"), "{summary}");
 }
 
 #[test]
 fn raw_frames_are_read_in_the_stated_pixel_format() {
-    let desk = Desk::new();
+    let desk = desk();
     let size = format!("{}x{}", SIZE[0], SIZE[1]);
-    let deep = desk.solve("pair/i1.png", "pair/i2.png", &[]);
+    let deep = solve(&desk, "pair/i1.png", "pair/i2.png", &[]);
     let (raw, tx) =
         (format!("Mono12p:{size}"), |report: &Value| report["frames"][1]["transform"]["tx_px"].as_f64().unwrap());
-    for (samples, name) in desk.samples(12).iter().zip(["i1", "i2"]) {
-        desk.write(&format!("raw/{name}.raw"), &packed(samples, 12));
+    for (samples, name) in samples(&desk, 12).iter().zip(["i1", "i2"]) {
+        desk.write(&format!("raw/{name}.raw"), packed(samples, 12));
         let words: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
         desk.write(&format!("{name}.bin"), &words);
     }
-    let found = desk.solve("raw/i1.raw", "raw/i2.raw", &["--raw", &raw]);
+    let found = solve(&desk, "raw/i1.raw", "raw/i2.raw", &["--raw", &raw]);
     assert!((tx(&found) - tx(&deep)).abs() < 0.02, "{} {}", tx(&found), tx(&deep));
     assert_eq!((&found["inputs"][0]["bits"], &found["inputs"][0]["format"]), (&12.into(), &"raw".into()));
     assert_eq!(found["values"]["decode"], "none");
     // The pixel format may follow the file name, and may differ between the photographs.
     let (first, second) = (format!("raw/i1.raw#{raw}"), format!("i2.bin#Mono12:{size}"));
-    assert_eq!(tx(&desk.solve(&first, &second, &[])), tx(&found));
+    assert_eq!(tx(&solve(&desk, &first, &second, &[])), tx(&found));
     // A folder of raw frames can be solved as a batch.
-    let batch = desk.report(&["batch", "raw", "-o", "many", "--raw", &raw]);
+    let batch = desk.printed(&["batch", "raw", "-o", "many", "--raw", &raw, "--no-html"]);
     assert_eq!(batch["pairs"].as_array().map(Vec::len), Some(1), "{batch}");
 
     for (format, parts) in [
@@ -159,22 +127,20 @@ fn raw_frames_are_read_in_the_stated_pixel_format() {
         ("Mono13:9x9".to_string(), &["no supported pixel format", "Mono12Packed"]),
         ("Mono12p".to_string(), &["as in Mono12p:2448x2048"]),
     ] {
-        let output = desk.run(&["solve", "raw/i1.raw", "raw/i2.raw", "-o", "none", "--raw", &format]);
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert!(!output.status.success() && parts.iter().all(|part| stderr.contains(part)), "{stderr}");
+        assert_fails(&desk.run(&["solve", "raw/i1.raw", "raw/i2.raw", "-o", "none", "--raw", &format]), parts);
     }
     let output = desk.run(&["solve", "raw/i1.raw", "raw/i2.raw", "-o", "none"]);
-    assert!(String::from_utf8_lossy(&output.stderr).contains("--raw"));
+    assert!(stderr_of(&output).contains("--raw"));
 }
 
 #[test]
 fn a_pixel_pitch_in_micrometres_gets_a_suggestion() {
-    let desk = Desk::new();
+    let desk = desk();
     let lens = ["--focal-length=50", "--f-number=5.6", "--focus=226.5,233.5"];
     let pitch = |pitch: &str| {
         let output =
             desk.run(&[&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--strict", pitch], &lens[..]].concat());
-        (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+        (output.status.success(), stderr_of(&output))
     };
     let (done, stderr) = pitch("--pixel-pitch=3.45");
     assert!(!done && stderr.contains("did you mean a pixel pitch of 0.00345 mm?"), "{stderr}");
@@ -183,8 +149,8 @@ fn a_pixel_pitch_in_micrometres_gets_a_suggestion() {
     // The `depth` command warns as well. A later run with a plausible lens removes the warning.
     let depth = |pitch: &str| {
         let output = desk.run(&[&["depth", "out", pitch], &lens[..]].concat());
-        let warnings: Value = serde_json::from_slice(&fs::read(desk.path("out/report.json")).unwrap()).unwrap();
-        (String::from_utf8_lossy(&output.stderr).into_owned(), warnings["warnings"].to_string())
+        let warnings = desk.json("out/report.json");
+        (stderr_of(&output), warnings["warnings"].to_string())
     };
     let (stderr, warnings) = depth("--pixel-pitch=3.45");
     assert!(stderr.contains("did you mean") && warnings.contains("did you mean"), "{stderr}");
@@ -194,14 +160,8 @@ fn a_pixel_pitch_in_micrometres_gets_a_suggestion() {
 
 #[test]
 fn mistaken_arguments_get_a_suggestion() {
-    let desk = Desk::new();
-    let stderr = |arguments: &[&str], status: i32| {
-        let output = desk.run(arguments);
-        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(status), "{stderr}");
-        stderr
-    };
-    let solve = ["solve", "pair/i1.png", "pair/i2.png", "-o"];
+    let desk = desk();
+    let own = ["solve", "pair/i1.png", "pair/i2.png", "-o"];
     for (extra, parts) in [
         (&["out", "--nearer", "far"][..], &["give 1 or 2", "I2"][..]),
         (&["out", "--f-number", "2,8"], &["did you mean 2.8?", "point"]),
@@ -209,33 +169,41 @@ fn mistaken_arguments_get_a_suggestion() {
         (&["out", "--alpha=0.1"], &["--regularization"]),
         (&["-"], &["--json", "folder"]),
     ] {
-        let stderr = stderr(&[&solve[..], extra].concat(), 2);
-        assert!(parts.iter().all(|part| stderr.contains(part)), "{stderr}");
+        desk.refuses(&[&own[..], extra].concat(), 2, parts);
     }
-    assert!(!desk.path("out").exists() && !desk.path("-").exists());
+    assert!(!desk.has("out") && !desk.has("-"));
 
     // A results folder is accepted in place of its report.
-    desk.solve("pair/i1.png", "pair/i2.png", &[]);
-    let held = desk.report(&["solve", "pair/i1.png", "pair/i2.png", "-o", "held", "--transform", "out", "--hold"]);
+    solve(&desk, "pair/i1.png", "pair/i2.png", &[]);
+    let held = desk.printed(&[
+        "solve",
+        "pair/i1.png",
+        "pair/i2.png",
+        "-o",
+        "held",
+        "--transform",
+        "out",
+        "--hold",
+        "--no-html",
+    ]);
     assert_eq!(held["method"], "aligned");
     let black = image::GrayImage::new(SIZE[0], SIZE[1]);
     black.save(desk.path("black.png")).unwrap();
-    let masked = stderr(&[&solve[..], &["none", "--mask", "black.png"]].concat(), 1);
-    assert!(masked.contains("black.png: leaves no pixel"), "{masked}");
+    desk.refuses(&[&own[..], &["none", "--mask", "black.png"]].concat(), 1, &["black.png: leaves no pixel"]);
     for name in ["a_1.png", "a_2.png", "a_3.png"] {
         fs::copy(desk.path("pair/i1.png"), desk.path(name)).unwrap();
     }
     image::GrayImage::new(64, 48).save(desk.path("a_2.png")).unwrap();
-    let sizes = stderr(&["stack", "a_1.png", "a_2.png", "a_3.png", "-o", "none"], 1);
-    assert!(sizes.contains("a_2.png: frame 2 is 64x48, grey, 8 bits, and a_1.png is 121x90, grey, 16 bits"), "{sizes}");
-    assert!(!desk.path("none").exists());
+    let sizes = "a_2.png: frame 2 is 64x48, grey, 8 bits, and a_1.png is 121x90, grey, 16 bits";
+    desk.refuses(&["stack", "a_1.png", "a_2.png", "a_3.png", "-o", "none"], 1, &[sizes]);
+    assert!(!desk.has("none"));
 }
 
 #[test]
 fn progress_is_printed_as_json_and_the_lens_of_a_report_is_reused() {
-    let desk = Desk::new();
+    let desk = desk();
     let output = desk.run(&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--progress", "json", "-q"]);
-    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    let stderr = stderr_of(&output);
     let lines: Vec<Value> = stderr.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert!(
         lines.len() >= 2 && lines.iter().all(|line| line["levels"].is_u64() && line["seconds"].is_f64()),
@@ -244,9 +212,9 @@ fn progress_is_printed_as_json_and_the_lens_of_a_report_is_reused() {
     assert_eq!(lines.last().unwrap()["progress"], 1.0, "{stderr}");
 
     let lens = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.00345", "--focus=226.5,233.5"];
-    let depth = desk.report_of(&[&["depth", "out"], &lens[..]].concat());
-    let again = desk.report_of(&["depth", "out", "--kappa", "0.45"]);
+    let depth = desk.printed(&[&["depth", "out"], &lens[..]].concat());
+    let again = desk.printed(&["depth", "out", "--kappa", "0.45"]);
     assert_eq!((&again["lens"]["focus_mm"], &again["lens"]["kappa"]), (&depth["lens"]["focus_mm"], &0.45.into()));
     let refused = desk.run(&["calibrate", "out", "--known", "10,10,20,20=20"]);
-    assert!(!String::from_utf8_lossy(&refused.stderr).contains("give the lens"));
+    assert!(!stderr_of(&refused).contains("give the lens"));
 }

@@ -1,55 +1,33 @@
 //! Error messages for invalid input. No test needs a device: each fails before one is opened.
 
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::path::Path;
 
-use assert_cmd::Command;
-use tempfile::TempDir;
+use crate::desk::{Desk, assert_refused_in_one_line, stderr_of};
 
-/// A temporary folder with a valid photograph. Results would go into `made`.
-struct Desk {
-    folder: TempDir,
-    out: PathBuf,
+const OUT: [&str; 2] = ["-o", "made/out"];
+
+/// Returns a folder with a valid photograph. Results would go into `made`.
+fn desk() -> Desk {
+    let desk = Desk::new();
+    image(64, 48).save(desk.path("good.png")).unwrap();
+    desk
 }
 
-impl Desk {
-    fn new() -> Self {
-        let folder = TempDir::new().unwrap();
-        let out = folder.path().join("made/out");
-        let desk = Self { folder, out };
-        image(64, 48).save(desk.path("good.png")).unwrap();
-        desk
-    }
+/// Asserts that `solve` ends with status 1 and a one-line message that contains every part, and writes nothing.
+#[track_caller]
+fn refuses(desk: &Desk, i1: &str, i2: &str, parts: &[&str]) {
+    refuses_with(desk, i1, i2, &OUT, 1, parts);
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    /// Runs `solve` on two files in the folder.
-    fn solve(&self, i1: &str, i2: &str, extra: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.arg("solve").arg(self.path(i1)).arg(self.path(i2)).arg("-o").arg(&self.out).args(extra);
-        command.output().unwrap()
-    }
-
-    /// Asserts exit status 1, a one-line message that contains every part, and no output folder.
-    fn refuses(&self, i1: &str, i2: &str, parts: &[&str]) {
-        self.refuses_with(i1, i2, &[], 1, parts);
-    }
-
-    fn refuses_with(&self, i1: &str, i2: &str, extra: &[&str], status: i32, parts: &[&str]) {
-        let output = self.solve(i1, i2, extra);
-        let stderr = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(status), "{stderr}");
-        assert!(stderr.starts_with("error: ") && stderr.ends_with('\n'), "{stderr}");
-        assert_eq!(stderr.lines().count(), 1, "{stderr}");
-        for part in parts {
-            assert!(stderr.contains(part), "'{part}' is missing in: {stderr}");
-        }
-        assert!(output.stdout.is_empty());
-        assert!(!self.path("made").exists(), "{stderr}");
-    }
+#[track_caller]
+fn refuses_with(desk: &Desk, i1: &str, i2: &str, extra: &[&str], status: i32, parts: &[&str]) {
+    let output = desk.run(&[&["solve", i1, i2], extra].concat());
+    assert_refused_in_one_line(&output, status, parts);
+    let stderr = stderr_of(&output);
+    assert!(stderr.starts_with("error: ") && stderr.ends_with('\n'), "{stderr}");
+    assert!(output.stdout.is_empty());
+    assert!(!desk.has("made"), "{stderr}");
 }
 
 fn image(width: u32, height: u32) -> image::GrayImage {
@@ -65,71 +43,71 @@ fn write_exr(path: &Path, values: Vec<f32>) {
 
 #[test]
 fn a_missing_file_is_refused() {
-    let desk = Desk::new();
-    desk.refuses("missing.png", "good.png", &["missing.png", "no such file"]);
-    desk.refuses("good.png", "missing.png", &["missing.png", "no such file"]);
+    let desk = desk();
+    refuses(&desk, "missing.png", "good.png", &["missing.png", "no such file"]);
+    refuses(&desk, "good.png", "missing.png", &["missing.png", "no such file"]);
 }
 
 #[test]
 fn a_folder_as_photograph_is_refused() {
-    let desk = Desk::new();
+    let desk = desk();
     fs::create_dir(desk.path("folder.png")).unwrap();
-    desk.refuses("folder.png", "good.png", &["folder.png", "is a folder"]);
+    refuses(&desk, "folder.png", "good.png", &["folder.png", "is a folder"]);
 }
 
 #[test]
 fn empty_files_and_files_that_are_not_images_are_refused() {
-    let desk = Desk::new();
-    fs::write(desk.path("empty.png"), "").unwrap();
-    desk.refuses("empty.png", "good.png", &["empty.png", "is empty"]);
-    fs::write(desk.path("text.png"), "these are not pixels").unwrap();
-    desk.refuses("text.png", "good.png", &["text.png", "convert it to PNG"]);
-    fs::write(desk.path("one.gif"), "GIF89a\x01\0\x01\0\0\0\0").unwrap();
-    desk.refuses("one.gif", "good.png", &["one.gif", "Gif", "convert it to PNG"]);
+    let desk = desk();
+    desk.write("empty.png", "");
+    refuses(&desk, "empty.png", "good.png", &["empty.png", "is empty"]);
+    desk.write("text.png", "these are not pixels");
+    refuses(&desk, "text.png", "good.png", &["text.png", "convert it to PNG"]);
+    desk.write("one.gif", "GIF89a\x01\0\x01\0\0\0\0");
+    refuses(&desk, "one.gif", "good.png", &["one.gif", "Gif", "convert it to PNG"]);
 }
 
 #[test]
 fn a_truncated_file_is_refused() {
-    let desk = Desk::new();
+    let desk = desk();
     for name in ["cut.png", "cut.jpg", "cut.tif", "cut.pgm"] {
         image(64, 48).save(desk.path(name)).unwrap();
     }
     write_exr(&desk.path("cut.exr"), (0..64).map(|i| i as f32).collect());
     for name in ["cut.png", "cut.jpg", "cut.tif", "cut.pgm", "cut.exr"] {
-        let bytes = fs::read(desk.path(name)).unwrap();
-        fs::write(desk.path(name), &bytes[..bytes.len() * 2 / 3]).unwrap();
-        desk.refuses("good.png", name, &[name]);
-        fs::write(desk.path(name), &bytes[..12]).unwrap();
-        desk.refuses(name, "good.png", &[name]);
+        let bytes = desk.bytes(name);
+        desk.write(name, &bytes[..bytes.len() * 2 / 3]);
+        refuses(&desk, "good.png", name, &[name]);
+        desk.write(name, &bytes[..12]);
+        refuses(&desk, name, "good.png", &[name]);
     }
 }
 
 #[test]
 fn photographs_of_different_sizes_are_refused() {
-    let desk = Desk::new();
+    let desk = desk();
     image(60, 48).save(desk.path("small.png")).unwrap();
-    desk.refuses("good.png", "small.png", &["good.png", "64x48", "small.png", "60x48"]);
+    refuses(&desk, "good.png", "small.png", &["good.png", "64x48", "small.png", "60x48"]);
 }
 
 #[test]
 fn an_excessive_image_size_is_refused() {
-    let desk = Desk::new();
-    fs::write(desk.path("huge.pgm"), "P5 70000 70000 255\n").unwrap();
-    desk.refuses("good.png", "huge.pgm", &["huge.pgm", "70000x70000"]);
+    let desk = desk();
+    desk.write("huge.pgm", "P5 70000 70000 255\n");
+    refuses(&desk, "good.png", "huge.pgm", &["huge.pgm", "70000x70000"]);
 }
 
 #[test]
 fn a_nan_pixel_is_refused() {
-    let desk = Desk::new();
+    let desk = desk();
     let mut values = vec![0.5; 64];
     values[19] = f32::NAN;
     write_exr(&desk.path("nan.exr"), values);
-    desk.refuses("nan.exr", "nan.exr", &["nan.exr", "(3, 2)", "NaN"]);
+    refuses(&desk, "nan.exr", "nan.exr", &["nan.exr", "(3, 2)", "NaN"]);
 }
 
 #[test]
 fn settings_out_of_range_are_refused() {
-    let desk = Desk::new();
+    let desk = desk();
     let cases = [
         (["--levels", "99"], "levels is 99, and must be 1 to 12"),
         (["--max-relative-blur", "1e9"], "--max-relative-blur is"),
@@ -138,13 +116,13 @@ fn settings_out_of_range_are_refused() {
         (["--relaxation-sweeps", "0"], "--relaxation-sweeps is"),
     ];
     for (extra, part) in cases {
-        desk.refuses_with("good.png", "good.png", &extra, 2, &[part]);
+        refuses_with(&desk, "good.png", "good.png", &[&extra[..], &OUT].concat(), 2, &[part]);
     }
 }
 
 #[test]
 fn invalid_arguments_exit_with_status_2() {
-    let desk = Desk::new();
+    let desk = desk();
     let cases: [(&[&str], &str); 6] = [
         (&["--levels", "few"], "--levels"),
         (&["--hold"], "--transform"),
@@ -154,61 +132,55 @@ fn invalid_arguments_exit_with_status_2() {
         (&["--no-such-flag"], "--no-such-flag"),
     ];
     for (extra, part) in cases {
-        let output = desk.solve("good.png", "good.png", extra);
-        let stderr = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{stderr}");
-        assert!(stderr.contains(part), "{stderr}");
-        assert!(!desk.path("made").exists());
+        desk.refuses(&[&["solve", "good.png", "good.png"], extra, &OUT].concat(), 2, &[part]);
+        assert!(!desk.has("made"));
     }
 }
 
 #[test]
 fn an_invalid_transform_is_refused() {
-    let desk = Desk::new();
-    let file = desk.path("t.json");
+    let desk = desk();
+    let transform = ["--transform", "t.json", "-o", "made/out"];
     let cases = [
         ("not json", "is not JSON"),
         ("{}", "tx_px"),
         (r#"{"transform": {"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": -1}}"#, "scale is -1"),
     ];
     for (text, part) in cases {
-        fs::write(&file, text).unwrap();
-        let extra = ["--transform", file.to_str().unwrap(), "--hold"];
-        desk.refuses_with("good.png", "good.png", &extra, 1, &["t.json", part]);
+        desk.write("t.json", text);
+        refuses_with(&desk, "good.png", "good.png", &[&transform[..], &["--hold"]].concat(), 1, &["t.json", part]);
     }
-    fs::remove_file(&file).unwrap();
-    desk.refuses_with("good.png", "good.png", &["--transform", file.to_str().unwrap()], 1, &["t.json"]);
+    fs::remove_file(desk.path("t.json")).unwrap();
+    refuses_with(&desk, "good.png", "good.png", &transform, 1, &["t.json"]);
 }
 
 #[test]
 fn an_output_folder_that_is_a_file_or_holds_the_input_is_refused() {
-    let mut desk = Desk::new();
-    let folder = desk.folder.path().to_path_buf();
+    let desk = desk();
     image(64, 48).save(desk.path("depth.png")).unwrap();
-    let before = fs::read(desk.path("depth.png")).unwrap();
-    desk.out = desk.path("good.png");
-    desk.refuses("good.png", "good.png", &["good.png", "is a file"]);
-    desk.out = folder;
-    desk.refuses("good.png", "depth.png", &["depth.png", "would replace it"]);
-    assert_eq!(fs::read(desk.path("depth.png")).unwrap(), before);
+    let before = desk.bytes("depth.png");
+    refuses_with(&desk, "good.png", "good.png", &["-o", "good.png"], 1, &["good.png", "is a file"]);
+    refuses_with(&desk, "good.png", "depth.png", &["-o", "."], 1, &["depth.png", "would replace it"]);
+    assert_eq!(desk.bytes("depth.png"), before);
 }
 
 #[test]
 fn a_file_name_with_a_line_break_is_printed_on_one_line() {
-    let desk = Desk::new();
-    desk.refuses("missing\nfile.png", "good.png", &["missing file.png"]);
+    let desk = desk();
+    refuses(&desk, "missing\nfile.png", "good.png", &["missing file.png"]);
 }
 
 #[test]
 fn every_subcommand_has_help() {
+    let desk = Desk::new();
     for (command, part) in
         [("solve", "--max-relative-blur"), ("register", "--method"), ("devices", "--json"), ("help", "parfocal")]
     {
         let argument = if command == "help" { &[command][..] } else { &[command, "--help"] };
-        let output = Command::cargo_bin("parfocal").unwrap().args(argument).output().unwrap();
+        let output = desk.run(argument);
         assert!(output.status.success() && output.stderr.is_empty());
         assert!(String::from_utf8(output.stdout).unwrap().contains(part));
     }
-    let help = Command::cargo_bin("parfocal").unwrap().args(["solve", "--help"]).output().unwrap().stdout;
+    let help = desk.run(&["solve", "--help"]).stdout;
     assert!(String::from_utf8(help).unwrap().contains("PARFOCAL_VALIDATE"));
 }

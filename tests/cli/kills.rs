@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use serde_json::Value;
-use tempfile::TempDir;
 
 use crate::common::trust;
+use crate::desk::{Desk, stderr_of};
 
 /// System calls that take a path or a file descriptor. No other call can change a folder.
 const CALLS: &str = "%file,%desc";
@@ -24,7 +24,7 @@ type Files = BTreeMap<String, Vec<u8>>;
 
 /// A command and the state of the folder `out` before and after it.
 struct Scene {
-    desk: TempDir,
+    desk: Desk,
     name: &'static str,
     command: Vec<&'static str>,
     /// All files before the command, including hidden files.
@@ -37,14 +37,14 @@ struct Scene {
 
 impl Scene {
     fn new(name: &'static str, runs: &[&[&str]], command: &[&'static str]) -> Self {
-        let desk = TempDir::new().unwrap();
+        let desk = Desk::new();
         let [before, old, new] = [const { Files::new() }; 3];
         let mut scene = Self { desk, name, command: command.to_vec(), before, old, new };
-        runs.iter().for_each(|arguments| scene.run_ok(arguments));
+        runs.iter().for_each(|arguments| _ = scene.desk.done(arguments));
         fs::create_dir_all(scene.out()).unwrap();
         scene.old = contents(&scene.out());
         scene.before = scene.old.clone();
-        scene.run_ok(command);
+        scene.desk.done(command);
         scene.new = contents(&scene.out());
         assert_ne!(scene.old, scene.new);
         scene
@@ -60,7 +60,7 @@ impl Scene {
     }
 
     fn out(&self) -> PathBuf {
-        self.desk.path().join("out")
+        self.desk.path("out")
     }
 
     fn program(&self, by: &[&str]) -> Output {
@@ -73,7 +73,7 @@ impl Scene {
                 command
             }
         };
-        command.current_dir(self.desk.path()).env("PARFOCAL_CACHE_DIR", self.desk.path().join("cache"));
+        command.current_dir(self.desk.folder()).env("PARFOCAL_CACHE_DIR", self.desk.path("cache"));
         command.args(&self.command).output().unwrap()
     }
 
@@ -81,12 +81,6 @@ impl Scene {
     fn run_with_fault(&self, call: &str, injection: &str) -> Output {
         let (trace, inject) = (format!("trace={call}"), format!("inject={call}:{injection}"));
         self.program(&["strace", "-f", "-qq", "-e", "signal=none", "-o", "/dev/null", "-e", &trace, "-e", &inject])
-    }
-
-    fn run_ok(&self, arguments: &[&str]) {
-        let program = assert_cmd::cargo::cargo_bin("parfocal");
-        let done = Command::new(program).current_dir(self.desk.path()).args(arguments).output().unwrap();
-        assert!(done.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&done.stderr));
     }
 
     /// Restores the folder to its state before the command.
@@ -105,7 +99,7 @@ impl Scene {
     /// Returns the call's name, its number (from 1), and whether a call up to it has named the folder.
     fn points(&self) -> Vec<(String, usize, bool)> {
         self.restore();
-        let log = self.desk.path().join("log");
+        let log = self.desk.path("log");
         let by =
             ["strace", "-f", "-qq", "-e", &format!("trace={CALLS}"), "-e", "signal=none", "-o", log.to_str().unwrap()];
         assert!(self.program(&by).status.success());
@@ -154,7 +148,7 @@ impl Scene {
     #[track_caller]
     fn assert_recovers(&self, what: &str) {
         let done = self.program(&[]);
-        assert!(done.status.success(), "{}, {what}: {}", self.name, String::from_utf8_lossy(&done.stderr));
+        assert!(done.status.success(), "{}, {what}: {}", self.name, stderr_of(&done));
         assert!(contents(&self.out()) == self.new, "{}, {what}: not recovered", self.name);
         let hidden = fs::read_dir(self.out()).unwrap().filter(|entry| is_hidden(&entry.as_ref().unwrap().path()));
         assert_eq!(hidden.count(), 0, "{}, {what}: hidden files are left", self.name);
@@ -245,7 +239,7 @@ fn a_disk_failure_at_any_call_leaves_complete_results_or_an_unfinished_mark() {
                 scene.restore();
                 let what = format!("{error} at {call} {count}{when}");
                 let ended = scene.run_with_fault(&call, &format!("error={error}:when={count}{when}"));
-                let stderr = String::from_utf8_lossy(&ended.stderr);
+                let stderr = stderr_of(&ended);
                 let left = scene.state(&what);
                 assert!(ended.status.code().is_some_and(|code| code < 2), "{what}: {} {stderr}", ended.status);
                 assert!(

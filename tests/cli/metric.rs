@@ -1,13 +1,12 @@
 //! Depth in mm, calibration and measurements on synthetic results, a simulated pair and a real pair.
 
-use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Output;
 
-use assert_cmd::Command;
 use parfocal::{Lens, image_io};
 use serde_json::Value;
-use tempfile::TempDir;
+
+use crate::desk::Desk;
+use crate::synthetic::{CUP_LENS, write_field, write_pair};
 
 const SIZE: (usize, usize) = (96, 64);
 
@@ -20,73 +19,25 @@ const CUP: Lens = Lens {
     kappa: Lens::DISK,
     telecentric: true,
 };
-const CUP_FLAGS: [&str; 5] =
-    ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
-
-/// A results folder with the files that these commands read.
+/// Returns a results folder with the files that these commands read.
 ///
 /// V corresponds to 600 mm at the left and 700 mm at the right, by the lens of the Cup pair.
 /// It has a hole and a pixel outside the range of the lens.
-struct Desk(TempDir);
-
-impl Desk {
-    fn empty() -> Self {
-        Self(TempDir::new().unwrap())
-    }
-
-    fn new() -> Self {
-        let desk = Self::empty();
-        fs::create_dir(desk.path("out")).unwrap();
-        desk.field("out/relative_blur.exr", SIZE, |x, y| match (x, y) {
-            (20..30, 20..30) => f32::NAN,
-            (90, 60) => -50.0,
-            (0..48, _) => CUP.relative_blur(600.0, 1.0) as f32,
-            _ => CUP.relative_blur(700.0, 1.0) as f32,
-        });
-        desk.field("out/confidence.exr", SIZE, |_, _| 0.5);
-        desk.field("out/uncertainty.exr", SIZE, |x, y| match (x, y) {
-            (20..30, 20..30) => f32::NAN,
-            _ => 0.02,
-        });
-        let report = crate::report_of_pair([SIZE.0 as u32, SIZE.1 as u32], 2);
-        fs::write(desk.path("out/report.json"), report.to_string()).unwrap();
-        desk
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn field(&self, name: &str, size: (usize, usize), value: impl Fn(usize, usize) -> f32 + Sync) {
-        crate::write_field(&self.path(name), size, value);
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        command.output().unwrap()
-    }
-
-    /// Runs the program and parses its output as JSON.
-    fn json(&self, arguments: &[&str]) -> Value {
-        let output = self.run(&[arguments, &["--json"]].concat());
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{stderr}");
-        println!("{stderr}");
-        serde_json::from_slice(&output.stdout).unwrap()
-    }
-
-    #[track_caller]
-    fn refuses(&self, arguments: &[&str], status: i32, parts: &[&str]) {
-        let output = self.run(arguments);
-        let stderr = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(status), "{arguments:?}: {stderr}");
-        assert!(parts.iter().all(|part| stderr.contains(part)), "{arguments:?}: {parts:?} in {stderr}");
-    }
-
-    fn report(&self) -> Value {
-        serde_json::from_slice(&fs::read(self.path("out/report.json")).unwrap()).unwrap()
-    }
+fn desk() -> Desk {
+    let desk = Desk::new();
+    let blur = |x: usize, y: usize| match (x, y) {
+        (20..30, 20..30) => f32::NAN,
+        (90, 60) => -50.0,
+        (0..48, _) => CUP.relative_blur(600.0, 1.0) as f32,
+        _ => CUP.relative_blur(700.0, 1.0) as f32,
+    };
+    let deviation = |x: usize, y: usize| match (x, y) {
+        (20..30, 20..30) => f32::NAN,
+        _ => 0.02,
+    };
+    write_pair(&desk, "out", SIZE, 2, [&blur, &deviation]);
+    write_field(&desk.path("out/confidence.exr"), SIZE, |_, _| 0.5);
+    desk
 }
 
 fn number(value: &Value) -> f64 {
@@ -113,9 +64,9 @@ fn deviations(depth_file: &Path) -> Vec<f64> {
 
 #[test]
 fn depth_is_added_to_a_results_folder() {
-    let desk = Desk::new();
-    let printed = desk.json(&[&["depth", "out"], &CUP_FLAGS[..]].concat());
-    let report = desk.report();
+    let desk = desk();
+    let printed = desk.printed(&[&["depth", "out"], &CUP_LENS[..]].concat());
+    let report = desk.report("out");
     assert_eq!(report["depth"], printed);
     assert_eq!((&printed["out_of_range"], &report["nearer"]), (&Value::from(1), &Value::from(1)));
     assert_eq!(report["nearer_by"], "lens");
@@ -132,28 +83,28 @@ fn depth_is_added_to_a_results_folder() {
     assert!(r > b && far_b > far_r, "near must be yellow and far purple, by the lens");
 
     // The lens comes from the report. Another constant changes the depth.
-    let again = desk.json(&["depth", "out", "--lens", "out/report.json", "--kappa", "0.6"]);
+    let again = desk.printed(&["depth", "out", "--lens", "out/report.json", "--kappa", "0.6"]);
     assert_eq!((number(&again["lens"]["kappa"]), number(&again["lens"]["f_number"])), (0.6, 8.3));
     assert!((number(&again["min"]) - 600.0).abs() > 1.0);
 }
 
 #[test]
 fn an_invalid_or_contradictory_lens_is_refused() {
-    let desk = Desk::new();
-    fs::write(desk.path("lens.json"), r#"{"focal_length": 25}"#).unwrap();
+    let desk = desk();
+    desk.write("lens.json", r#"{"focal_length": 25}"#);
     desk.refuses(&["depth", "out", "--lens", "lens.json"], 1, &["lens.json", "`focal_length`", "`focal_length_mm`"]);
     desk.refuses(&["depth", "out", "--lens", "absent.json"], 1, &["absent.json", "check the path"]);
     desk.refuses(&["depth", "out"], 2, &["--lens"]);
     desk.refuses(&["depth", "out", "--f-number=8"], 2, &["--focal-length, --pixel-pitch, --focus"]);
-    desk.refuses(&[&["depth", "absent"], &CUP_FLAGS[..]].concat(), 1, &["absent", "no folder"]);
-    let contradicted = [&["solve", "a.png", "b.png", "-o", "o", "--nearer", "2"], &CUP_FLAGS[..]].concat();
+    desk.refuses(&[&["depth", "absent"], &CUP_LENS[..]].concat(), 1, &["absent", "no folder"]);
+    let contradicted = [&["solve", "a.png", "b.png", "-o", "o", "--nearer", "2"], &CUP_LENS[..]].concat();
     desk.refuses(&contradicted, 2, &["--nearer 2 contradicts the lens", "I1"]);
-    assert!(!desk.path("out/depth_mm.exr").exists());
+    assert!(!desk.has("out/depth_mm.exr"));
 }
 
 #[test]
 fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
-    let desk = Desk::new();
+    let desk = desk();
     let arguments = [
         "measure",
         "out",
@@ -165,25 +116,25 @@ fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
         "--profile",
         "25,0,25,60",
     ];
-    let measured = desk.json(&arguments);
+    let measured = desk.printed(&arguments);
     let expected = CUP.relative_blur(700.0, 1.0) - CUP.relative_blur(600.0, 1.0);
     let step = &measured["steps"][0];
     assert!((number(&step["difference"]["value"]) - expected).abs() < 1e-5, "{step}");
     assert_eq!((number(&step["difference"]["standard_error"]), &step["depth_mm"]), (0.0, &Value::Null));
-    let csv = fs::read_to_string(desk.path("out/profile_2.csv")).unwrap();
+    let csv = desk.text("out/profile_2.csv");
     let lines: Vec<&str> = csv.lines().collect();
     assert_eq!((lines.len(), lines[0].split(',').count()), (62, 5));
     assert!(lines[26].ends_with(",,"), "a hole must give empty columns: {}", lines[26]);
 
-    desk.json(&[&["depth", "out"], &CUP_FLAGS[..]].concat());
-    let in_mm = desk.json(&arguments[..7]);
+    desk.printed(&[&["depth", "out"], &CUP_LENS[..]].concat());
+    let in_mm = desk.printed(&arguments[..7]);
     assert!((number(&in_mm["steps"][0]["depth_mm"]["value"]) - 100.0).abs() < 0.01, "{in_mm}");
-    let csv = fs::read_to_string(desk.path("out/profile_1.csv")).unwrap();
+    let csv = desk.text("out/profile_1.csv");
     let last: Vec<f64> = csv.lines().last().unwrap().split(',').map(|n| n.parse().unwrap()).collect();
     assert_eq!(&last[..3], [80.0, 90.0, 10.0]);
     assert!((last[5] - 700.0).abs() < 0.01 && csv.starts_with("distance_px,x_px,y_px,relative_blur_px2,"), "{csv}");
     assert!(image::open(desk.path("out/profile_1.png")).unwrap().width() == 800);
-    assert!(!desk.path("out/profile_2.png").exists(), "the profile of the earlier run must be removed");
+    assert!(!desk.has("out/profile_2.png"), "the profile of the earlier run must be removed");
 
     desk.refuses(&["measure", "out"], 2, &["--step", "--profile"]);
     desk.refuses(&["measure", "out", "--step", "0,0,9,9", "90,0,9,9"], 1, &["90,0,9,9", "96x64"]);
@@ -193,17 +144,17 @@ fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
 
 #[test]
 fn known_steps_calibrate_the_lens_and_undetermined_parameters_are_reported() {
-    let desk = Desk::new();
-    fs::write(desk.path("steps.json"), r#"[{"region": [2, 2, 40, 60], "depth_mm": 600}]"#).unwrap();
-    let start = [&["calibrate", "out", "--kappa", "0.7"], &CUP_FLAGS[..]].concat();
+    let desk = desk();
+    desk.write("steps.json", r#"[{"region": [2, 2, 40, 60], "depth_mm": 600}]"#);
+    let start = [&["calibrate", "out", "--kappa", "0.7"], &CUP_LENS[..]].concat();
     let both = ["--known-from", "steps.json", "--known", "52,2,30,60=700", "--fit", "kappa,focus1", "-o", "lens.json"];
-    let found = desk.json(&[&start, &both[..]].concat());
+    let found = desk.printed(&[&start, &both[..]].concat());
     assert!((number(&found["lens"]["kappa"]) - 0.5).abs() < 1e-4, "{found}");
     assert!((number(&found["found"][1]["value"]) - 529.0).abs() < 0.1 && found["found"][1]["unknown"] == "focus1");
-    let depth = desk.json(&["depth", "out", "--lens", "lens.json"]);
+    let depth = desk.printed(&["depth", "out", "--lens", "lens.json"]);
     assert!((number(&depth["max"]) - 700.0).abs() < 0.1, "{depth}");
 
-    let one = desk.json(&[&start, &["--known", "2,2,40,60=600", "--fit", "kappa,focus1"][..]].concat());
+    let one = desk.printed(&[&start, &["--known", "2,2,40,60=600", "--fit", "kappa,focus1"][..]].concat());
     assert_eq!((&one["undetermined"][0], number(&one["lens"]["focus_mm"][0])), (&Value::from("focus1"), 529.0));
 
     desk.refuses(&start, 2, &["--plane"]);
@@ -228,13 +179,13 @@ fn calibration_by_a_simulated_plane_recovers_the_lens() {
 }
 
 fn calibrate_by_a_simulated_plane(telecentric: &str) {
-    let desk = Desk::empty();
+    let desk = Desk::new();
     let (size, near, far) = (256, 227.0, 233.0);
     let depth = |x: usize, y: usize| {
         let share = (x as f64 + 0.25 * y as f64) / (1.25 * (size - 1) as f64);
         1.0 / ((1.0 - share) / near + share / far)
     };
-    desk.field("depth.exr", (size, size), |x, y| depth(x, y) as f32);
+    write_field(&desk.path("depth.exr"), (size, size), |x, y| depth(x, y) as f32);
     let shade = |x: u32, y: u32| {
         let hash = (x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77)).wrapping_mul(0xc2b2_ae3d);
         image::Luma([40 + (hash >> 24) as u8 / 2])
@@ -244,12 +195,12 @@ fn calibrate_by_a_simulated_plane(telecentric: &str) {
         .unwrap();
     let optics = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.0075", telecentric];
     let scene = ["simulate", "image", "-o", "pair", "--radiance", "texture.png", "--depth", "depth.exr"];
-    desk.json(&[&scene, &optics[..], &["--focus=226.5,233.5", "--noise=0.003"]].concat());
-    desk.json(&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--lens", "pair/truth.json"]);
+    desk.printed(&[&scene, &optics[..], &["--focus=226.5,233.5", "--noise=0.003"]].concat());
+    desk.printed(&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--lens", "pair/truth.json"]);
 
     let corners = [depth(0, 0), depth(size - 1, 0), depth(0, size - 1)].map(|z| z.to_string()).join(",");
     let stated = ["calibrate", "out", "--focus=226.5,235", "--kappa=0.4", "--fit=kappa,focus2", "--plane", &corners];
-    let found = desk.json(&[&stated, &optics[..]].concat());
+    let found = desk.printed(&[&stated, &optics[..]].concat());
     let (kappa, focus) = (number(&found["lens"]["kappa"]), number(&found["lens"]["focus_mm"][1]));
     println!("{found}");
     assert!((kappa - 0.5).abs() < 0.02 && (focus - 233.5).abs() < 0.2, "{found}");
@@ -281,9 +232,9 @@ fn depths_of_bread_cup_and_background_are_in_order_between_the_focus_distances()
         eprintln!("the pair 'cup' is absent: set PARFOCAL_PAIRS to the folder that holds it; nothing was tested");
         return;
     }
-    let desk = Desk::empty();
+    let desk = Desk::new();
     let measure = ["--step", "60,200,140,200", "280,220,200,100", "--profile", "20,300,600,300,9"];
-    let report = desk.json(&[&["solve", &near, &far, "-o", "out"], &CUP_FLAGS[..], &measure].concat());
+    let report = desk.printed(&[&["solve", &near, &far, "-o", "out"], &CUP_LENS[..], &measure].concat());
     let file = desk.path("out/depth_mm.exr");
     let bread = median(&file, [60, 200, 140, 200]);
     let cup = median(&file, [280, 220, 200, 100]);

@@ -2,85 +2,60 @@
 
 use std::collections::HashMap;
 use std::fs;
-use std::path::PathBuf;
-use std::process::Output;
 
-use assert_cmd::Command;
 use parfocal::{frame::Samples, image_io};
 use png::{ColorType, Transformations};
 use serde_json::Value;
-use tempfile::TempDir;
+
+use crate::desk::Desk;
+use crate::synthetic::{WIDE_LENS, waves};
 
 const SIZE: [u32; 2] = [96, 64];
 
-/// A lens whose depth range covers the V of these photographs.
-const LENS: [&str; 5] =
-    ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric"];
-
-/// A temporary folder with 8-bit photographs of different blur, and a float photograph with a highlight above white.
-struct Desk(TempDir);
-
-impl Desk {
-    fn new() -> Self {
-        let desk = Self(TempDir::new().unwrap());
-        for (name, contrast) in [("near.png", 0.35), ("far.png", 0.28)] {
-            image::DynamicImage::from(photograph(contrast, 0.0)).into_rgb8().save(desk.path(name)).unwrap();
-        }
-        image::DynamicImage::from(photograph(0.35, 1.0)).save(desk.path("near.tif")).unwrap();
-        desk
+/// Returns a folder with 8-bit photographs of different blur, and a float photograph with a highlight above white.
+fn desk() -> Desk {
+    let desk = Desk::new();
+    for (name, contrast) in [("near.png", 0.35), ("far.png", 0.28)] {
+        image::DynamicImage::from(photograph(contrast, 0.0)).into_rgb8().save(desk.path(name)).unwrap();
     }
+    image::DynamicImage::from(photograph(0.35, 1.0)).save(desk.path("near.tif")).unwrap();
+    desk
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
+/// Runs the program and returns the report in `out`.
+#[track_caller]
+fn reported(desk: &Desk, arguments: &[&str]) -> Value {
+    desk.done(arguments);
+    desk.report("out")
+}
 
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        command.output().unwrap()
-    }
+#[track_caller]
+fn solve(desk: &Desk, extra: &[&str]) -> Value {
+    reported(desk, &[&["solve", "near.png", "far.png", "-o", "out", "--no-html"], extra].concat())
+}
 
-    /// Runs the program, asserts success, and returns the report in `out`.
-    #[track_caller]
-    fn report(&self, arguments: &[&str]) -> Value {
-        let output = self.run(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&fs::read(self.path("out/report.json")).unwrap()).unwrap()
-    }
+fn field(desk: &Desk, name: &str) -> Vec<f32> {
+    let (width, height, values) = image_io::read_field(&desk.path(name)).unwrap();
+    assert_eq!([width, height], SIZE);
+    values
+}
 
-    fn solve(&self, extra: &[&str]) -> Value {
-        self.report(&[&["solve", "near.png", "far.png", "-o", "out", "--no-html"], extra].concat())
-    }
-
-    fn field(&self, name: &str) -> Vec<f32> {
-        let (width, height, values) = image_io::read_field(&self.path(name)).unwrap();
-        assert_eq!([width, height], SIZE);
-        values
-    }
-
-    fn has(&self, name: &str) -> bool {
-        self.path("out").join(name).exists()
-    }
-
-    fn png(&self, name: &str) -> Png {
-        let file = std::io::BufReader::new(fs::File::open(self.path(name)).unwrap());
-        let mut decoder = png::Decoder::new(file);
-        decoder.set_transformations(Transformations::IDENTITY);
-        let mut reader = decoder.read_info().unwrap();
-        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
-        let frame = reader.next_frame(&mut bytes).unwrap();
-        let info = reader.info();
-        let text = info.uncompressed_latin1_text.iter().map(|t| (t.keyword.clone(), t.text.clone())).collect();
-        Png { width: info.width, color: frame.color_type, text, bytes }
-    }
+fn png(desk: &Desk, name: &str) -> Png {
+    let file = std::io::BufReader::new(fs::File::open(desk.path(name)).unwrap());
+    let mut decoder = png::Decoder::new(file);
+    decoder.set_transformations(Transformations::IDENTITY);
+    let mut reader = decoder.read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    let frame = reader.next_frame(&mut bytes).unwrap();
+    let info = reader.info();
+    let text = info.uncompressed_latin1_text.iter().map(|t| (t.keyword.clone(), t.text.clone())).collect();
+    Png { width: info.width, color: frame.color_type, text, bytes }
 }
 
 /// A photograph of waves of this contrast. The highlight may exceed white.
 fn photograph(contrast: f32, highlight: f32) -> image::Rgb32FImage {
     image::Rgb32FImage::from_fn(SIZE[0], SIZE[1], |x, y| {
-        let (x, y) = (x as f32, y as f32);
-        let waves = (0.9 * x + 0.2 * y).sin() + (0.3 * x - 0.8 * y).cos() + (0.1 * x * y / 20.0).sin();
-        let value = 0.5 + contrast / 3.0 * waves + if x < 16.0 { highlight } else { 0.0 };
+        let value = 0.5 + contrast / 3.0 * waves(x, y) as f32 + if x < 16 { highlight } else { 0.0 };
         image::Rgb([value, value, value / 2.0])
     })
 }
@@ -111,7 +86,7 @@ impl Png {
 #[track_caller]
 fn holds(desk: &Desk, report: &Value, field: &[f32], unit: &str) {
     let stated = &report["depth16"];
-    let png = desk.png("out/depth16.png");
+    let png = png(desk, "out/depth16.png");
     let [scale, offset] = ["Scale", "Offset"].map(|name| png.number(name));
     assert_eq!(png.color, ColorType::Grayscale);
     for (name, expected) in [("scale", scale), ("offset", offset)] {
@@ -138,51 +113,53 @@ fn holds(desk: &Desk, report: &Value, field: &[f32], unit: &str) {
 
 #[test]
 fn depth16_files_hold_v_or_depth_if_a_lens_is_given() {
-    let desk = Desk::new();
-    let report = desk.solve(&["--export", "depth16"]);
-    holds(&desk, &report, &desk.field("out/relative_blur.exr"), "px^2");
+    let desk = desk();
+    let report = solve(&desk, &["--export", "depth16"]);
+    holds(&desk, &report, &field(&desk, "out/relative_blur.exr"), "px^2");
     // The lens is given later, by `depth`.
-    let report = desk.report(&[&["depth", "out"], &LENS[..]].concat());
-    holds(&desk, &report, &desk.field("out/depth_mm.exr"), "mm");
-    let report = desk.solve(&[&["--export", "depth16"], &LENS[..]].concat());
-    holds(&desk, &report, &desk.field("out/depth_mm.exr"), "mm");
-    assert!(desk.solve(&[]).get("depth16").is_none() && !desk.has("depth16.png") && !desk.has("depth16.tiff"));
+    let report = reported(&desk, &[&["depth", "out"], &WIDE_LENS[..]].concat());
+    holds(&desk, &report, &field(&desk, "out/depth_mm.exr"), "mm");
+    let report = solve(&desk, &[&["--export", "depth16"], &WIDE_LENS[..]].concat());
+    holds(&desk, &report, &field(&desk, "out/depth_mm.exr"), "mm");
+    assert!(
+        solve(&desk, &[]).get("depth16").is_none() && !desk.has("out/depth16.png") && !desk.has("out/depth16.tiff")
+    );
 }
 
 #[test]
 fn the_depth_map_has_a_colour_key_and_states_its_range() {
-    let desk = Desk::new();
-    desk.solve(&[]);
-    let map = desk.png("out/depth.png");
+    let desk = desk();
+    solve(&desk, &[]);
+    let map = png(&desk, "out/depth.png");
     map.states("px^2", &["relative blur V", "yellow near (", "purple far (", "right of column 96"]);
     assert!(map.width > SIZE[0] && map.color == ColorType::Rgba);
     let row = 4 * map.width as usize;
-    for (i, v) in desk.field("out/relative_blur.exr").iter().enumerate() {
+    for (i, v) in field(&desk, "out/relative_blur.exr").iter().enumerate() {
         let opacity = map.bytes[i / 96 * row + 4 * (i % 96) + 3];
         assert_eq!(opacity, if v.is_nan() { 0 } else { 255 });
     }
     assert!(map.bytes.chunks_exact(row).all(|line| line[row - 1] == 255), "the colour key must be opaque");
 
-    desk.report(&["solve", "near.png", "far.png", "-o", "out", "--colors", "red-blue"]);
-    assert!(fs::read_to_string(desk.path("out/report.html")).unwrap().contains("\"colormap\":1,"));
-    desk.png("out/depth.png").states("px^2", &["red near", "blue far"]);
-    desk.report(&[&["depth", "out", "--colors", "grey"], &LENS[..]].concat());
-    let map = desk.png("out/depth.png");
+    reported(&desk, &["solve", "near.png", "far.png", "-o", "out", "--colors", "red-blue"]);
+    assert!(desk.text("out/report.html").contains("\"colormap\":1,"));
+    png(&desk, "out/depth.png").states("px^2", &["red near", "blue far"]);
+    reported(&desk, &[&["depth", "out", "--colors", "grey"], &WIDE_LENS[..]].concat());
+    let map = png(&desk, "out/depth.png");
     map.states("mm", &["depth in mm", "white near", "black far"]);
-    let depth = desk.field("out/depth_mm.exr");
+    let depth = field(&desk, "out/depth_mm.exr");
     let alpha = |i: usize| map.bytes[4 * (i / 96 * map.width as usize + i % 96) + 3];
     assert!((0..depth.len()).all(|i| (alpha(i) == 255) == depth[i].is_finite()));
-    assert_eq!(desk.run(&["solve", "near.png", "far.png", "-o", "out", "--colors", "jet"]).status.code(), Some(2));
+    desk.exits(&["solve", "near.png", "far.png", "-o", "out", "--colors", "jet"], 2);
 }
 
 #[test]
 fn labels_identify_the_sharper_photograph() {
-    let desk = Desk::new();
-    desk.solve(&["--export", "labels,ply,glb"]);
-    let labels = desk.png("out/labels.png");
+    let desk = desk();
+    solve(&desk, &["--export", "labels,ply,glb"]);
+    let labels = png(&desk, "out/labels.png");
     assert_eq!((labels.width, labels.color), (SIZE[0], ColorType::Indexed));
     labels.states("label", &["1 the first", "2 the second", "3 undecided"]);
-    let (blur, deviation) = (desk.field("out/relative_blur.exr"), desk.field("out/uncertainty.exr"));
+    let (blur, deviation) = (field(&desk, "out/relative_blur.exr"), field(&desk, "out/uncertainty.exr"));
     for ((label, v), sigma) in labels.bytes.iter().zip(blur).zip(deviation) {
         let expected = if v.is_nan() {
             0
@@ -202,10 +179,10 @@ fn labels_identify_the_sharper_photograph() {
 
 #[test]
 fn every_file_has_metadata_about_its_content() {
-    let desk = Desk::new();
-    desk.solve(&["--export", "ply,cloud,glb", "--profile", "10,10,80,10"]);
-    desk.png("out/fused.png").states("1", &["Best focus", "white at the largest sample"]);
-    desk.png("out/profile_1.png").states("1", &["Profile"]);
+    let desk = desk();
+    solve(&desk, &["--export", "ply,cloud,glb", "--profile", "10,10,80,10"]);
+    png(&desk, "out/fused.png").states("1", &["Best focus", "white at the largest sample"]);
+    png(&desk, "out/profile_1.png").states("1", &["Profile"]);
     for name in ["surface.ply", "points.ply"] {
         let bytes = fs::read(desk.path("out").join(name)).unwrap();
         let header = String::from_utf8_lossy(&bytes[..600]).into_owned();
@@ -215,7 +192,7 @@ fn every_file_has_metadata_about_its_content() {
     }
     let glb = gltf::Gltf::open(desk.path("out/surface.glb")).unwrap().document.into_json();
     assert!(glb.asset.generator.unwrap().starts_with("parfocal "));
-    let bytes = fs::read(desk.path("out/surface.glb")).unwrap();
+    let bytes = desk.bytes("out/surface.glb");
     let text = String::from_utf8_lossy(&bytes[20..3000]).into_owned();
     assert!(text.contains(r#""unit":"px""#) && text.contains("relative blur V; near is up"), "{text}");
     for (name, units) in [("relative_blur", "px^2"), ("uncertainty", "px^2"), ("confidence", "1")] {
@@ -229,44 +206,43 @@ fn every_file_has_metadata_about_its_content() {
 
 #[test]
 fn float_photographs_give_an_unclipped_float_fused_image() {
-    let desk = Desk::new();
+    let desk = desk();
     let pair = ["near.tif", "near.tif", "-o", "out", "--no-html"];
-    desk.report(&[&["solve"], &pair[..]].concat());
+    reported(&desk, &[&["solve"], &pair[..]].concat());
     let fused = image_io::read(&desk.path("out/fused.exr")).unwrap();
     let Samples::F32(values) = fused.samples() else { panic!("not in floats") };
     assert_eq!((fused.width(), values.len()), (96, 3 * 96 * 64));
     assert!(values.iter().any(|v| *v > 1.2), "clipped");
     let blue_is_half = values.chunks_exact(3).filter(|p| (p[2] - p[0] / 2.0).abs() < 0.01).count();
-    assert!(blue_is_half == 96 * 64 && desk.has("fused.png"));
-    desk.solve(&[]);
-    assert!(!desk.has("fused.exr"), "8-bit photographs give no fused.exr, and the earlier file must be removed");
+    assert!(blue_is_half == 96 * 64 && desk.has("out/fused.png"));
+    solve(&desk, &[]);
+    assert!(!desk.has("out/fused.exr"), "8-bit photographs give no fused.exr, and the earlier file must be removed");
 }
 
 #[test]
 fn measure_replaces_only_measurements_of_the_same_kind() {
-    let desk = Desk::new();
-    let report = desk.solve(&["--step", "8,8,20,20", "50,8,20,20", "--profile", "10,10,80,10"]);
+    let desk = desk();
+    let report = solve(&desk, &["--step", "8,8,20,20", "50,8,20,20", "--profile", "10,10,80,10"]);
     let step = report["measurements"]["steps"][0].clone();
-    let report = desk.report(&["measure", "out", "--profile", "10,40,80,40", "--profile", "10,50,80,50"]);
+    let report = reported(&desk, &["measure", "out", "--profile", "10,40,80,40", "--profile", "10,50,80,50"]);
     let measured = &report["measurements"];
     assert_eq!((&measured["steps"][0], measured["profiles"].as_array().unwrap().len()), (&step, 2));
     assert_eq!(measured["profiles"][0]["from"], serde_json::json!([10.0, 40.0]));
-    let csv = fs::read_to_string(desk.path("out/profile_1.csv")).unwrap();
+    let csv = desk.text("out/profile_1.csv");
     assert!(csv.lines().nth(1).unwrap().starts_with("0,10,40,"), "{csv}");
-    let report = desk.report(&["measure", "out", "--step", "8,30,20,20", "50,30,20,20"]);
+    let report = reported(&desk, &["measure", "out", "--step", "8,30,20,20", "50,30,20,20"]);
     assert_eq!(report["measurements"]["steps"][0]["from"], serde_json::json!([8, 30, 20, 20]));
-    assert!(report["measurements"]["profiles"][1]["csv"] == "profile_2.csv" && desk.has("profile_2.png"));
+    assert!(report["measurements"]["profiles"][1]["csv"] == "profile_2.csv" && desk.has("out/profile_2.png"));
 }
 
 #[test]
 fn a_photograph_with_the_name_of_a_profile_is_not_replaced() {
-    let desk = Desk::new();
+    let desk = desk();
     fs::create_dir(desk.path("out")).unwrap();
     fs::copy(desk.path("near.png"), desk.path("out/profile_2.png")).unwrap();
     for extra in [&["--profile", "10,10,80,10", "--profile", "10,20,80,20"][..], &[]] {
-        let output = desk.run(&[&["solve", "out/profile_2.png", "far.png", "-o", "out"], extra].concat());
-        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(1) && stderr.contains("profile_2.png would replace it"), "{stderr}");
+        let solve = [&["solve", "out/profile_2.png", "far.png", "-o", "out"], extra].concat();
+        desk.refuses(&solve, 1, &["profile_2.png would replace it"]);
     }
-    assert!(!desk.has("report.json"));
+    assert!(!desk.has("out/report.json"));
 }

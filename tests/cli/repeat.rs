@@ -1,12 +1,9 @@
 //! `parfocal repeat` on synthetic results, and on tables of gauge studies.
 
-use std::fs;
-use std::path::PathBuf;
-use std::process::Output;
-
-use assert_cmd::Command;
 use serde_json::Value;
-use tempfile::TempDir;
+
+use crate::desk::{Desk, printed, stderr_of};
+use crate::synthetic::write_pair;
 
 const SIZE: (usize, usize) = (96, 64);
 
@@ -24,8 +21,6 @@ const AIAG: [(&str, [f64; 10]); 9] = [
     ("C", [-0.15, -0.96, 0.67, 0.11, -1.45, -0.49, 0.21, -0.49, 1.87, -2.16]),
 ];
 
-struct Desk(TempDir);
-
 /// A number from -√3 to √3 with the standard deviation 1, which looks random.
 fn noise(seed: usize, i: usize) -> f64 {
     let mut z = (seed as u64 * 7919 + i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -34,56 +29,41 @@ fn noise(seed: usize, i: usize) -> f64 {
     12f64.sqrt() * ((z ^ (z >> 31)) as f64 / u64::MAX as f64 - 0.5)
 }
 
-impl Desk {
-    fn new() -> Self {
-        Self(TempDir::new().unwrap())
-    }
+/// Writes results of a pair: a step of 2 px² at the middle, noise of 0.05 px², and a stated deviation.
+fn write_results(desk: &Desk, name: &str, seed: usize, stated: f32) {
+    let blur = |x: usize, y: usize| {
+        let step = if x < SIZE.0 / 2 { 0.0 } else { 2.0 };
+        (step + 0.1 * seed as f64 + 0.05 * noise(seed, y * SIZE.0 + x)) as f32
+    };
+    write_pair(desk, name, SIZE, 1, [&blur, &|_, _| stated]);
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
+/// Changes one value of the report of results.
+fn change(desk: &Desk, name: &str, key: &str, value: f64) {
+    let mut report = desk.report(name);
+    report[key] = value.into();
+    desk.write(&format!("{name}/report.json"), report.to_string());
+}
 
-    /// Results of a pair: a step of 2 px² at the middle, noise of 0.05 px², and a stated deviation.
-    fn results(&self, name: &str, seed: usize, stated: f32) {
-        let folder = self.path(name);
-        fs::create_dir(&folder).unwrap();
-        crate::write_field(&folder.join("relative_blur.exr"), SIZE, |x, y| {
-            let step = if x < SIZE.0 / 2 { 0.0 } else { 2.0 };
-            (step + 0.1 * seed as f64 + 0.05 * noise(seed, y * SIZE.0 + x)) as f32
-        });
-        crate::write_field(&folder.join("uncertainty.exr"), SIZE, |_, _| stated);
-        let report = crate::report_of_pair([SIZE.0 as u32, SIZE.1 as u32], 1);
-        fs::write(folder.join("report.json"), report.to_string()).unwrap();
-    }
+/// Returns the report and the summary.
+#[track_caller]
+fn repeated(desk: &Desk, arguments: &[&str]) -> (Value, String) {
+    let output = desk.done(&[&["repeat"], arguments, &["--json"]].concat());
+    println!("{}", stderr_of(&output));
+    (printed(&output), stderr_of(&output))
+}
 
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache"));
-        command.arg("repeat").args(arguments).output().unwrap()
-    }
+#[track_caller]
+fn refuses(desk: &Desk, arguments: &[&str], status: i32, parts: &[&str]) {
+    desk.refuses(&[&["repeat"], arguments].concat(), status, parts);
+}
 
-    /// Returns the report and the summary.
-    #[track_caller]
-    fn done(&self, arguments: &[&str]) -> (Value, String) {
-        let output = self.run(&[arguments, &["--json"]].concat());
-        let summary = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.success(), "{summary}");
-        println!("{summary}");
-        (serde_json::from_slice(&output.stdout).unwrap(), summary)
+fn write_aiag(desk: &Desk, name: &str) {
+    let mut text = "operator,part,value_mm\n".to_string();
+    for (operator, row) in AIAG {
+        (1..).zip(row).for_each(|(part, value)| text += &format!("{operator},part {part},{value}\n"));
     }
-
-    #[track_caller]
-    fn refuses(&self, arguments: &[&str], status: i32, parts: &[&str]) {
-        crate::assert_refused(&self.run(arguments), status, parts);
-    }
-
-    fn aiag(&self, name: &str) {
-        let mut text = "operator,part,value_mm\n".to_string();
-        for (operator, row) in AIAG {
-            (1..).zip(row).for_each(|(part, value)| text += &format!("{operator},part {part},{value}\n"));
-        }
-        fs::write(self.path(name), text).unwrap();
-    }
+    desk.write(name, text);
 }
 
 #[track_caller]
@@ -98,8 +78,8 @@ const STEP: [&str; 3] = ["--step", "4,4,32,48", "60,4,32,48"];
 fn noise_and_steps_of_repeated_results_are_those_that_were_added() {
     let desk = Desk::new();
     let names = ["r1", "r2", "r3", "r4"];
-    (1..).zip(names).for_each(|(seed, name)| desk.results(name, seed, 0.05));
-    let (report, summary) = desk.done(&[&names[..], &STEP, &["-o", "repeated"]].concat());
+    (1..).zip(names).for_each(|(seed, name)| write_results(&desk, name, seed, 0.05));
+    let (report, summary) = repeated(&desk, &[&names[..], &STEP, &["-o", "repeated"]].concat());
     let maps = &report["maps"];
     close(&maps["noise"]["value"], 0.05, 0.001);
     close(&maps["seen_over_stated"]["value"], 1.0, 0.02);
@@ -113,37 +93,32 @@ fn noise_and_steps_of_repeated_results_are_those_that_were_added() {
         assert!(summary.contains(part), "{part} in {summary}");
     }
     let files = ["repeat.json", "repeat.html", "repeat_readings.csv", "repeat_pairs.csv"];
-    let [written, page, readings, pairs] =
-        files.map(|name| fs::read_to_string(desk.path("repeated").join(name)).unwrap());
+    let [written, page, readings, pairs] = files.map(|name| desk.text(&format!("repeated/{name}")));
     let written: Value = serde_json::from_str(&written).unwrap();
     assert_eq!(written["maps"], report["maps"]);
     assert!(page.contains("parfocal repeat") && page.contains("ISO 25178-700") && page.len() < 300_000);
     assert!(readings.starts_with("name,operator,part,trial,value_px2,standard_error_px2,results\nstep 1,,,1,"));
     assert_eq!((readings.lines().count(), pairs.lines().count()), (5, 7));
     // The files are replaced by those of the next run, and those of others never are.
-    let (_, _) = desk.done(&["r1", "r2", "-o", "repeated"]);
-    assert!(!desk.path("repeated/repeat_readings.csv").exists());
-    fs::create_dir(desk.path("other")).unwrap();
-    fs::write(desk.path("other/repeat.html"), "mine").unwrap();
-    desk.refuses(&["r1", "r2", "-o", "other"], 1, &["repeat.html", "--force"]);
-    assert_eq!(fs::read_to_string(desk.path("other/repeat.html")).unwrap(), "mine");
+    let (_, _) = repeated(&desk, &["r1", "r2", "-o", "repeated"]);
+    assert!(!desk.has("repeated/repeat_readings.csv"));
+    desk.write("other/repeat.html", "mine");
+    refuses(&desk, &["r1", "r2", "-o", "other"], 1, &["repeat.html", "--force"]);
+    assert_eq!(desk.text("other/repeat.html"), "mine");
 }
 
 #[test]
 fn a_stated_deviation_that_is_too_small_is_seen() {
     let desk = Desk::new();
-    (1..).zip(["r1", "r2"]).for_each(|(seed, name)| desk.results(name, seed, 0.025));
-    let (report, summary) = desk.done(&["r1", "r2", "--roi", "10,10,60,40"]);
+    (1..).zip(["r1", "r2"]).for_each(|(seed, name)| write_results(&desk, name, seed, 0.025));
+    let (report, summary) = repeated(&desk, &["r1", "r2", "--roi", "10,10,60,40"]);
     close(&report["maps"]["seen_over_stated"]["value"], 2.0, 0.06);
     assert_eq!(report["region"], serde_json::json!([10, 10, 60, 40]));
     // An error of V's scale, which results have in common, is not in steps.
     for name in ["r1", "r2"] {
-        let file = desk.path(name).join("report.json");
-        let mut report: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
-        report["scale_deviation"] = 0.1.into();
-        fs::write(&file, report.to_string()).unwrap();
+        change(&desk, name, "scale_deviation", 0.1);
     }
-    let (report, _) = desk.done(&[&["r1", "r2"][..], &STEP].concat());
+    let (report, _) = repeated(&desk, &[&["r1", "r2"][..], &STEP].concat());
     close(&report["values"][0]["readings"][0]["standard_error"], 0.0, 0.05);
     assert!(summary.contains("seen over stated 2.0") || summary.contains("seen over stated 1.9"), "{summary}");
 }
@@ -152,16 +127,18 @@ fn a_stated_deviation_that_is_too_small_is_seen() {
 fn a_type_one_study_has_its_indices_and_says_that_few_readings_are_few() {
     let desk = Desk::new();
     let names: Vec<String> = (1..7).map(|n| format!("r{n}")).collect();
-    (1..).zip(&names).for_each(|(seed, name)| desk.results(name, seed, 0.05));
+    (1..).zip(&names).for_each(|(seed, name)| write_results(&desk, name, seed, 0.05));
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let (report, summary) =
-        desk.done(&[&names[..], &STEP, &["--true-value", "2.01", "--tolerance-width", "0.5", "-o", "one"]].concat());
+    let (report, summary) = repeated(
+        &desk,
+        &[&names[..], &STEP, &["--true-value", "2.01", "--tolerance-width", "0.5", "-o", "one"]].concat(),
+    );
     let value = &report["values"][0];
     let (mean, s) = (&value["repeatability"]["mean"], &value["repeatability"]["standard_deviation"]["value"]);
     let (mean, s) = (mean.as_f64().unwrap(), s.as_f64().unwrap());
     close(&value["type_one"]["cg"]["value"], 0.1 / (6.0 * s), 1e-9);
     close(&value["type_one"]["cgk"]["value"], (0.05 - (mean - 2.01).abs()) / (3.0 * s), 1e-9);
-    let table = fs::read_to_string(desk.path("one/repeat_values.csv")).unwrap();
+    let table = desk.text("one/repeat_values.csv");
     let [names, numbers] = [0, 1].map(|n| table.lines().nth(n).unwrap().split(',').collect::<Vec<_>>());
     let cell = |name: &str| numbers[names.iter().position(|found| *found == name).unwrap()].parse::<f64>().unwrap();
     assert_eq!((names.len(), numbers.len(), cell("readings")), (19, 19, 6.0));
@@ -176,8 +153,8 @@ fn a_type_one_study_has_its_indices_and_says_that_few_readings_are_few() {
 #[test]
 fn the_table_of_the_example_of_aiag_gives_its_published_components() {
     let desk = Desk::new();
-    desk.aiag("study.csv");
-    let (report, summary) = desk.done(&["--study", "study.csv", "--tolerance-width", "10", "-o", "study"]);
+    write_aiag(&desk, "study.csv");
+    let (report, summary) = repeated(&desk, &["--study", "study.csv", "--tolerance-width", "10", "-o", "study"]);
     for (n, name, deviation, study) in [
         (0, "repeatability", 0.199933, 18.4),
         (1, "operator", 0.226838, 20.9),
@@ -193,7 +170,7 @@ fn the_table_of_the_example_of_aiag_gives_its_published_components() {
     assert_eq!(report["gauge"]["is_interaction_pooled"], true);
     assert!(summary.contains("categories     4, rounded down from 4.86"), "{summary}");
     let tables = ["anova", "components", "categories"];
-    let tables = tables.map(|name| fs::read_to_string(desk.path(&format!("study/repeat_{name}.csv"))).unwrap());
+    let tables = tables.map(|name| desk.text(&format!("study/repeat_{name}.csv")));
     let [anova, components, categories] = &tables;
     assert!(anova.starts_with("source,degrees_of_freedom,") && anova.contains("\nrepeatability,60,2.7589"), "{anova}");
     assert!(anova.contains("\npooled error,78,3.1179"), "{anova}");
@@ -209,31 +186,31 @@ fn a_table_of_results_is_measured() {
     for (n, (operator, part)) in
         [("A", 1), ("A", 1), ("A", 2), ("A", 2), ("B", 1), ("B", 1), ("B", 2), ("B", 2)].into_iter().enumerate()
     {
-        desk.results(&format!("r{n}"), n + 1, 0.05);
+        write_results(&desk, &format!("r{n}"), n + 1, 0.05);
         text += &format!("{operator},{part},r{n}\n");
     }
-    fs::write(desk.path("study.csv"), &text).unwrap();
-    let (report, _) = desk.done(&[&["--study", "study.csv"][..], &STEP].concat());
+    desk.write("study.csv", &text);
+    let (report, _) = repeated(&desk, &[&["--study", "study.csv"][..], &STEP].concat());
     assert_eq!((&report["gauge"]["operators"], &report["quantity"]), (&2.into(), &"step".into()));
     let readings = report["values"][0]["readings"].as_array().unwrap();
     assert!(readings.len() == 8 && readings.iter().all(|r| r["standard_error"].as_f64().unwrap() > 0.0));
     // One operator and one part are repeated readings.
-    fs::write(desk.path("one.csv"), "results\nr0\nr1\nr2\n").unwrap();
-    let (report, _) = desk.done(&[&["--study", "one.csv"][..], &STEP].concat());
+    desk.write("one.csv", "results\nr0\nr1\nr2\n");
+    let (report, _) = repeated(&desk, &[&["--study", "one.csv"][..], &STEP].concat());
     assert_eq!(report["values"][0]["repeatability"]["count"], 3);
-    desk.refuses(&["--study", "study.csv"], 2, &["needs --step once"]);
-    fs::write(desk.path("twice.csv"), text.replace("B,2,r7", "B,2,./r6")).unwrap();
-    desk.refuses(&[&["--study", "twice.csv"][..], &STEP].concat(), 2, &["r6: was given twice"]);
-    fs::write(desk.path("gap.csv"), text.replace("B,2,r7\n", "")).unwrap();
-    desk.refuses(&[&["--study", "gap.csv"][..], &STEP].concat(), 1, &["gap.csv", "'B' has 1 readings of part '2'"]);
+    refuses(&desk, &["--study", "study.csv"], 2, &["needs --step once"]);
+    desk.write("twice.csv", text.replace("B,2,r7", "B,2,./r6"));
+    refuses(&desk, &[&["--study", "twice.csv"][..], &STEP].concat(), 2, &["r6: was given twice"]);
+    desk.write("gap.csv", text.replace("B,2,r7\n", ""));
+    refuses(&desk, &[&["--study", "gap.csv"][..], &STEP].concat(), 1, &["gap.csv", "'B' has 1 readings of part '2'"]);
 }
 
 #[test]
 fn what_cannot_be_repeated_is_refused() {
     let desk = Desk::new();
-    (1..).zip(["r1", "r2"]).for_each(|(seed, name)| desk.results(name, seed, 0.05));
-    desk.aiag("study.csv");
-    fs::write(desk.path("bad.csv"), "operator,value\nA,x\n").unwrap();
+    (1..).zip(["r1", "r2"]).for_each(|(seed, name)| write_results(&desk, name, seed, 0.05));
+    write_aiag(&desk, "study.csv");
+    desk.write("bad.csv", "operator,value\nA,x\n");
     for (arguments, status, parts) in [
         (&["r1"][..], 2, &["1 results", "2 to 200"][..]),
         (&[], 2, &["RESULTS"]),
@@ -253,19 +230,12 @@ fn what_cannot_be_repeated_is_refused() {
         (&["--study", "bad.csv"], 1, &["bad.csv", "line 2", "'x' is no value"]),
         (&["--study", "study.csv", "--true-value", "1", "--tolerance-width", "1"], 2, &["one part by one operator"]),
     ] {
-        desk.refuses(arguments, status, parts);
+        refuses(&desk, arguments, status, parts);
     }
     // A pair and results of another size.
-    fs::create_dir(desk.path("small")).unwrap();
-    for name in ["relative_blur.exr", "uncertainty.exr"] {
-        crate::write_field(&desk.path("small").join(name), (40, 40), |_, _| 0.1);
-    }
-    fs::write(desk.path("small/report.json"), crate::report_of_pair([40, 40], 1).to_string()).unwrap();
-    desk.refuses(&["r1", "small"], 2, &["small has 40 x 40 px", "different sizes"]);
+    write_pair(&desk, "small", (40, 40), 1, [&|_, _| 0.1; 2]);
+    refuses(&desk, &["r1", "small"], 2, &["small has 40 x 40 px", "different sizes"]);
     // Another size of a pixel.
-    let file = desk.path("r2/report.json");
-    let mut report: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
-    report["pixel_size_um"] = 4.5.into();
-    fs::write(&file, report.to_string()).unwrap();
-    desk.refuses(&["r1", "r2"], 1, &["r2 and r1 differ in pixel size", "one lens"]);
+    change(&desk, "r2", "pixel_size_um", 4.5);
+    refuses(&desk, &["r1", "r2"], 1, &["r2 and r1 differ in pixel size", "one lens"]);
 }

@@ -1,59 +1,41 @@
 //! `report.html` of a pair in a real browser: self-contained, interactive, with the values of the EXR files.
 
 use std::fs;
-use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use assert_cmd::Command;
 use parfocal::image_io::read_field;
 use serde_json::{Value, json};
-use tempfile::TempDir;
 
 use crate::browser::Browser;
+use crate::desk::Desk;
 use crate::page::{assert_holds, assert_reads, assert_surface, canvas, choose, half_step, pixels, point, shown};
+use crate::synthetic::{CUP_LENS, waves};
 
 /// A file name that contains HTML, as an attacker would choose it.
 const ODD_NAME: &str = "<img src=x onerror=alert(1)>&amp;.png";
 
-/// A lens, so that the page has depth in mm.
-const LENS: [&str; 9] =
-    ["--focal-length", "25", "--f-number", "8.3", "--pixel-pitch", "0.01304", "--focus", "529,869", "--telecentric"];
-
 /// A folder with the results of one solve. One photograph is named `ODD_NAME`.
-fn results() -> &'static Path {
-    static FOLDER: OnceLock<TempDir> = OnceLock::new();
-    let folder = FOLDER.get_or_init(|| {
-        let folder = TempDir::new().unwrap();
+fn results() -> &'static Desk {
+    static FOLDER: OnceLock<Desk> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let desk = Desk::new();
         for (name, contrast) in [(ODD_NAME, 90.0), ("far.png", 70.0)] {
-            let value = |x: u32, y: u32| {
-                let (x, y) = (f64::from(x), f64::from(y));
-                let waves = (0.9 * x + 0.2 * y).sin() + (0.3 * x - 0.8 * y).cos() + (0.1 * x * y / 20.0).sin();
-                (128.0 + contrast / 3.0 * waves) as u8
-            };
+            let value = |x: u32, y: u32| (128.0 + contrast / 3.0 * waves(x, y)) as u8;
             let image = image::RgbImage::from_fn(240, 160, |x, y| image::Rgb([value(x, y), value(x, y), x as u8]));
-            image.save(folder.path().join(name)).unwrap();
+            image.save(desk.path(name)).unwrap();
         }
-        solve(folder.path(), &LENS);
-        folder
-    });
-    folder.path()
+        solve(&desk, &CUP_LENS);
+        desk
+    })
 }
 
-fn solve(folder: &Path, extra: &[&str]) {
-    let mut command = Command::cargo_bin("parfocal").unwrap();
-    command.env("PARFOCAL_CACHE_DIR", folder.join("cache")).arg("solve");
-    command.args([ODD_NAME, "far.png"].map(|name| folder.join(name))).arg("-o").arg(folder.join("out")).args(extra);
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-}
-
-fn page_of(folder: &Path) -> PathBuf {
-    folder.join("out/report.html")
+fn solve(desk: &Desk, extra: &[&str]) {
+    desk.done(&[&["solve", ODD_NAME, "far.png", "-o", "out"], extra].concat());
 }
 
 fn opened(width: u32) -> Browser {
     let mut browser = Browser::start(width, 900);
-    browser.open(&page_of(results()), "window.page");
+    browser.open(&results().path("out/report.html"), "window.page");
     browser
 }
 
@@ -66,7 +48,7 @@ fn the_page_is_self_contained_and_escapes_file_names() {
     let shown: Value =
         serde_json::from_str(browser.evaluate("document.getElementById('json').textContent").as_str().unwrap())
             .unwrap();
-    let written: Value = serde_json::from_slice(&fs::read(results().join("out/report.json")).unwrap()).unwrap();
+    let written = results().report("out");
     assert_eq!(shown["frames"][1]["transform"], written["frames"][1]["transform"]);
     assert_eq!(shown["levels"].as_array().unwrap().len(), written["levels"].as_array().unwrap().len());
     assert_eq!(browser.complaints(), Vec::<String>::new());
@@ -127,7 +109,7 @@ fn flicker_alternates_the_photographs() {
 #[test]
 fn values_under_the_cursor_match_the_exr() {
     let mut browser = opened(1280);
-    let read = |file: &str| read_field(&results().join("out").join(file)).unwrap();
+    let read = |file: &str| read_field(&results().path("out").join(file)).unwrap();
     let (width, _, blur) = read("relative_blur.exr");
     let (sigma, confidence, depth) = (read("uncertainty.exr").2, read("confidence.exr").2, read("depth_mm.exr").2);
     let step = half_step(&mut browser, "relative_blur", &sigma);
@@ -169,7 +151,7 @@ fn values_under_the_cursor_match_the_exr() {
 #[test]
 fn the_summary_is_one_sentence_and_three_pictures() {
     let mut browser = Browser::start(1400, 900);
-    browser.open(&page_of(results()), "window.page");
+    browser.open(&results().path("out/report.html"), "window.page");
     let sentence = browser.evaluate("document.getElementById('sentence').textContent");
     let sentence = sentence.as_str().unwrap();
     assert!(sentence.starts_with("Depth ") && sentence.contains("\u{a0}mm, typically ±"), "{sentence}");
@@ -221,16 +203,13 @@ fn measurements_on_the_page_match_the_measure_command() {
     }
     let command = browser.evaluate("document.getElementById('command').textContent");
     let command = command.as_str().unwrap().to_string();
-    let out = results().join("out").canonicalize().unwrap();
+    let out = results().path("out").canonicalize().unwrap();
     let expected = format!("parfocal measure {} --step 30,40,40,60 150,40,50,60 --profile 20,80,40,80", out.display());
     assert_eq!(command, expected);
     let text = browser.evaluate("document.getElementById('measured-text').textContent");
     let text = text.as_str().unwrap().replace('−', "-");
 
-    let mut measure = Command::cargo_bin("parfocal").unwrap();
-    measure.current_dir(results()).args(command.split(' ').skip(1)).args(["--json", "-q"]);
-    let output = measure.output().unwrap();
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = results().printed(&command.split(' ').skip(1).collect::<Vec<_>>());
     let blur = &found["steps"][0]["difference"];
     let numbers: Vec<f64> = text.split([' ', ':', ',']).filter_map(|word| word.parse().ok()).collect();
     let [value, error] = ["value", "standard_error"].map(|key| blur[key].as_f64().unwrap());
@@ -292,12 +271,12 @@ fn the_surface_is_drawn_and_turns_by_mouse_and_keys() {
 
 #[test]
 fn no_html_removes_an_earlier_page() {
-    let folder = TempDir::new().unwrap();
+    let desk = Desk::new();
     for name in [ODD_NAME, "far.png"] {
-        fs::copy(results().join(name), folder.path().join(name)).unwrap();
+        fs::copy(results().path(name), desk.path(name)).unwrap();
     }
-    solve(folder.path(), &[]);
-    assert!(page_of(folder.path()).is_file());
-    solve(folder.path(), &["--no-html"]);
-    assert!(!page_of(folder.path()).exists() && folder.path().join("out/report.json").is_file());
+    solve(&desk, &[]);
+    assert!(desk.has("out/report.html"));
+    solve(&desk, &["--no-html"]);
+    assert!(!desk.has("out/report.html") && desk.has("out/report.json"));
 }

@@ -1,57 +1,42 @@
 //! `report.html` of a focus sweep in a real browser.
 
 use std::fs;
-use std::path::Path;
 use std::sync::OnceLock;
 
-use assert_cmd::Command;
 use parfocal::image_io::read_field;
-use tempfile::TempDir;
 
 use crate::browser::Browser;
+use crate::desk::Desk;
 use crate::page::{assert_holds, assert_reads, assert_surface, choose, half_step, pixels, point, shown};
+use crate::synthetic::blurred_waves;
 
 const FRAMES: [&str; 4] = ["a & b.png", "<i>2.png", "3.png", "4.png"];
 
 /// A folder with the results of a sweep over a slope. Its focus rises from 0.5 at the left to 2.5 at the right.
-fn results() -> &'static Path {
-    static FOLDER: OnceLock<TempDir> = OnceLock::new();
-    let folder = FOLDER.get_or_init(|| {
-        let folder = TempDir::new().unwrap();
+fn results() -> &'static Desk {
+    static FOLDER: OnceLock<Desk> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let desk = Desk::new();
         for (n, name) in FRAMES.iter().enumerate() {
             let value = |x: u32, y: u32| {
                 let focus = 0.5 + 2.0 * f64::from(x) / 192.0;
-                let v = 2.0 * (n as f64 - focus).powi(2) + 0.3;
-                let waves = (0..40).map(|i| {
-                    let (angle, k) = (f64::from(i) * 2.399, 0.25 + 0.035 * f64::from(i));
-                    let phase = k * (f64::from(x) * angle.cos() + f64::from(y) * angle.sin()) + f64::from(i * i);
-                    (-v * k * k / 2.0).exp() * phase.sin()
-                });
-                0.5 + 0.05 * waves.sum::<f64>()
+                (255.0 * blurred_waves(x, y, 2.0 * (n as f64 - focus).powi(2) + 0.3)).round() as u8
             };
-            let image = image::GrayImage::from_fn(192, 128, |x, y| {
-                image::Luma([(value(x, y).clamp(0.0, 1.0) * 255.0).round() as u8])
-            });
-            image.save(folder.path().join(name)).unwrap();
+            image::GrayImage::from_fn(192, 128, |x, y| image::Luma([value(x, y)])).save(desk.path(name)).unwrap();
         }
         // Focus settings from 4 to 4.3 1/m.
-        stack(folder.path(), &["--focus-at", "250,243.9024,238.0952,232.5581"]);
-        folder
-    });
-    folder.path()
+        stack(&desk, &["--focus-at", "250,243.9024,238.0952,232.5581"]);
+        desk
+    })
 }
 
-fn stack(folder: &Path, extra: &[&str]) {
-    let mut command = Command::cargo_bin("parfocal").unwrap();
-    command.env("PARFOCAL_CACHE_DIR", folder.join("cache")).arg("stack");
-    command.args(FRAMES.map(|name| folder.join(name))).arg("-o").arg(folder.join("out")).args(extra);
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+fn stack(desk: &Desk, extra: &[&str]) {
+    desk.done(&[&["stack"], &FRAMES[..], &["-o", "out"], extra].concat());
 }
 
 fn opened() -> Browser {
     let mut browser = Browser::start(1280, 900);
-    browser.open(&results().join("out/report.html"), "window.page");
+    browser.open(&results().path("out/report.html"), "window.page");
     browser
 }
 
@@ -137,7 +122,7 @@ fn the_focus_curve_shows_the_frames_and_marks_the_sharpest() {
 #[test]
 fn values_under_the_cursor_match_the_exr() {
     let mut browser = opened();
-    let read = |file: &str| read_field(&results().join("out").join(file)).unwrap();
+    let read = |file: &str| read_field(&results().path("out").join(file)).unwrap();
     let ((width, _, focus), sigma, depth) = (read("focus.exr"), read("uncertainty.exr").2, read("depth_mm.exr").2);
     let step = half_step(&mut browser, "focus", &sigma);
     for (x, y) in [(96, 64), (40, 100), (3, 2)] {
@@ -154,13 +139,12 @@ fn values_under_the_cursor_match_the_exr() {
 
 #[test]
 fn no_html_removes_an_earlier_page() {
-    let folder = TempDir::new().unwrap();
+    let desk = Desk::new();
     for name in FRAMES {
-        fs::copy(results().join(name), folder.path().join(name)).unwrap();
+        fs::copy(results().path(name), desk.path(name)).unwrap();
     }
-    stack(folder.path(), &[]);
-    let page = folder.path().join("out/report.html");
-    assert!(page.is_file());
-    stack(folder.path(), &["--no-html"]);
-    assert!(!page.exists() && folder.path().join("out/report.json").is_file());
+    stack(&desk, &[]);
+    assert!(desk.has("out/report.html"));
+    stack(&desk, &["--no-html"]);
+    assert!(!desk.has("out/report.html") && desk.has("out/report.json"));
 }

@@ -1,77 +1,32 @@
 //! Commands on existing results: a pair, a sweep, and results of a batch.
 
-use std::fs;
-use std::path::PathBuf;
-use std::process::Output;
-
-use assert_cmd::Command;
-use serde_json::Value;
-use tempfile::TempDir;
-
 use crate::browser::Browser;
+use crate::desk::{Desk, assert_fails, stderr_of};
 
-struct Desk(TempDir);
-
-impl Desk {
-    /// Solves a batch of a valid pair, a pair that fails, and a sweep.
-    fn new() -> Self {
-        let desk = Self(TempDir::new().unwrap());
-        for name in ["first", "second"] {
-            desk.done(&["simulate", "relief", "-o", &format!("shots/{name}"), "--size", "120x90"]);
-        }
-        fs::write(desk.path("shots/second/i2.png"), "no picture").unwrap();
-        desk.done(&["simulate", "relief", "-o", "shots/sweep <b>", "--size", "120x90", "--frames", "4"]);
-        let output = desk.run(&["batch", "shots", "-o", "many"]);
-        assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-        desk
+/// Returns a folder with the results of a batch of a valid pair, a pair that fails, and a sweep.
+fn desk() -> Desk {
+    let desk = Desk::new();
+    for name in ["first", "second"] {
+        desk.done(&["simulate", "relief", "-o", &format!("shots/{name}"), "--size", "120x90"]);
     }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        command
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        self.command(arguments).output().unwrap()
-    }
-
-    fn done(&self, arguments: &[&str]) -> String {
-        let output = self.run(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
-        String::from_utf8(output.stdout).unwrap()
-    }
-
-    #[track_caller]
-    fn refuses(&self, arguments: &[&str], parts: &[&str]) {
-        let output = self.run(arguments);
-        let stderr = stderr(&output);
-        assert!(!output.status.success() && parts.iter().all(|part| stderr.contains(part)), "{stderr}");
-    }
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+    desk.write("shots/second/i2.png", "no picture");
+    desk.done(&["simulate", "relief", "-o", "shots/sweep <b>", "--size", "120x90", "--frames", "4"]);
+    desk.exits(&["batch", "shots", "-o", "many"], 1);
+    desk
 }
 
 #[test]
 fn commands_accept_batch_results_and_the_index_lists_failures_first() {
-    let desk = Desk::new();
+    let desk = desk();
     let lens = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.00345", "--focus=226.5,233.5"];
     desk.done(&["view", "many/first", "--width", "64"]);
     desk.done(&["measure", "many/first", "--step", "10,10,30,30", "60,40,30,30"]);
     desk.done(&[&["depth", "many/first"], &lens[..]].concat());
     desk.done(&["measure", "many/sweep <b>", "--profile", "10,20,90,20"]);
     desk.done(&["depth", "many/sweep <b>", "--focus-at", "1,2,3,4", "--stage"]);
-    desk.refuses(
-        &["calibrate", "many/sweep <b>", "--known", "1,1,20,20=5", "--kappa", "0.5"],
-        &["holds a focus sweep"],
-    );
-    desk.refuses(&["view", "many"], &["results of a batch", "one pair or sweep"]);
+    let calibrate = ["calibrate", "many/sweep <b>", "--known", "1,1,20,20=5", "--kappa", "0.5"];
+    assert_fails(&desk.run(&calibrate), &["holds a focus sweep"]);
+    assert_fails(&desk.run(&["view", "many"]), &["results of a batch", "one pair or sweep"]);
 
     let mut browser = Browser::start(1400, 900);
     browser.open(&desk.path("many/index.html"), "document.querySelectorAll('li').length === 3");
@@ -88,45 +43,39 @@ fn commands_accept_batch_results_and_the_index_lists_failures_first() {
 
     // A batch replaces its own index.html, but not a foreign one.
     desk.run(&["batch", "shots", "-o", "many", "--resume"]);
-    fs::write(desk.path("many/index.html"), "mine").unwrap();
-    desk.refuses(&["batch", "shots", "-o", "many"], &["index.html", "--force"]);
+    desk.write("many/index.html", "mine");
+    assert_fails(&desk.run(&["batch", "shots", "-o", "many"]), &["index.html", "--force"]);
 }
 
 #[cfg(unix)]
 #[test]
 fn open_passes_the_page_to_the_system_opener() {
-    use std::os::unix::fs::PermissionsExt;
-    let desk = Desk::new();
-    fs::create_dir(desk.path("bin")).unwrap();
-    fs::write(desk.path("bin/xdg-open"), format!("#!/bin/sh\necho \"$1\" > '{}'\n", desk.path("opened").display()))
-        .unwrap();
-    fs::set_permissions(desk.path("bin/xdg-open"), fs::Permissions::from_mode(0o755)).unwrap();
+    let desk = desk();
+    desk.write_script("bin/xdg-open", &format!("echo \"$1\" > '{}'\n", desk.path("opened").display()));
     for (folder, page) in [("many/first", "many/first/report.html"), ("many", "many/index.html")] {
         let mut command = desk.command(&["open", folder]);
         command.env("PATH", format!("{}:/bin:/usr/bin", desk.path("bin").display()));
         assert!(command.output().unwrap().status.success());
-        assert_eq!(fs::read_to_string(desk.path("opened")).unwrap().trim(), page);
-        assert_eq!(desk.done(&["open", folder, "--print"]).trim(), page);
+        assert_eq!(desk.text("opened").trim(), page);
+        assert_eq!(String::from_utf8(desk.done(&["open", folder, "--print"]).stdout).unwrap().trim(), page);
     }
     let mut without = desk.command(&["open", "many"]);
     let output = without.env("PATH", "/nowhere").output().unwrap();
-    assert!(stderr(&output).contains("open many/index.html in a browser"), "{}", stderr(&output));
-    desk.refuses(&["open", "shots"], &["has no page"]);
-    desk.refuses(&["open", "absent"], &["no folder"]);
+    assert!(stderr_of(&output).contains("open many/index.html in a browser"), "{}", stderr_of(&output));
+    assert_fails(&desk.run(&["open", "shots"]), &["has no page"]);
+    assert_fails(&desk.run(&["open", "absent"]), &["no folder"]);
 }
 
 #[test]
 fn two_results_are_compared_in_standard_deviations() {
-    let desk = Desk(TempDir::new().unwrap());
+    let desk = Desk::new();
     desk.done(&["simulate", "relief", "-o", "pair", "--size", "120x90", "--noise", "0.01"]);
     let solve = |out: &str, extra: &[&str]| {
         desk.done(&[&["solve", "pair/i1.png", "pair/i2.png", "-o", out, "--no-html"], extra].concat());
     };
     solve("a", &[]);
     solve("b", &["--regularization", "0.01"]);
-    let compare = |a: &str, b: &str| -> Value {
-        serde_json::from_str(&desk.done(&["compare", a, b, "--json", "-o", "off.png", "-q"])).unwrap()
-    };
+    let compare = |a: &str, b: &str| desk.printed(&["compare", a, b, "-o", "off.png", "-q"]);
     let same = compare("a", "a");
     assert_eq!((&same["settings"].as_array().unwrap().len(), &same["difference"]["rms"]), (&0, &0.0.into()));
     let found = compare("a", "b");
@@ -150,15 +99,15 @@ fn two_results_are_compared_in_standard_deviations() {
     assert_eq!((picture.width(), picture.height()), (120, 90));
     let output = desk.run(&["compare", "a", "b"]);
     assert!(
-        stderr(&output).contains("regularization") && stderr(&output).contains("% beyond 3"),
+        stderr_of(&output).contains("regularization") && stderr_of(&output).contains("% beyond 3"),
         "{}",
-        stderr(&output)
+        stderr_of(&output)
     );
 
     solve("part", &["--roi", "10,10,60,50"]);
-    desk.refuses(&["compare", "a", "part"], &["120x90 and 60x50"]);
+    assert_fails(&desk.run(&["compare", "a", "part"]), &["120x90 and 60x50"]);
     desk.done(&["simulate", "relief", "-o", "sweep", "--size", "120x90", "--frames", "3"]);
     desk.done(&["stack", "sweep", "-o", "stacked", "--no-html"]);
-    desk.refuses(&["compare", "a", "stacked"], &["nothing in common"]);
+    assert_fails(&desk.run(&["compare", "a", "stacked"]), &["nothing in common"]);
     assert_eq!(compare("stacked", "stacked")["quantity"], "focus");
 }

@@ -1,69 +1,38 @@
 //! `parfocal roughness` on synthetic results of a pair.
 
 use std::f64::consts::{PI, TAU};
-use std::fs;
-use std::path::PathBuf;
-use std::process::Output;
 
-use assert_cmd::Command;
 use serde_json::Value;
-use tempfile::TempDir;
+
+use crate::desk::{Desk, printed, stderr_of};
+use crate::synthetic::{CUP_LENS, write_pair};
 
 const SIZE: (usize, usize) = (96, 64);
 const AMPLITUDE: f64 = 1.5;
 
-/// Results of a pair: V is a sine of a period of 16 px on a tilt, with a hole of 100 px.
-struct Desk(TempDir);
+/// Returns results of a pair: V is a sine of a period of 16 px on a tilt, with a hole of 100 px.
+fn desk() -> Desk {
+    let desk = Desk::new();
+    let is_hole = |x: usize, y: usize| (20..30).contains(&x) && (20..30).contains(&y);
+    let blur = |x: usize, y: usize| {
+        let v = AMPLITUDE * (TAU * (x as f64 + 0.5) / 16.0).sin() + 0.02 * x as f64 - 0.05 * y as f64;
+        if is_hole(x, y) { f32::NAN } else { v as f32 }
+    };
+    write_pair(&desk, "out", SIZE, 2, [&blur, &|x, y| if is_hole(x, y) { f32::NAN } else { 0.05 }]);
+    desk
+}
 
-impl Desk {
-    fn new() -> Self {
-        let desk = Self(TempDir::new().unwrap());
-        fs::create_dir(desk.path("out")).unwrap();
-        let is_hole = |x: usize, y: usize| (20..30).contains(&x) && (20..30).contains(&y);
-        desk.field("relative_blur.exr", |x, y| {
-            let v = AMPLITUDE * (TAU * (x as f64 + 0.5) / 16.0).sin() + 0.02 * x as f64 - 0.05 * y as f64;
-            if is_hole(x, y) { f32::NAN } else { v as f32 }
-        });
-        desk.field("uncertainty.exr", |x, y| if is_hole(x, y) { f32::NAN } else { 0.05 });
-        desk.report(2, 0.0);
-        desk
-    }
+/// Returns the report and the summary.
+#[track_caller]
+fn roughness(desk: &Desk, arguments: &[&str]) -> (Value, String) {
+    let output = desk.done(&[&["roughness", "out", "--json", "--realizations", "10"], arguments].concat());
+    println!("{}", stderr_of(&output));
+    (printed(&output), stderr_of(&output))
+}
 
-    /// Writes the report of a pair whose image `nearer` is focused nearer.
-    fn report(&self, nearer: u8, scale_deviation: f64) {
-        let mut report = crate::report_of_pair([SIZE.0 as u32, SIZE.1 as u32], nearer);
-        report["scale_deviation"] = scale_deviation.into();
-        fs::write(self.path("out/report.json"), report.to_string()).unwrap();
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn field(&self, name: &str, value: impl Fn(usize, usize) -> f32 + Sync) {
-        crate::write_field(&self.path("out").join(name), SIZE, value);
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache"));
-        command.arg("roughness").args(arguments).output().unwrap()
-    }
-
-    /// Returns the report and the summary.
-    #[track_caller]
-    fn done(&self, arguments: &[&str]) -> (Value, String) {
-        let output = self.run(&[&["out", "--json", "--realizations", "10"], arguments].concat());
-        let summary = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.success(), "{summary}");
-        println!("{summary}");
-        (serde_json::from_slice(&output.stdout).unwrap(), summary)
-    }
-
-    #[track_caller]
-    fn refuses(&self, arguments: &[&str], status: i32, parts: &[&str]) {
-        crate::assert_refused(&self.run(arguments), status, parts);
-    }
+#[track_caller]
+fn refuses(desk: &Desk, arguments: &[&str], status: i32, parts: &[&str]) {
+    desk.refuses(&[&["roughness"], arguments].concat(), status, parts);
 }
 
 /// A member of a parameter of the report.
@@ -80,8 +49,8 @@ fn close(value: f64, expected: f64, share: f64) {
 
 #[test]
 fn a_sine_on_a_tilt_has_its_closed_forms() {
-    let desk = Desk::new();
-    let (report, summary) = desk.done(&[]);
+    let desk = desk();
+    let (report, summary) = roughness(&desk, &[]);
     close(of(&report, "Sa", "value"), 2.0 * AMPLITUDE / PI, 0.03);
     close(of(&report, "Sq", "value"), AMPLITUDE / 2f64.sqrt(), 0.03);
     // The plane takes a part of the six periods.
@@ -102,13 +71,12 @@ fn a_sine_on_a_tilt_has_its_closed_forms() {
 
 #[test]
 fn heights_are_positive_towards_the_camera() {
-    let desk = Desk::new();
-    desk.field("relative_blur.exr", |x, y| if (40..44).contains(&x) && (30..34).contains(&y) { 5.0 } else { 0.0 });
-    desk.field("uncertainty.exr", |_, _| 0.05);
+    let desk = desk();
+    let peak = |x: usize, y: usize| if (40..44).contains(&x) && (30..34).contains(&y) { 5.0 } else { 0.0 };
     // Positive V is near if I1 is focused nearer.
     for (nearer, sign) in [(1, 1.0), (2, -1.0)] {
-        desk.report(nearer, 0.0);
-        let (report, _) = desk.done(&["--form", "none"]);
+        write_pair(&desk, "out", SIZE, nearer, [&peak, &|_, _| 0.05]);
+        let (report, _) = roughness(&desk, &["--form", "none"]);
         assert!(sign * of(&report, "Ssk", "value") > 5.0, "{report}");
         let [peak, pit] = ["Sp", "Sv"].map(|name| of(&report, name, "value"));
         assert_eq!(peak > pit, nearer == 1);
@@ -117,10 +85,12 @@ fn heights_are_positive_towards_the_camera() {
 
 #[test]
 fn the_scale_of_v_is_a_part_of_the_standard_deviation() {
-    let desk = Desk::new();
+    let desk = desk();
     // Of |V| up to 4 px², 0.01 is below the standard deviation of each pixel.
-    desk.report(2, 0.01);
-    let (report, summary) = desk.done(&[]);
+    let mut stated = desk.report("out");
+    stated["scale_deviation"] = 0.01.into();
+    desk.write("out/report.json", stated.to_string());
+    let (report, summary) = roughness(&desk, &[]);
     for name in ["Sa", "Sq", "Sz", "Sdq", "Ra", "Rz"] {
         close(of(&report, name, "by_scale"), 0.01 * of(&report, name, "value"), 1e-3);
     }
@@ -132,21 +102,18 @@ fn the_scale_of_v_is_a_part_of_the_standard_deviation() {
 
 #[test]
 fn with_a_lens_and_a_pixel_size_heights_are_in_mm_and_lengths_in_micrometres() {
-    let desk = Desk::new();
-    let lens = ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
-    let mut depth = Command::cargo_bin("parfocal").unwrap();
-    let output = depth.current_dir(desk.0.path()).args(["depth", "out"]).args(lens).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let (px, _) = desk.done(&[]);
+    let desk = desk();
+    desk.done(&[&["depth", "out"], &CUP_LENS[..]].concat());
+    let (px, _) = roughness(&desk, &[]);
     let (report, _) =
-        desk.done(&["--pixel-size", "500", "--s-filter", "2000", "--l-filter", "20000", "--form", "quadric"]);
+        roughness(&desk, &["--pixel-size", "500", "--s-filter", "2000", "--l-filter", "20000", "--form", "quadric"]);
     assert_eq!((&report["unit"], &report["lateral_unit"]), (&Value::from("mm"), &Value::from("µm")));
     assert_eq!(
         (&report["s_filter_px"], &report["l_filter_px"], &report["form"]),
         (&4.0.into(), &40.0.into(), &"quadric".into())
     );
     assert!(of(&report, "Sdr", "value") > 0.0 && of(&report, "Sdr", "standard_deviation") > 0.0);
-    let (wide, _) = desk.done(&["--pixel-size", "500"]);
+    let (wide, _) = roughness(&desk, &["--pixel-size", "500"]);
     close(of(&wide, "Sal", "value"), 500.0 * of(&px, "Sal", "value"), 1e-9);
     // mm a pixel to mm a mm.
     close(of(&wide, "Sdq", "value"), 2.0 * of(&px, "Sdq", "value"), 1e-9);
@@ -155,24 +122,24 @@ fn with_a_lens_and_a_pixel_size_heights_are_in_mm_and_lengths_in_micrometres() {
 
 #[test]
 fn a_region_a_mask_and_a_line_select_pixels() {
-    let desk = Desk::new();
+    let desk = desk();
     image::GrayImage::from_fn(96, 64, |x, _| image::Luma([if x < 48 { 255 } else { 0 }]))
         .save(desk.path("mask.png"))
         .unwrap();
-    let (masked, _) = desk.done(&["--mask", "mask.png"]);
-    let (region, _) = desk.done(&["--roi", "0,0,48,64"]);
+    let (masked, _) = roughness(&desk, &["--mask", "mask.png"]);
+    let (region, _) = roughness(&desk, &["--roi", "0,0,48,64"]);
     assert_eq!((&masked["area_px"], &region["area_px"]), (&3072.into(), &3072.into()));
     close(of(&masked, "Sq", "value"), of(&region, "Sq", "value"), 1e-9);
-    let (line, summary) = desk.done(&["--line", "2,50,90,50,3", "--l-filter", "40", "--robust"]);
+    let (line, summary) = roughness(&desk, &["--line", "2,50,90,50,3", "--l-filter", "40", "--robust"]);
     assert_eq!((&line["profiles"], &line["sections"]), (&1.into(), &2.into()));
     assert!(summary.contains("1 line, 2 section lengths") && summary.contains("L 40 px, robust"), "{summary}");
     image::GrayImage::new(10, 10).save(desk.path("small.png")).unwrap();
-    desk.refuses(&["out", "--mask", "small.png"], 1, &["small.png", "10x10", "96x64"]);
+    refuses(&desk, &["out", "--mask", "small.png"], 1, &["small.png", "10x10", "96x64"]);
 }
 
 #[test]
 fn options_that_cannot_be_are_wrong_usage() {
-    let desk = Desk::new();
+    let desk = desk();
     for (arguments, parts) in [
         (&["--s-filter", "-3"][..], &["above 0"][..]),
         (&["--l-filter", "0"], &["above 0"]),
@@ -191,8 +158,8 @@ fn options_that_cannot_be_are_wrong_usage() {
         (&["--noise-window", "-1"], &["0 to 100"]),
         (&["--roi", "0,0,96,1"], &["only 96 of"]),
     ] {
-        desk.refuses(&[&["out"], arguments].concat(), 2, parts);
+        refuses(&desk, &[&["out"], arguments].concat(), 2, parts);
     }
-    desk.refuses(&["absent"], 1, &["absent", "no folder"]);
-    desk.refuses(&["out", "--mask", "absent.png"], 1, &["absent.png"]);
+    refuses(&desk, &["absent"], 1, &["absent", "no folder"]);
+    refuses(&desk, &["out", "--mask", "absent.png"], 1, &["absent.png"]);
 }

@@ -1,120 +1,65 @@
 //! Existing files in output folders: the program replaces its own files and keeps foreign files.
 
 use std::fs;
-use std::path::PathBuf;
-use std::process::Output;
 
-use assert_cmd::Command;
 use serde_json::{Value, json};
-use tempfile::TempDir;
 
-/// A temporary folder with the pair `i1.png`, `i2.png`.
-struct Desk(TempDir);
+use crate::desk::{Desk, printed};
+use crate::synthetic::WIDE_LENS;
 
 /// Options that name a missing device. A file check must fail before the device is opened.
 const NO_DEVICE: [&str; 2] = ["--device", "no such GPU"];
-const LENS: [&str; 5] =
-    ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric"];
+#[track_caller]
+fn solve(desk: &Desk, extra: &[&str]) {
+    let quick = ["solve", "i1.png", "i2.png", "-o", "out", "--outer-iterations", "6", "--no-html"];
+    desk.done(&[&quick[..], extra].concat());
+}
 
-impl Desk {
-    fn new() -> Self {
-        let desk = Self(TempDir::new().unwrap());
-        desk.done(&["simulate", "plane", "--size", "80x64", "-o", "scene", "--quiet"]);
-        for name in ["i1.png", "i2.png"] {
-            fs::copy(desk.path("scene").join(name), desk.path(name)).unwrap();
-        }
-        desk
-    }
+/// Writes a foreign file, one that the program did not write.
+fn write_foreign(desk: &Desk, name: &str) {
+    desk.write(name, "mine");
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.env("PARFOCAL_CACHE_DIR", self.path("cache")).current_dir(self.0.path()).args(arguments);
-        command.output().unwrap()
-    }
-
-    #[track_caller]
-    fn done(&self, arguments: &[&str]) -> Output {
-        let output = self.run(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-        output
-    }
-
-    #[track_caller]
-    fn refuses(&self, arguments: &[&str], parts: &[&str]) {
-        let output = self.run(arguments);
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {stderr}");
-        assert!(
-            stderr.lines().count() == 1 && parts.iter().all(|part| stderr.contains(part)),
-            "{arguments:?}: {stderr}"
-        );
-    }
-
-    #[track_caller]
-    fn solve(&self, extra: &[&str]) {
-        let quick = ["solve", "i1.png", "i2.png", "-o", "out", "--outer-iterations", "6", "--no-html"];
-        self.done(&[&quick[..], extra].concat());
-    }
-
-    /// Writes a foreign file, one that the program did not write.
-    fn write_foreign(&self, name: &str) {
-        fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
-        fs::write(self.path(name), "mine").unwrap();
-    }
-
-    #[track_caller]
-    fn assert_foreign_kept(&self, name: &str) {
-        assert_eq!(fs::read_to_string(self.path(name)).ok().as_deref(), Some("mine"), "{name}");
-    }
-
-    fn report(&self) -> Value {
-        serde_json::from_slice(&fs::read(self.path("out/report.json")).unwrap()).unwrap()
-    }
-
-    fn has(&self, name: &str) -> bool {
-        self.path(name).exists()
-    }
+#[track_caller]
+fn assert_foreign_kept(desk: &Desk, name: &str) {
+    assert_eq!(desk.text(name), "mine", "{name}");
 }
 
 #[test]
 fn solve_keeps_files_that_it_did_not_write() {
-    let desk = Desk::new();
+    let desk = Desk::with_pair();
     let foreign =
         ["surface.ply", "labels.png", "focus.exr", "profile_1.csv", "depth_mm.exr", "fused.exr", "report.html"];
     let foreign = foreign.map(|name| format!("out/{name}"));
-    foreign.iter().for_each(|name| desk.write_foreign(name));
-    desk.solve(&[]);
-    desk.solve(&["--force"]);
-    foreign.iter().for_each(|name| desk.assert_foreign_kept(name));
+    foreign.iter().for_each(|name| write_foreign(&desk, name));
+    solve(&desk, &[]);
+    solve(&desk, &["--force"]);
+    foreign.iter().for_each(|name| assert_foreign_kept(&desk, name));
 }
 
 #[test]
 fn solve_removes_only_files_that_its_report_lists_within_the_folder() {
-    let desk = Desk::new();
-    desk.solve(&["--export", "ply,labels", "--profile", "10,10,60,10"]);
-    let mut report = desk.report();
+    let desk = Desk::with_pair();
+    solve(&desk, &["--export", "ply,labels", "--profile", "10,10,60,10"]);
+    let mut report = desk.report("out");
     for name in ["surface.ply", "labels.png", "profile_1.csv", "profile_1.png", "report.json"] {
         assert!(report["files"].as_array().unwrap().contains(&json!(name)), "{name} in {}", report["files"]);
     }
     for name in ["victim", "out/deep/victim", "out/kept"] {
-        desk.write_foreign(name);
+        write_foreign(&desk, name);
     }
     let absolute = desk.path("victim").display().to_string();
     let names = report["files"].as_array_mut().unwrap();
     names.extend(["../victim", "deep/victim", "deep", "link", "..", "", &absolute].map(Value::from));
-    fs::write(desk.path("out/report.json"), report.to_string()).unwrap();
+    desk.write("out/report.json", report.to_string());
     #[cfg(unix)]
     std::os::unix::fs::symlink("../victim", desk.path("out/link")).unwrap();
-    desk.solve(&[]);
+    solve(&desk, &[]);
     for name in ["surface.ply", "labels.png", "profile_1.csv", "profile_1.png"] {
         assert!(!desk.has(&format!("out/{name}")), "{name}");
     }
     for name in ["victim", "out/deep/victim", "out/kept"] {
-        desk.assert_foreign_kept(name);
+        assert_foreign_kept(&desk, name);
     }
     #[cfg(unix)]
     assert!(fs::symlink_metadata(desk.path("out/link")).is_ok());
@@ -122,85 +67,85 @@ fn solve_removes_only_files_that_its_report_lists_within_the_folder() {
 
 #[test]
 fn foreign_files_are_refused_before_any_work_and_overwritten_by_force() {
-    let desk = Desk::new();
-    desk.write_foreign("out/fused.png");
-    let solve = ["solve", "i1.png", "i2.png", "-o", "out"];
-    desk.refuses(&[&solve[..], &NO_DEVICE].concat(), &["out/fused.png: is there already", "--force"]);
-    desk.assert_foreign_kept("out/fused.png");
+    let desk = Desk::with_pair();
+    write_foreign(&desk, "out/fused.png");
+    let own = ["solve", "i1.png", "i2.png", "-o", "out"];
+    desk.refuses_in_one_line(&[&own[..], &NO_DEVICE].concat(), &["out/fused.png: is there already", "--force"]);
+    assert_foreign_kept(&desk, "out/fused.png");
     for (extra, name) in [
         (&["--export", "glb"][..], "surface.glb"),
         (&["--profile", "10,10,60,10"], "profile_1.png"),
-        (&LENS, "depth_mm.exr"),
+        (&WIDE_LENS, "depth_mm.exr"),
         (&[], "report.json"),
     ] {
         fs::remove_dir_all(desk.path("out")).unwrap();
-        desk.write_foreign(&format!("out/{name}"));
-        desk.refuses(&[&solve[..], &NO_DEVICE, extra].concat(), &[name, "--force"]);
+        write_foreign(&desk, &format!("out/{name}"));
+        desk.refuses_in_one_line(&[&own[..], &NO_DEVICE, extra].concat(), &[name, "--force"]);
     }
-    desk.solve(&["--force"]);
-    assert!(desk.report()["files"].as_array().unwrap().contains(&json!("fused.png")));
+    solve(&desk, &["--force"]);
+    assert!(desk.report("out")["files"].as_array().unwrap().contains(&json!("fused.png")));
     // A report of another program does not make its listed files ours.
-    fs::write(desk.path("out/report.json"), r#"{"version": "1.0", "files": ["fused.png"]}"#).unwrap();
-    desk.refuses(&[&solve[..], &NO_DEVICE].concat(), &["is there already", "--force"]);
+    desk.write("out/report.json", r#"{"version": "1.0", "files": ["fused.png"]}"#);
+    desk.refuses_in_one_line(&[&own[..], &NO_DEVICE].concat(), &["is there already", "--force"]);
     assert!(desk.has("out/fused.png"));
 }
 
 #[test]
 fn files_of_later_commands_are_listed_and_replaced() {
-    let desk = Desk::new();
-    desk.solve(&[]);
+    let desk = Desk::with_pair();
+    solve(&desk, &[]);
     for _ in 0..2 {
-        desk.done(&[&["depth", "out"], &LENS[..]].concat());
+        desk.done(&[&["depth", "out"], &WIDE_LENS[..]].concat());
         desk.done(&["measure", "out", "--profile", "10,10,60,10", "--profile", "10,20,60,20"]);
         desk.done(&["view", "out", "--turntable", "out/turn.gif", "--turntable-width", "64", "--width", "64"]);
         let region = ["--known", "2,2,30,30=500"];
-        desk.done(&[&["calibrate", "out", "-o", "out/lens.json"], &LENS[..], &region].concat());
+        desk.done(&[&["calibrate", "out", "-o", "out/lens.json"], &WIDE_LENS[..], &region].concat());
     }
-    let listed = desk.report()["files"].clone();
+    let listed = desk.report("out")["files"].clone();
     let listed = listed.as_array().unwrap();
     for name in ["depth_mm.exr", "profile_1.csv", "profile_2.png"] {
         assert_eq!(listed.iter().filter(|n| *n == name).count(), 1, "{name} in {listed:?}");
     }
-    desk.write_foreign("out/profile_3.csv");
+    write_foreign(&desk, "out/profile_3.csv");
     desk.done(&["measure", "out", "--profile", "10,10,60,10"]);
-    assert!(!desk.has("out/profile_2.csv") && !desk.report()["files"].to_string().contains("profile_2"));
-    desk.assert_foreign_kept("out/profile_3.csv");
+    assert!(!desk.has("out/profile_2.csv") && !desk.report("out")["files"].to_string().contains("profile_2"));
+    assert_foreign_kept(&desk, "out/profile_3.csv");
     let three = ["--profile", "1,1,9,9", "--profile", "1,1,9,9", "--profile", "1,1,9,9"];
-    desk.refuses(&[&["measure", "out"], &three[..]].concat(), &["profile_3.csv", "--force"]);
-    desk.solve(&[]);
+    desk.refuses_in_one_line(&[&["measure", "out"], &three[..]].concat(), &["profile_3.csv", "--force"]);
+    solve(&desk, &[]);
     assert!(!desk.has("out/depth_mm.exr") && !desk.has("out/profile_1.csv") && desk.has("out/lens.json"));
     for (command, name) in [("view", "view.png"), ("depth", "depth_mm.exr")] {
-        desk.write_foreign(&format!("out/{name}"));
-        let arguments = [&[command, "out"][..], if command == "depth" { &LENS[..] } else { &[] }].concat();
-        desk.refuses(&arguments, &[name, "--force"]);
-        desk.assert_foreign_kept(&format!("out/{name}"));
+        write_foreign(&desk, &format!("out/{name}"));
+        let arguments = [&[command, "out"][..], if command == "depth" { &WIDE_LENS[..] } else { &[] }].concat();
+        desk.refuses_in_one_line(&arguments, &[name, "--force"]);
+        assert_foreign_kept(&desk, &format!("out/{name}"));
         desk.done(&[&arguments[..], &["--force"]].concat());
     }
 }
 
 #[test]
 fn simulate_and_solve_do_not_replace_each_other_s_files() {
-    let desk = Desk::new();
-    desk.solve(&[]);
+    let desk = Desk::with_pair();
+    solve(&desk, &[]);
     let simulate =
         |extra: &[&'static str]| [&["simulate", "plane", "--size", "48x32", "--quiet", "-o"], extra].concat();
-    desk.refuses(&simulate(&["out"]), &["relative_blur.exr", "--force"]);
-    desk.refuses(&["solve", "i1.png", "i2.png", "-o", "scene"], &["relative_blur.exr", "--force"]);
-    desk.write_foreign("scene/depth.exr");
+    desk.refuses_in_one_line(&simulate(&["out"]), &["relative_blur.exr", "--force"]);
+    desk.refuses_in_one_line(&["solve", "i1.png", "i2.png", "-o", "scene"], &["relative_blur.exr", "--force"]);
+    write_foreign(&desk, "scene/depth.exr");
     desk.done(&simulate(&["scene"]));
-    desk.assert_foreign_kept("scene/depth.exr");
-    desk.write_foreign("new/i1.png");
-    desk.refuses(&simulate(&["new"]), &["new/i1.png", "--force"]);
+    assert_foreign_kept(&desk, "scene/depth.exr");
+    write_foreign(&desk, "new/i1.png");
+    desk.refuses_in_one_line(&simulate(&["new"]), &["new/i1.png", "--force"]);
     desk.done(&simulate(&["new", "--force"]));
 }
 
 #[test]
 fn every_command_refuses_to_overwrite_foreign_files() {
-    let desk = Desk::new();
+    let desk = Desk::with_pair();
     let files =
         ["t.json", "bench/report.json", "moved/i2.png", "pages/parfocal.1", "many/batch.json", "many/a/report.json"];
     let figures = ["tables/report.md", "figures/robustness.png"];
-    files.iter().chain(&figures).for_each(|name| desk.write_foreign(name));
+    files.iter().chain(&figures).for_each(|name| write_foreign(&desk, name));
     for (arguments, name) in [
         (&["register", "i1.png", "i2.png", "-o", "t.json", "--device", "none"][..], "t.json"),
         (&["bench", "-o", "bench/report.json", "--device", "none"], "bench/report.json"),
@@ -211,16 +156,16 @@ fn every_command_refuses_to_overwrite_foreign_files() {
         (&["evaluate", "-o", "tables", "--device", "none"], "tables/report.md"),
         (&["evaluate", "-o", "figures", "--device", "none"], "figures/robustness.png"),
     ] {
-        fs::write(desk.path("list.csv"), "i1.png,i2.png,a\n").unwrap();
-        desk.refuses(arguments, &[name, "is there already", "--force"]);
-        desk.assert_foreign_kept(name);
+        desk.write("list.csv", "i1.png,i2.png,a\n");
+        desk.refuses_in_one_line(arguments, &[name, "is there already", "--force"]);
+        assert_foreign_kept(&desk, name);
     }
     assert!(!desk.has("moved/i1.png"), "no file may be written if one is refused");
     fs::remove_file(desk.path("many/batch.json")).unwrap();
     // The summary says so too.
-    let refused = desk.run(&["batch", "list.csv", "-o", "many", "--device", "none"]);
-    crate::assert_refused(&refused, 1, &["failed: a: many/a/report.json", "--force", "error: 1 of 1 pairs failed: a"]);
-    desk.assert_foreign_kept("many/a/report.json");
+    let parts = ["failed: a: many/a/report.json", "--force", "error: 1 of 1 pairs failed: a"];
+    desk.refuses(&["batch", "list.csv", "-o", "many", "--device", "none"], 1, &parts);
+    assert_foreign_kept(&desk, "many/a/report.json");
     for _ in 0..2 {
         let apply = ["apply", "scene/i1.png", "i2.png", "--transform", "scene/truth.json", "-o", "moved", "--force"];
         desk.done(&apply);
@@ -231,12 +176,12 @@ fn every_command_refuses_to_overwrite_foreign_files() {
 
 #[test]
 fn no_pair_of_a_batch_is_written_outside_its_folder() {
-    let desk = Desk::new();
+    let desk = Desk::with_pair();
     fs::copy(desk.path("i1.png"), desk.path("...png")).unwrap();
     fs::copy(desk.path("i1.png"), desk.path("..png")).unwrap();
     for (line, name) in [("...png,i2.png", "'..'"), ("..png,i2.png", "'.'"), ("scene/..,i2.png", "''")] {
-        fs::write(desk.path("list.csv"), format!("i1.png,i2.png\n{line}\n")).unwrap();
-        desk.refuses(&["batch", "list.csv", "-o", "out/many"], &["list.csv: line 2", name]);
+        desk.write("list.csv", format!("i1.png,i2.png\n{line}\n"));
+        desk.refuses_in_one_line(&["batch", "list.csv", "-o", "out/many"], &["list.csv: line 2", name]);
         assert!(!desk.has("out"));
     }
 }
@@ -249,22 +194,22 @@ mod links_and_devices {
 
     #[test]
     fn links_and_pipes_in_a_results_folder_are_refused() {
-        let desk = Desk::new();
-        desk.write_foreign("victim");
-        desk.solve(&[]);
+        let desk = Desk::with_pair();
+        write_foreign(&desk, "victim");
+        solve(&desk, &[]);
         fs::remove_file(desk.path("out/fused.png")).unwrap();
         symlink("../victim", desk.path("out/fused.png")).unwrap();
-        let solve = ["solve", "i1.png", "i2.png", "-o", "out", "--force", NO_DEVICE[0], NO_DEVICE[1]];
-        desk.refuses(&solve, &["out/fused.png: is a symbolic link"]);
+        let own = ["solve", "i1.png", "i2.png", "-o", "out", "--force", NO_DEVICE[0], NO_DEVICE[1]];
+        desk.refuses_in_one_line(&own, &["out/fused.png: is a symbolic link"]);
         fs::remove_file(desk.path("out/fused.png")).unwrap();
-        assert!(std::process::Command::new("mkfifo").arg(desk.path("out/fused.png")).status().unwrap().success());
-        desk.refuses(&solve, &["out/fused.png: is a device or a pipe"]);
-        desk.assert_foreign_kept("victim");
+        desk.make_pipe("out/fused.png");
+        desk.refuses_in_one_line(&own, &["out/fused.png: is a device or a pipe"]);
+        assert_foreign_kept(&desk, "victim");
     }
 
     #[test]
     fn links_and_pipes_named_as_output_are_written_through() {
-        let desk = Desk::new();
+        let desk = Desk::with_pair();
         let register = |to: &str| {
             ["register", "i1.png", "i2.png", "--method", "appearance", "--quiet", "-o", to].map(String::from)
         };
@@ -273,22 +218,21 @@ mod links_and_devices {
             desk.run(&all.iter().map(String::as_str).chain(extra.iter().copied()).collect::<Vec<_>>())
         };
         let output = register("/dev/stdout", &[]);
-        let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
-        assert_eq!(printed["method"], "appearance");
+        assert_eq!(printed(&output)["method"], "appearance");
 
         symlink("kept/t.json", desk.path("link.json")).unwrap();
         fs::create_dir(desk.path("kept")).unwrap();
         assert_eq!(register("link.json", &[]).status.code(), Some(1), "a dangling link must be refused");
-        desk.write_foreign("kept/t.json");
+        write_foreign(&desk, "kept/t.json");
         assert_eq!(register("link.json", &[]).status.code(), Some(1));
-        desk.assert_foreign_kept("kept/t.json");
+        assert_foreign_kept(&desk, "kept/t.json");
         assert!(register("link.json", &["--force"]).status.success());
         assert!(register("link.json", &[]).status.success(), "the target was written by parfocal and may be replaced");
         assert!(fs::symlink_metadata(desk.path("link.json")).unwrap().is_symlink());
-        assert!(fs::read_to_string(desk.path("kept/t.json")).unwrap().contains("transform"));
+        assert!(desk.text("kept/t.json").contains("transform"));
 
         let pipe = desk.path("pipe");
-        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        desk.make_pipe("pipe");
         let reader = std::thread::spawn(move || fs::read_to_string(pipe).unwrap());
         assert!(register("pipe", &[]).status.success());
         assert!(reader.join().unwrap().contains("transform"));

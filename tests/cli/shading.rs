@@ -1,49 +1,28 @@
 //! Shading: `solve` estimates it, and later commands apply it.
 
-use std::fs;
-use std::path::PathBuf;
-use std::process::Output;
-
-use assert_cmd::Command;
 use image::{ImageBuffer, Luma};
 use parfocal::image_io::read_field;
 use parfocal::transform::{Homography, Similarity};
 use serde_json::Value;
-use tempfile::TempDir;
 
-struct Desk(TempDir);
+use crate::desk::{Desk, stderr_of};
 
-impl Desk {
-    /// Simulates the slanted plane, 256x256. I2 is 15 % darker at its left border and 15 % brighter at its right.
-    fn new() -> Self {
-        let desk = Self(TempDir::new().unwrap());
-        desk.run(&["simulate", "plane", "--noise", "0.003", "-o", "pair", "--quiet"]);
-        let i2 = image::open(desk.path("pair/i2.png")).unwrap().into_luma16();
-        let ramp = |x: u32| 1.0 + 0.15 * (f64::from(x) / 127.5 - 1.0);
-        let shaded = ImageBuffer::from_fn(256, 256, |x, y| Luma([(ramp(x) * f64::from(i2[(x, y)][0])) as u16]));
-        shaded.save(desk.path("pair/shaded.png")).unwrap();
-        desk
-    }
+/// Returns a folder with the slanted plane, 256x256. I2 is 15 % darker at its left border, 15 % brighter at its right.
+fn desk() -> Desk {
+    let desk = Desk::new();
+    desk.done(&["simulate", "plane", "--noise", "0.003", "-o", "pair", "--quiet"]);
+    let i2 = image::open(desk.path("pair/i2.png")).unwrap().into_luma16();
+    let ramp = |x: u32| 1.0 + 0.15 * (f64::from(x) / 127.5 - 1.0);
+    let shaded = ImageBuffer::from_fn(256, 256, |x, y| Luma([(ramp(x) * f64::from(i2[(x, y)][0])) as u16]));
+    shaded.save(desk.path("pair/shaded.png")).unwrap();
+    desk
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        let output = command.current_dir(self.0.path()).args(arguments).output().unwrap();
-        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-        output
-    }
-
-    fn solved(&self, i2: &str, out: &str, extra: &[&str]) -> (Value, String) {
-        let output = self.run(&[&["solve", "pair/i1.png", i2, "-o", out, "--no-html"], extra].concat());
-        (self.report(out), String::from_utf8(output.stderr).unwrap())
-    }
-
-    fn report(&self, out: &str) -> Value {
-        serde_json::from_str(&fs::read_to_string(self.path(out).join("report.json")).unwrap()).unwrap()
-    }
+/// Returns the report and the summary.
+#[track_caller]
+fn solved(desk: &Desk, i2: &str, out: &str, extra: &[&str]) -> (Value, String) {
+    let output = desk.done(&[&["solve", "pair/i1.png", i2, "-o", out, "--no-html"], extra].concat());
+    (desk.report(out), stderr_of(&output))
 }
 
 /// The smallest and largest shading factor of a report.
@@ -53,8 +32,8 @@ fn range(report: &Value) -> [f64; 2] {
 
 #[test]
 fn a_shading_ramp_is_estimated_and_reported() {
-    let desk = Desk::new();
-    let (report, stderr) = desk.solved("pair/shaded.png", "out", &[]);
+    let desk = desk();
+    let (report, stderr) = solved(&desk, "pair/shaded.png", "out", &[]);
     let [low, high] = range(&report);
     // The factors must invert the ramp from 0.85 to 1.15.
     assert!((low - 1.0 / 1.15).abs() < 0.03 && (high - 1.0 / 0.85).abs() < 0.03, "{low} to {high}");
@@ -74,8 +53,8 @@ fn a_shading_ramp_is_estimated_and_reported() {
 
 #[test]
 fn uniform_light_is_not_reported_as_shading() {
-    let desk = Desk::new();
-    let (report, stderr) = desk.solved("pair/i2.png", "even", &["--regularization", "0.004"]);
+    let desk = desk();
+    let (report, stderr) = solved(&desk, "pair/i2.png", "even", &["--regularization", "0.004"]);
     let [low, high] = range(&report);
     assert!(low > 0.99 && high < 1.01, "{low} to {high}");
     assert!(!stderr.contains("shading") && stderr.contains("smoothness     α 0.004, as stated"), "{stderr}");
@@ -84,11 +63,11 @@ fn uniform_light_is_not_reported_as_shading() {
 
 #[test]
 fn apply_and_hold_use_the_shading_of_a_report() {
-    let desk = Desk::new();
-    let (report, _) = desk.solved("pair/shaded.png", "out", &[]);
+    let desk = desk();
+    let (report, _) = solved(&desk, "pair/shaded.png", "out", &[]);
     let moved = |out: &str, extra: &[&str]| {
         let apply = ["apply", "pair/shaded.png", "--transform", "out/report.json", "-o", out];
-        desk.run(&[&apply[..], extra].concat());
+        desk.done(&[&apply[..], extra].concat());
         image::open(desk.path(out).join("shaded.png")).unwrap().into_luma16()
     };
     let (lit, plain) = (moved("lit", &["--exposure"]), moved("plain", &[]));
@@ -103,7 +82,7 @@ fn apply_and_hold_use_the_shading_of_a_report() {
         assert!(lit.abs() < 0.01 && plain.abs() > 0.08, "{from}: {lit} {plain}");
     }
     // Only T is held. Gain, offset and shading are estimated again.
-    let (held, _) = desk.solved("pair/shaded.png", "held", &["--transform", "out/report.json", "--hold"]);
+    let (held, _) = solved(&desk, "pair/shaded.png", "held", &["--transform", "out/report.json", "--hold"]);
     let apart = [0, 1].map(|i| (range(&held)[i] - range(&report)[i]).abs());
     assert!(apart.iter().all(|d| *d < 0.01), "{apart:?}");
     assert_eq!(

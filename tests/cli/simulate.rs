@@ -4,51 +4,35 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use assert_cmd::Command;
 use parfocal::{
     Frame, export,
     frame::{Channels, Samples},
     image_io,
 };
 use serde_json::Value;
-use tempfile::TempDir;
 
-struct Desk(TempDir);
+use crate::desk::{Desk, assert_refused, stderr_of};
 
-impl Desk {
-    fn new() -> Self {
-        Self(TempDir::new().unwrap())
-    }
+fn run(desk: &Desk, scene: &str, extra: &[&str]) -> Output {
+    desk.run(&[&["simulate", scene, "-o", "made/out"], extra].concat())
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
+/// Renders a scene and returns truth.json.
+#[track_caller]
+fn simulate(desk: &Desk, scene: &str, extra: &[&str]) -> Value {
+    let truth = desk.printed(&[&["simulate", scene, "-o", "made/out"], extra].concat());
+    assert_eq!(desk.json("made/out/truth.json"), truth);
+    truth
+}
 
-    fn run(&self, scene: &str, extra: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(self.0.path()).args(["simulate", scene, "-o", "made/out"]).args(extra).output().unwrap()
-    }
+fn out(desk: &Desk, name: &str) -> PathBuf {
+    desk.path("made/out").join(name)
+}
 
-    /// Renders a scene and returns truth.json.
-    fn simulate(&self, scene: &str, extra: &[&str]) -> Value {
-        let output = self.run(scene, &[extra, &["--json"]].concat());
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let truth = serde_json::from_slice(&fs::read(self.out("truth.json")).unwrap()).unwrap();
-        assert_eq!(serde_json::from_slice::<Value>(&output.stdout).unwrap(), truth);
-        truth
-    }
-
-    fn out(&self, name: &str) -> PathBuf {
-        self.path("made/out").join(name)
-    }
-
-    fn refuses(&self, scene: &str, extra: &[&str], status: i32, parts: &[&str]) {
-        let output = self.run(scene, extra);
-        let stderr = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(status), "{extra:?}: {stderr}");
-        assert!(parts.iter().all(|part| stderr.contains(part)), "{extra:?}: {parts:?} in {stderr}");
-        assert!(!self.path("made").exists(), "{stderr}");
-    }
+#[track_caller]
+fn refuses(desk: &Desk, scene: &str, extra: &[&str], status: i32, parts: &[&str]) {
+    assert_refused(&run(desk, scene, extra), status, parts);
+    assert!(!desk.has("made"));
 }
 
 fn floats(path: &Path) -> Vec<f32> {
@@ -70,14 +54,14 @@ fn every_scene_writes_its_files_and_the_truth() {
     let plain = ["plane", "half-gaussian-texture", "half-gaussian-dots", "cylinders", "steps", "relief"];
     for scene in plain.into_iter().chain(["card", "blocks", "bars"]) {
         let desk = Desk::new();
-        let truth = desk.simulate(scene, &["--size", "48x32"]);
-        let (i1, i2) = image_io::read_pair(&desk.out("i1.png"), &desk.out("i2.png")).unwrap();
+        let truth = simulate(&desk, scene, &["--size", "48x32"]);
+        let (i1, i2) = image_io::read_pair(&out(&desk, "i1.png"), &out(&desk, "i2.png")).unwrap();
         assert_eq!((i1.width(), i1.height(), i1.format().channels), (48, 32, Channels::Gray));
         assert!(words(&i1).len() == 48 * 32 && words(&i1) != words(&i2));
-        assert_eq!(floats(&desk.out("relative_blur.exr")).len(), 48 * 32);
+        assert_eq!(floats(&out(&desk, "relative_blur.exr")).len(), 48 * 32);
         let occlusion = if plain.contains(&scene) { "ignored" } else { "rendered" };
         let has_lens = scene == "cylinders" || occlusion == "rendered";
-        assert_eq!(desk.out("depth.exr").exists(), has_lens);
+        assert_eq!(out(&desk, "depth.exr").exists(), has_lens);
         assert_eq!(truth["lens"].is_object(), has_lens);
         assert_eq!(truth["depth"].is_string(), has_lens);
         assert_eq!((truth["scene"].as_str(), truth["occlusion"].as_str()), (Some(scene), Some(occlusion)));
@@ -93,26 +77,26 @@ fn the_truth_is_a_readable_registration_and_the_seed_fixes_the_files() {
     let options = ["--size", "48x32", "--noise", "0.01", "--i2-gain", "0.9", "--i2-offset", "0.05", "--seed", "7"];
     let moved = ["--translation", "-2,0.5", "--rotation", "-1", "--scale", "0.98"];
     let all = [&options[..], &moved].concat();
-    desk.simulate("relief", &all);
-    let registration = export::Registration::read(&desk.out("truth.json")).unwrap();
+    simulate(&desk, "relief", &all);
+    let registration = export::Registration::read(&out(&desk, "truth.json")).unwrap();
     let second = registration.second().unwrap();
     let (t, photometric) = (second.transform, second.photometric);
     assert_eq!((t.translation(), t.scale()), ([-2.0, 0.5], 0.98));
     assert!((t.rotation_deg() + 1.0).abs() < 1e-12);
     let p = photometric.unwrap();
     assert!((p.gain - 1.0 / 0.9).abs() < 1e-12 && (p.offset + 0.05 / 0.9).abs() < 1e-12);
-    let first = ["i1.png", "i2.png", "relative_blur.exr"].map(|name| fs::read(desk.out(name)).unwrap());
-    desk.simulate("relief", &all);
-    assert_eq!(first, ["i1.png", "i2.png", "relative_blur.exr"].map(|name| fs::read(desk.out(name)).unwrap()));
+    let first = ["i1.png", "i2.png", "relative_blur.exr"].map(|name| fs::read(out(&desk, name)).unwrap());
+    simulate(&desk, "relief", &all);
+    assert_eq!(first, ["i1.png", "i2.png", "relative_blur.exr"].map(|name| fs::read(out(&desk, name)).unwrap()));
 }
 
 #[test]
 fn depth_of_an_earlier_scene_is_removed() {
     let desk = Desk::new();
-    desk.simulate("cylinders", &["--size", "48x32"]);
-    assert!(desk.out("depth.exr").exists());
-    desk.simulate("steps", &["--size", "48x32"]);
-    assert!(!desk.out("depth.exr").exists());
+    simulate(&desk, "cylinders", &["--size", "48x32"]);
+    assert!(out(&desk, "depth.exr").exists());
+    simulate(&desk, "steps", &["--size", "48x32"]);
+    assert!(!out(&desk, "depth.exr").exists());
 }
 
 #[test]
@@ -124,10 +108,10 @@ fn a_colour_texture_on_a_depth_map_is_rendered() {
     image::ImageBuffer::<_, Vec<u16>>::from_fn(40, 24, depth).save(desk.path("depth.png")).unwrap();
     let lens = ["--focal-length", "50", "--f-number", "2.8", "--pixel-pitch", "0.02", "--focus", "200,240"];
     let files = ["--radiance", "photo.png", "--depth", "depth.png", "--depth-unit", "0.01"];
-    let truth = desk.simulate("image", &[&files[..], &lens, &["--kernel", "pillbox"]].concat());
-    assert_eq!(image_io::read(&desk.out("i2.png")).unwrap().format().channels, Channels::Rgb);
-    assert_eq!(floats(&desk.out("depth.exr"))[39], 239.0);
-    let v = floats(&desk.out("relative_blur.exr"));
+    let truth = simulate(&desk, "image", &[&files[..], &lens, &["--kernel", "pillbox"]].concat());
+    assert_eq!(image_io::read(&out(&desk, "i2.png")).unwrap().format().channels, Channels::Rgb);
+    assert_eq!(floats(&out(&desk, "depth.exr"))[39], 239.0);
+    let v = floats(&out(&desk, "relative_blur.exr"));
     assert!(v[0] > 0.0 && v[39] < 0.0, "V must be positive in the near part, where I1 is in focus");
     assert_eq!(truth["shape"]["kind"], "depth-file");
     assert_eq!(truth["size"]["width"], 40);
@@ -136,10 +120,10 @@ fn a_colour_texture_on_a_depth_map_is_rendered() {
 #[test]
 fn relative_blur_read_from_a_file_is_reproduced() {
     let desk = Desk::new();
-    desk.simulate("relief", &["--size", "48x32"]);
+    simulate(&desk, "relief", &["--size", "48x32"]);
     fs::rename(desk.path("made/out"), desk.path("first")).unwrap();
-    desk.simulate("image", &["--radiance", "first/i1.png", "--relative-blur", "first/relative_blur.exr"]);
-    for (a, b) in floats(&desk.path("first/relative_blur.exr")).iter().zip(floats(&desk.out("relative_blur.exr"))) {
+    simulate(&desk, "image", &["--radiance", "first/i1.png", "--relative-blur", "first/relative_blur.exr"]);
+    for (a, b) in floats(&desk.path("first/relative_blur.exr")).iter().zip(floats(&out(&desk, "relative_blur.exr"))) {
         assert!((a - b).abs() < 1e-5);
     }
 }
@@ -171,7 +155,7 @@ fn invalid_scenes_are_refused() {
         ("pyramid", vec![], "pyramid"),
     ];
     for (scene, extra, part) in usage {
-        desk.refuses(scene, &extra, 2, &[part]);
+        refuses(&desk, scene, &extra, 2, &[part]);
     }
     let failed: [(&str, Vec<&str>, &[&str]); 6] = [
         ("plane", vec!["--size", "8x8"], &["8x8 is too small"]),
@@ -182,28 +166,26 @@ fn invalid_scenes_are_refused() {
         ("image", with_lens(&["--radiance", "photo.png", "--depth", "photo.png"]), &["photo.png", "depth of 0 mm"]),
     ];
     for (scene, extra, parts) in failed {
-        desk.refuses(scene, &extra, 1, parts);
+        refuses(&desk, scene, &extra, 1, parts);
     }
 }
 
 #[test]
 fn an_input_is_not_overwritten() {
     let desk = Desk::new();
-    desk.simulate("relief", &["--size", "48x32"]);
-    let before = fs::read(desk.out("i1.png")).unwrap();
+    simulate(&desk, "relief", &["--size", "48x32"]);
+    let before = fs::read(out(&desk, "i1.png")).unwrap();
     let files = ["--radiance", "made/out/i1.png", "--relative-blur", "made/out/relative_blur.exr"];
-    let output = desk.run("image", &files);
-    assert_eq!(output.status.code(), Some(1));
-    assert!(String::from_utf8(output.stderr).unwrap().contains("would replace it"));
-    assert_eq!(fs::read(desk.out("i1.png")).unwrap(), before);
+    assert_refused(&run(&desk, "image", &files), 1, &["would replace it"]);
+    assert_eq!(fs::read(out(&desk, "i1.png")).unwrap(), before);
 }
 
 #[test]
 fn clipping_is_reported() {
     let desk = Desk::new();
-    let output = desk.run("plane", &["--size", "32x32", "--i2-gain", "1.5"]);
+    let output = run(&desk, "plane", &["--size", "32x32", "--i2-gain", "1.5"]);
     assert!(output.status.success());
-    assert!(String::from_utf8(output.stderr).unwrap().contains("were clipped"));
+    assert!(stderr_of(&output).contains("were clipped"));
 }
 
 #[test]
@@ -213,7 +195,7 @@ fn a_sweep_writes_its_frames_focus_and_truth() {
     let moved = [&moved[..], &["--vignetting", "6"]].concat();
     for scene in ["plane", "relief", "steps", "cylinders", "card", "blocks", "bars"] {
         let truth =
-            desk.simulate(scene, &[&["--frames", "5", "--size", "48x32", "--noise", "0.005"][..], &moved].concat());
+            simulate(&desk, scene, &[&["--frames", "5", "--size", "48x32", "--noise", "0.005"][..], &moved].concat());
         let names: Vec<&str> = truth["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap()).collect();
         let frames = ["frame_01.png", "frame_02.png", "frame_03.png", "frame_04.png", "frame_05.png"];
         assert_eq!(names, [&frames[..], &["focus.exr", "truth.json"]].concat());
@@ -224,7 +206,7 @@ fn a_sweep_writes_its_frames_focus_and_truth() {
         );
         for (k, (name, expected)) in frames.iter().zip(truth["frames"].as_array().unwrap()).enumerate() {
             assert_eq!((expected["file"].as_str(), expected["position"].as_f64()), (Some(*name), Some(k as f64)));
-            let frame = image_io::read(&desk.out(name)).unwrap();
+            let frame = image_io::read(&out(&desk, name)).unwrap();
             assert_eq!((frame.width(), frame.height(), words(&frame).len()), (48, 32, 48 * 32));
             let (gain, undone) = (&expected["exposure"]["gain"], &expected["gain"]);
             assert!((gain.as_f64().unwrap() - (0.95 + 0.025 * k as f64)).abs() < 1e-12);
@@ -237,12 +219,12 @@ fn a_sweep_writes_its_frames_focus_and_truth() {
         let over = |what: &str| of(4, what) - of(0, what);
         assert!((over("tx_px").hypot(over("ty_px")) - 4.0).abs() < 1e-9);
         assert!((over("rotation_deg") - 0.3).abs() < 1e-9 && (over("scale") - 0.05).abs() < 1e-9);
-        let focus = floats(&desk.out("focus.exr"));
+        let focus = floats(&out(&desk, "focus.exr"));
         assert!(focus.len() == 48 * 32 && focus.iter().all(|u| (0.39..3.61).contains(u)), "{scene}");
     }
     // A pair replaces the files of the sweep.
-    desk.simulate("plane", &["--size", "48x32"]);
-    assert!(!desk.out("frame_01.png").exists() && desk.out("i1.png").exists());
+    simulate(&desk, "plane", &["--size", "48x32"]);
+    assert!(!out(&desk, "frame_01.png").exists() && out(&desk, "i1.png").exists());
 }
 
 #[test]
@@ -267,16 +249,10 @@ fn invalid_sweep_options_are_refused() {
         ("plane", five(&["--i2-gain", "1.1"]), "--gain-drift"),
         ("cylinders", five(&["--focus", "200,240"]), "the lens"),
     ] {
-        desk.refuses(scene, &extra, 2, &[part]);
+        refuses(&desk, scene, &extra, 2, &[part]);
     }
-    desk.refuses("half-gaussian-dots", &five(&[]), 1, &["no depth to sweep through"]);
-    fs::create_dir_all(desk.path("made/out")).unwrap();
-    fs::write(desk.out("frame_03.png"), "mine").unwrap();
-    let output = desk.run("plane", &five(&["--size", "32x32"]));
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(
-        output.status.code() == Some(1) && stderr.contains("frame_03.png") && stderr.contains("--force"),
-        "{stderr}"
-    );
-    assert_eq!(fs::read(desk.out("frame_03.png")).unwrap(), b"mine");
+    refuses(&desk, "half-gaussian-dots", &five(&[]), 1, &["no depth to sweep through"]);
+    desk.write("made/out/frame_03.png", "mine");
+    assert_refused(&run(&desk, "plane", &five(&["--size", "32x32"])), 1, &["frame_03.png", "--force"]);
+    assert_eq!(desk.text("made/out/frame_03.png"), "mine");
 }

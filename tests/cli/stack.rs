@@ -4,13 +4,14 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::Output;
 
-use assert_cmd::Command;
 use parfocal::image_io::read_field;
-use serde_json::Value;
+
+use crate::desk::{Desk, printed, stderr_of};
+use crate::synthetic::blurred_waves;
 
 /// A sweep over a scene with known focus u per column. Frame p has a blur variance of 2 (p - u)² px².
 pub struct Sweep {
-    pub folder: tempfile::TempDir,
+    pub desk: Desk,
     pub files: Vec<PathBuf>,
 }
 
@@ -29,35 +30,25 @@ pub fn slope(x: u32) -> f64 {
 
 impl Sweep {
     pub fn new(frames: u32, focus_at: fn(u32) -> f64) -> Self {
-        let folder = tempfile::TempDir::new().unwrap();
-        let files = (0..frames).map(|n| folder.path().join(format!("frame_{n}.png"))).collect::<Vec<_>>();
+        let desk = Desk::new();
+        let files = (0..frames).map(|n| desk.path(&format!("frame_{n}.png"))).collect::<Vec<_>>();
         for (n, file) in files.iter().enumerate() {
-            // Waves of many directions, blurred in closed form: exp(-v k²/2).
-            let value = |x: u32, y: u32| {
-                let v = RATE * (n as f64 - focus_at(x)).powi(2) + 0.3;
-                let waves = (0..40).map(|i| {
-                    let (angle, k) = (f64::from(i) * 2.399, 0.25 + 0.035 * f64::from(i));
-                    let phase = k * (f64::from(x) * angle.cos() + f64::from(y) * angle.sin()) + f64::from(i * i);
-                    (-v * k * k / 2.0).exp() * phase.sin()
-                });
-                0.5 + 0.05 * waves.sum::<f64>()
-            };
+            let value = |x: u32, y: u32| blurred_waves(x, y, RATE * (n as f64 - focus_at(x)).powi(2) + 0.3);
             let image = image::ImageBuffer::from_fn(SIZE[0], SIZE[1], |x, y| {
-                image::Luma([(value(x, y).clamp(0.0, 1.0) * 65535.0).round() as u16])
+                image::Luma([(value(x, y) * 65535.0).round() as u16])
             });
             image.save(file).unwrap();
         }
-        Self { folder, files }
+        Self { desk, files }
     }
 
     pub fn stack(&self, extra: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.arg("stack").args(&self.files).arg("-o").arg(self.out()).args(extra);
-        command.env("PARFOCAL_VALIDATE", "1").output().unwrap()
+        let mut command = self.desk.command(&["stack"]);
+        command.args(&self.files).args(["-o", "out"]).args(extra).env("PARFOCAL_VALIDATE", "1").output().unwrap()
     }
 
     pub fn out(&self) -> PathBuf {
-        self.folder.path().join("out")
+        self.desk.path("out")
     }
 }
 
@@ -72,14 +63,13 @@ fn a_sweep_gives_the_focus_of_both_planes() {
     let before = r#"{"program": "parfocal", "kind": "pair", "files": ["relative_blur.exr", "report.json"]}"#;
     fs::write(sweep.out().join("report.json"), before).unwrap();
     let refused = sweep.stack(&["--device", "no such GPU"]);
-    let stderr = String::from_utf8_lossy(&refused.stderr).into_owned();
+    let stderr = stderr_of(&refused);
     assert!(stderr.contains("focus.exr: is there already") && stderr.contains("--force"), "{stderr}");
     fs::remove_file(sweep.out().join("focus.exr")).unwrap();
     let output = sweep.stack(&["--json", "--reference", "3"]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let written: Value = serde_json::from_slice(&fs::read(sweep.out().join("report.json")).unwrap()).unwrap();
-    assert_eq!(written, report);
+    assert!(output.status.success(), "{}", stderr_of(&output));
+    let report = printed(&output);
+    assert_eq!(sweep.desk.report("out"), report);
     assert!(report["files"].to_string().contains("report.html"), "{}", report["files"]);
     assert!(!sweep.out().join("relative_blur.exr").exists() && sweep.out().join("labels.png").exists());
     let rate = report["blur_rate_px2"].as_f64().unwrap();
@@ -144,11 +134,11 @@ fn focus_distances_and_stage_positions_give_depth_within_its_deviation() {
     let inverse = |setting: f64| 1000.0 / (4.0 + 0.1 * setting);
     let at = (0..5).map(|n| inverse(f64::from(n)).to_string()).collect::<Vec<_>>().join(",");
     let output = sweep.stack(&["--json", "--focus-at", &at]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(output.status.success(), "{}", stderr_of(&output));
+    let report = printed(&output);
     assert_eq!((&report["focus_unit"], &report["nearer"]), (&"1/m".into(), &2.into()));
     assert_eq!(report["frames"][1]["focus_mm"].as_f64(), Some(inverse(1.0)));
-    let summary = String::from_utf8_lossy(&output.stderr).into_owned();
+    let summary = stderr_of(&output);
     assert!(summary.contains("depth ") && summary.contains(" mm, median "), "{summary}");
     // One step of the setting is 6 mm here.
     let (median, within) = depth_error(&sweep, |x| inverse(slope(x)));
@@ -157,7 +147,7 @@ fn focus_distances_and_stage_positions_give_depth_within_its_deviation() {
     assert!((median - inverse(2.0)).abs() < 1.0, "{median}");
 
     let output = sweep.stack(&["--focus-at", "-1,-0.5,0,0.5,1", "--stage", "--quiet", "--nearer", "2"]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{}", stderr_of(&output));
     let (median, within) = depth_error(&sweep, |x| -1.0 + 0.5 * slope(x));
     assert!(median < 0.025 && within > 0.9, "{median} mm, {within}");
 
@@ -174,8 +164,8 @@ fn half_beyond(x: u32) -> f64 {
 fn pixels_in_focus_in_no_frame_are_reported_with_their_side() {
     let sweep = Sweep::new(4, half_beyond);
     let output = sweep.stack(&["--json"]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(output.status.success(), "{}", stderr_of(&output));
+    let report = printed(&output);
     // Fractions of the right half. Pixels along the edge between the planes may stay undetermined.
     let half = f64::from(SIZE[0] * SIZE[1] / 2);
     let count = |key: &str| report["never_in_focus"][key].as_f64().unwrap() / half;
@@ -184,7 +174,7 @@ fn pixels_in_focus_in_no_frame_are_reported_with_their_side() {
         "{}",
         report["never_in_focus"]
     );
-    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    let stderr = stderr_of(&output);
     assert!(stderr.contains("never") && stderr.contains("beyond the last"), "{stderr}");
     let sides = image::open(sweep.out().join("beyond.png")).unwrap().into_luma8();
     let depth = image::open(sweep.out().join("depth.png")).unwrap().into_rgba8();
@@ -205,14 +195,14 @@ fn frames_out_of_order_are_sorted_and_duplicates_dropped() {
     let [third, fourth] = [2, 3].map(|n| fs::read(&sweep.files[n]).unwrap());
     fs::write(&sweep.files[2], &fourth).unwrap();
     fs::write(&sweep.files[3], &third).unwrap();
-    let twice = sweep.folder.path().join("frame_5_again.png");
+    let twice = sweep.desk.path("frame_5_again.png");
     fs::copy(&sweep.files[5], &twice).unwrap();
     sweep.files.push(twice);
     let output = sweep.stack(&["--json"]);
-    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    let stderr = stderr_of(&output);
     assert!(output.status.success() && stderr.contains("taken as 1, 2, 4, 3, 5, 6"), "{stderr}");
     assert!(stderr.contains("frame 7 is the same photograph as frame 6"), "{stderr}");
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = printed(&output);
     assert_eq!(report["order"], serde_json::json!([0, 1, 3, 2, 4, 5]));
     assert!(report["frames"][2]["file"].as_str().unwrap().ends_with("frame_3.png"), "{}", report["frames"][2]);
     let (width, _, focus) = read_field(&sweep.out().join("focus.exr")).unwrap();
@@ -223,7 +213,7 @@ fn frames_out_of_order_are_sorted_and_duplicates_dropped() {
     // Stated positions override the estimated order.
     sweep.files.pop();
     let output = sweep.stack(&["--quiet", "--json", "--positions", "0,1,2,3,4,5"]);
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = printed(&output);
     assert_eq!(report["order"], serde_json::json!([0, 1, 2, 3, 4, 5]));
     assert!(report["warnings"].to_string().contains("as given"), "{}", report["warnings"]);
 }
@@ -238,7 +228,7 @@ fn frames_with_most_of_their_pixels_clipped_are_named() {
     }
     // With positions stated the frames stay in order. The mostly white frame is kept on request.
     let output = sweep.stack(&["--json", "--no-html", "--keep-frames", "--positions", "0,1,2,3,4"]);
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = printed(&output);
     let shares: Vec<f64> =
         report["frames"].as_array().unwrap().iter().map(|frame| frame["clipped_fraction"].as_f64().unwrap()).collect();
     let [second, third] = [152.0, 82.0].map(|columns: f64| columns / f64::from(SIZE[0]));
@@ -247,7 +237,7 @@ fn frames_with_most_of_their_pixels_clipped_are_named() {
     assert!(near(shares[1], second) && near(shares[2], third) && near(shares[0], 0.0), "{shares:?}");
     let warnings = report["warnings"].to_string();
     assert!(warnings.contains("79 % of the pixels are clipped in the frames 2, and do not count"), "{warnings}");
-    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    let stderr = stderr_of(&output);
     assert!(stderr.contains("clipped    up to 79."), "{stderr}");
 }
 
@@ -256,7 +246,7 @@ fn invalid_sweeps_are_refused_with_a_reason() {
     let sweep = Sweep::new(3, planes);
     let refused = |extra: &[&str], words: &[&str]| {
         let output = sweep.stack(extra);
-        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        let stderr = stderr_of(&output);
         assert!(!output.status.success() && !sweep.out().exists(), "{stderr}");
         assert!(words.iter().all(|word| stderr.contains(word)), "{stderr}");
     };

@@ -3,31 +3,28 @@
 use std::fs;
 use std::process::Output;
 
-use assert_cmd::Command;
 use parfocal::export::Registration;
 use parfocal::image_io::{read, read_field};
 use parfocal::resample::registered;
 use parfocal::{settings::Decode, transform::Brightness};
 use serde_json::Value;
 
+use crate::desk::{Desk, assert_fails, stderr_of};
 use crate::stack::{SIZE, Sweep, depth, planes, slope};
 
 fn on(sweep: &Sweep, subcommand: &str, extra: &[&str]) -> Output {
-    let mut command = Command::cargo_bin("parfocal").unwrap();
-    command.arg(subcommand).arg(sweep.out()).args(extra).output().unwrap()
+    sweep.desk.run(&[&[subcommand, "out"], extra].concat())
 }
 
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
+/// Asserts success and returns the JSON on stdout, if any.
+#[track_caller]
 fn done(output: &Output) -> Value {
-    assert!(output.status.success(), "{}", stderr(output));
+    assert!(output.status.success(), "{}", stderr_of(output));
     serde_json::from_slice(&output.stdout).unwrap_or_default()
 }
 
 fn report(sweep: &Sweep) -> Value {
-    serde_json::from_slice(&fs::read(sweep.out().join("report.json")).unwrap()).unwrap()
+    sweep.desk.report("out")
 }
 
 fn lists(report: &Value, name: &str) -> bool {
@@ -53,7 +50,7 @@ fn steps_profiles_and_views_work_as_for_a_pair() {
     let [value, error] = ["value", "standard_error"].map(|key| focus[key].as_f64().unwrap());
     assert!((value - 1.6).abs() < 0.1 && error > 0.0 && error < 0.1, "{focus}");
     assert!(measured["steps"][0]["depth_mm"].is_null() && measured["steps"][0]["quantity"] == "focus");
-    let csv = fs::read_to_string(sweep.out().join("profile_1.csv")).unwrap();
+    let csv = sweep.desk.text("out/profile_1.csv");
     assert!(csv.starts_with("distance_px,x_px,y_px,focus_settings,focus_deviation_settings\n"), "{csv}");
     assert!(lists(&report(&sweep), "profile_1.png") && report(&sweep)["measurements"] == measured);
 
@@ -63,17 +60,20 @@ fn steps_profiles_and_views_work_as_for_a_pair() {
     let measured = done(&output);
     let depth = measured["steps"][0]["depth_mm"]["value"].as_f64().unwrap();
     assert!((depth - 0.8).abs() < 0.05, "{depth}");
-    assert!(stderr(&output).contains("mm, +1.") && stderr(&output).contains("settings"), "{}", stderr(&output));
-    let csv = fs::read_to_string(sweep.out().join("profile_1.csv")).unwrap();
+    assert!(
+        stderr_of(&output).contains("mm, +1.") && stderr_of(&output).contains("settings"),
+        "{}",
+        stderr_of(&output)
+    );
+    let csv = sweep.desk.text("out/profile_1.csv");
     assert!(csv.lines().next().unwrap().ends_with(",depth_mm,depth_deviation_mm"), "{csv}");
 
     done(&on(&sweep, "view", &["--width", "200"]));
     let view = image::open(sweep.out().join("view.png")).unwrap();
     assert!(view.width() >= 400);
-    let refused = on(&sweep, "view", &["-o", sweep.out().join("valid.png").to_str().unwrap()]);
-    assert!(!refused.status.success() && stderr(&refused).contains("is a result"), "{}", stderr(&refused));
+    assert_fails(&on(&sweep, "view", &["-o", sweep.out().join("valid.png").to_str().unwrap()]), &["is a result"]);
     let refused = on(&sweep, "calibrate", &["--reference", "10,10,20,20", "230"]);
-    assert!(!refused.status.success(), "{}", stderr(&refused));
+    assert!(!refused.status.success(), "{}", stderr_of(&refused));
 }
 
 #[test]
@@ -83,10 +83,10 @@ fn depth_command_gives_the_same_depth_as_stack() {
     let at = (0..5).map(|n| inverse(f64::from(n)).to_string()).collect::<Vec<_>>().join(",");
     done(&sweep.stack(&["--quiet", "--focus-at", &at]));
     let [stated, _] = depth(&sweep);
-    let at_once = fs::read(sweep.out().join("depth.png")).unwrap();
+    let at_once = sweep.desk.bytes("out/depth.png");
 
     done(&sweep.stack(&["--quiet", "--export", "depth16,ply"]));
-    let (before, surface) = (report(&sweep), fs::read(sweep.out().join("surface.ply")).unwrap());
+    let (before, surface) = (report(&sweep), sweep.desk.bytes("out/surface.ply"));
     assert!(!sweep.out().join("depth_mm.exr").exists() && before["depth16"]["quantity"] == "focus");
     let printed = done(&on(&sweep, "depth", &["--focus-at", &at, "--json"]));
     let after = report(&sweep);
@@ -97,8 +97,8 @@ fn depth_command_gives_the_same_depth_as_stack() {
     assert_eq!((&after["focus"], &after["focus_unit"]), (&before["focus"], &"settings".into()));
     // Near and far are exchanged, so the surface and the page are written again.
     assert!(lists(&after, "depth_mm.exr") && lists(&after, "surface.ply"));
-    assert_ne!(surface, fs::read(sweep.out().join("surface.ply")).unwrap());
-    assert!(fs::read_to_string(sweep.out().join("report.html")).unwrap().contains("field-depth"));
+    assert_ne!(surface, sweep.desk.bytes("out/surface.ply"));
+    assert!(sweep.desk.text("out/report.html").contains("field-depth"));
     let [later, _] = depth(&sweep);
     assert!(stated.iter().zip(&later).all(|(a, b)| a.is_nan() && b.is_nan() || (a - b).abs() < 0.01));
     let pictures = [image::load_from_memory(&at_once).unwrap(), image::open(sweep.out().join("depth.png")).unwrap()];
@@ -117,8 +117,7 @@ fn depth_command_gives_the_same_depth_as_stack() {
         (&["--focal-length", "50"], "give --focus-at"),
         (&[], "give --focus-at"),
     ] {
-        let refused = on(&sweep, "depth", extra);
-        assert!(!refused.status.success() && stderr(&refused).contains(words), "{}", stderr(&refused));
+        assert_fails(&on(&sweep, "depth", extra), &[words]);
     }
 }
 
@@ -169,7 +168,7 @@ fn pixels_without_focus_are_marked_and_exports_hold_the_others() {
     reader.next_frame(&mut labels).unwrap();
     let label = |x: usize, y: usize| labels[y * SIZE[0] as usize + x];
     assert_eq!([label(15, 10), label(x as usize, y as usize), label(185, 10)], [2, 0, 4]);
-    let ply = fs::read(sweep.out().join("surface.ply")).unwrap();
+    let ply = sweep.desk.bytes("out/surface.ply");
     assert!(String::from_utf8_lossy(&ply[..600]).contains("reference frame"));
     done(&sweep.stack(&["--quiet"]));
     assert!(files[..6].iter().all(|name| !sweep.out().join(name).exists()));
@@ -180,7 +179,7 @@ fn results_of_a_region_match_the_whole_and_a_mask_leaves_holes() {
     let sweep = Sweep::new(4, slope);
     let whole = done(&sweep.stack(&["--json", "--no-html"]));
     let (_, _, of_whole) = read_field(&sweep.out().join("focus.exr")).unwrap();
-    let mask = sweep.folder.path().join("mask.png");
+    let mask = sweep.desk.path("mask.png");
     let kept = image::GrayImage::from_fn(SIZE[0], SIZE[1], |x, y| {
         image::Luma([if (80..100).contains(&x) && (40..60).contains(&y) { 0 } else { 255 }])
     });
@@ -206,7 +205,7 @@ fn results_of_a_region_match_the_whole_and_a_mask_leaves_holes() {
         let [part, all] = [&found, &whole].map(|report| report["frames"][n]["transform"]["tx_px"].as_f64().unwrap());
         assert!((part - all).abs() < 0.1, "{part} {all}");
     }
-    assert!(fs::read_to_string(sweep.out().join("report.html")).unwrap().contains("field-focus"));
+    assert!(sweep.desk.text("out/report.html").contains("field-focus"));
     done(&on(&sweep, "view", &["--width", "100"]));
     done(&on(&sweep, "depth", &["--focus-at", "1,2,3,4", "--stage", "--quiet"]));
     assert_eq!(read_field(&sweep.out().join("focus.exr")).unwrap().0, 90);
@@ -215,30 +214,25 @@ fn results_of_a_region_match_the_whole_and_a_mask_leaves_holes() {
     let (_, _, focus) = read_field(&sweep.out().join("focus.exr")).unwrap();
     assert!(focus.iter().all(|u| u.is_finite()) && focus.len() < (SIZE[0] * SIZE[1]) as usize, "{}", found["size"]);
 
-    let small = sweep.folder.path().join("small.png");
+    let small = sweep.desk.path("small.png");
     image::GrayImage::new(9, 9).save(&small).unwrap();
     for (extra, words) in [
         (&["--mask", small.to_str().unwrap()][..], "is of 9x9"),
         (&["--roi", "100,100,200,10"], "not within"),
         (&["--crop-valid", "--step", "1,1,2,2", "3,3,2,2"], "--crop-valid moves"),
     ] {
-        let refused = sweep.stack(extra);
-        assert!(!refused.status.success() && stderr(&refused).contains(words), "{}", stderr(&refused));
+        assert_fails(&sweep.stack(extra), &[words]);
     }
 }
 
 #[test]
 fn frames_are_registered_and_aligned_to_the_reference() {
-    let folder = tempfile::TempDir::new().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    let run = |arguments: &[&str]| {
-        let mut command = Command::cargo_bin("parfocal").unwrap();
-        command.current_dir(folder.path()).args(arguments).output().unwrap()
-    };
+    let desk = Desk::new();
+    let (path, run) = (|name: &str| desk.path(name), |arguments: &[&str]| desk.run(arguments));
     let scene = ["simulate", "relief", "-o", "sweep", "--frames", "4", "--size", "120x90", "--quiet"];
     done(&run(&[&scene[..], &["--breathing", "2", "--drift", "3"]].concat()));
     let found = done(&run(&["register", "sweep", "-o", "rig.json", "--json"]));
-    let written: Value = serde_json::from_slice(&fs::read(path("rig.json")).unwrap()).unwrap();
+    let written = desk.json("rig.json");
     assert_eq!(written["frames"].as_array().unwrap().len(), 4);
     let solved = done(&run(&["stack", "sweep", "-o", "out", "--json", "--roi", "20,10,60,50"]));
     let tx = |report: &Value, n: usize| report["frames"][n]["transform"]["tx_px"].as_f64().unwrap();
@@ -263,22 +257,17 @@ fn frames_are_registered_and_aligned_to_the_reference() {
     assert_eq!((frame("part/frame_01.png").width(), frame("part/frame_01.png").height()), (60, 50));
     // An earlier registration is replaced; a foreign file is not.
     done(&run(&["register", "sweep", "-o", "rig.json", "--reference", "1", "--quiet"]));
-    let refused = run(&["register", "sweep", "-o", "sweep/truth.json"]);
-    assert!(!refused.status.success() && stderr(&refused).contains("--force"), "{}", stderr(&refused));
+    assert_fails(&run(&["register", "sweep", "-o", "sweep/truth.json"]), &["--force"]);
 
-    let refused = run(&[&["apply"], &images[..3], &["--transform", "rig.json", "-o", "few"]].concat());
-    assert!(
-        !refused.status.success() && stderr(&refused).contains("registers 4 frames, and 3"),
-        "{}",
-        stderr(&refused)
+    assert_fails(
+        &run(&[&["apply"], &images[..3], &["--transform", "rig.json", "-o", "few"]].concat()),
+        &["registers 4 frames, and 3"],
     );
     image::GrayImage::new(9, 9).save(path("sweep/frame_04.png")).unwrap();
-    let refused = run(&["apply", "sweep", "--transform", "rig.json", "-o", "none"]);
-    assert!(!refused.status.success() && stderr(&refused).contains("frame_04.png: is 9x9"), "{}", stderr(&refused));
+    assert_fails(&run(&["apply", "sweep", "--transform", "rig.json", "-o", "none"]), &["frame_04.png: is 9x9"]);
     assert!(!path("none").exists(), "no file may be written if one is refused");
     for (extra, words) in [(&["--method", "sift"][..], "--method"), (&["--reference", "9"], "no reference frame 9")] {
-        let refused = run(&[&["register", "sweep"], extra].concat());
-        assert!(!refused.status.success() && stderr(&refused).contains(words), "{}", stderr(&refused));
+        assert_fails(&run(&[&["register", "sweep"], extra].concat()), &[words]);
     }
 }
 
@@ -306,7 +295,7 @@ fn a_damaged_folder_is_refused_with_a_reason() {
             ("depth", &["--focus-at", "1,2,3"]),
         ] {
             let output = on(&sweep, subcommand, extra);
-            let stderr = stderr(&output);
+            let stderr = stderr_of(&output);
             assert!(
                 output.status.code() == Some(1) && stderr.contains("again") && stderr.lines().count() == 1,
                 "{key}: {stderr}"
@@ -315,6 +304,5 @@ fn a_damaged_folder_is_refused_with_a_reason() {
     }
     fs::write(&json, good.to_string()).unwrap();
     fs::write(sweep.out().join("focus.exr"), "no image").unwrap();
-    let output = on(&sweep, "view", &[]);
-    assert!(!output.status.success() && stderr(&output).contains("focus.exr"), "{}", stderr(&output));
+    assert_fails(&on(&sweep, "view", &[]), &["focus.exr"]);
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use parfocal::export::{Destination, FileKind, Header, Kind, PAGE_FILE, write_named};
+use parfocal::export::{Destination, FileKind, Header, Kind, PAGE_FILE, to_json, write_named};
 use parfocal::internals::bounded_read;
 use parfocal::metric::inspect::Verdict;
 use parfocal::page::batch_html::{Entry, batch_page};
@@ -239,14 +239,9 @@ impl BatchSummary {
         self.pairs
     }
 
-    /// The text of batch.json, without a newline at its end.
-    pub(crate) fn to_json(&self) -> serde_json::Result<String> {
-        serde_json::to_string_pretty(self)
-    }
-
     /// Writes the summary to a file in the folder `out`, the tables of verdicts, and the index page.
     pub(crate) fn write(&self, request: &Request, out: &Path, file: &str, has_page: bool) -> Result<(), Failure> {
-        let json = self.to_json().map_err(|e| Failure::Failed(e.to_string()))?;
+        let json = to_json(self).map_err(|e| Failure::Failed(e.to_string()))?;
         let out_named = |name: &str, kind, bytes: &[u8]| write_named(request.force.to(out), name, kind, bytes);
         if self.verdicts.is_none() {
             // Those of an earlier run with golden parts hold no longer.

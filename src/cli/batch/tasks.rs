@@ -235,8 +235,8 @@ impl Task {
         row
     }
 
-    /// Judges the results, and writes inspect.json and inspect.png beside them. A part without results, or that fails to
-    /// be judged, cannot be judged, and an earlier inspection of it is removed. `None` if the part was not started.
+    /// Judges the results, and writes inspect.json and inspect.png beside them. A part without results, or that fails
+    /// to be judged, cannot be judged, and an earlier inspection of it is removed. `None` if the part was not started.
     fn verdict(
         &self,
         judge: &Judge,

@@ -120,7 +120,7 @@ fn of_file(path: &Path, problem: impl std::fmt::Display) -> Failure {
 /// Prints the files as JSON.
 fn list(arguments: &Arguments, names: &[String]) -> Result<(), Failure> {
     let files: Vec<String> = names.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
-    arguments.report.print_json(|| serde_json::to_string(&serde_json::json!({ "files": files })))
+    arguments.report.print_json(&serde_json::json!({ "files": files }))
 }
 
 /// The names of the results. Refuses names that would replace one another, an input, or a file of another program. Only

@@ -82,7 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let summary = if judge.is_some() { summary.with_verdicts() } else { summary };
         log.write("end", summary.end());
         summary.write(request, out, &file, has_page)?;
-        request.run.report.print(&summary.table(&out.join(&file)), || summary.to_json())?;
+        request.run.report.print(&summary.table(&out.join(&file)), &summary)?;
         Ok::<_, Failure>(summary)
     };
     // Without a pair that can be solved, no device is needed.

@@ -16,8 +16,8 @@ use crate::cli::output::failure::{Failure, print};
 
 /// Measure the speed of solving pairs
 ///
-/// Measures the photographs that the project ships, then synthetic pairs: iterations of each level, convergence, and the
-/// time end to end, on the device, and pass by pass, with the bandwidth of a copy for comparison.
+/// Measures the photographs that the project ships, then synthetic pairs: iterations of each level, convergence, and
+/// the time end to end, on the device, and pass by pass, with the bandwidth of a copy for comparison.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
@@ -240,7 +240,7 @@ pub(crate) fn evaluate(arguments: &EvaluateArguments) -> Result<(), Failure> {
     evaluation.write(out)?;
     let summary = [evaluation.summary(), format!("in {}", arguments.output.display())];
     let summary = summary.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n");
-    arguments.report.print(&summary, || evaluation.to_json())
+    arguments.report.print(&summary, evaluation.report())
 }
 
 #[cfg(test)]

@@ -102,9 +102,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.output {
         figure::write_png(arguments.force.to(file), &picture(size.0, size.1, &pixels))?;
     }
-    arguments
-        .report
-        .print(&compared.table(paths, arguments.output.as_deref()), || serde_json::to_string_pretty(&compared))
+    arguments.report.print(&compared.table(paths, arguments.output.as_deref()), &compared)
 }
 
 /// Names of the settings that differ, including nested ones.

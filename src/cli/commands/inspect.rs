@@ -64,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         judged.write(arguments.force.to(out))?;
     }
     let report = &judged.report;
-    arguments.report.print(&summary(report, arguments.output.as_deref()), || report.to_json())?;
+    arguments.report.print(&summary(report, arguments.output.as_deref()), report)?;
     match report.verdict {
         Verdict::Go => Ok(()),
         Verdict::NoGo => Err(Failure::NoGo),

@@ -84,7 +84,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &report)?;
     }
-    run.report.print(&registration_summary(&report, arguments.output.as_deref()), || report.to_json())?;
+    run.report.print(&registration_summary(&report, arguments.output.as_deref()), &report)?;
     run.check_strict(report.converged == Some(true), &report.warnings)
 }
 
@@ -105,7 +105,7 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &found)?;
     }
-    run.report.print(&sweep_summary(&found, arguments.output.as_deref()), || found.to_json())?;
+    run.report.print(&sweep_summary(&found, arguments.output.as_deref()), &found)?;
     run.check_strict(true, &found.warnings)
 }
 

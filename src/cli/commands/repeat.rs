@@ -120,7 +120,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         write_repeat(arguments.force.to(out), &report, &page)?;
     }
     let lines = summary(&report, arguments.output.as_deref());
-    arguments.report.print(&lines.join("\n"), || report.to_json())
+    arguments.report.print(&lines.join("\n"), &report)
 }
 
 /// Refuses a folder that cannot be written.

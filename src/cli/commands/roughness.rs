@@ -143,7 +143,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let area = Area { region, mask: mask.as_ref() };
     let found = roughness(&heights, common.as_deref(), &area, &evaluation).map_err(|e| usage(&e))?;
     let report = arguments.report(&results, &quantity, (region, pixel), evaluation, &found);
-    arguments.report.print(&report.summary(), || serde_json::to_string_pretty(&report))
+    arguments.report.print(&report.summary(), &report)
 }
 
 /// What the options and the results do not allow is wrong usage.

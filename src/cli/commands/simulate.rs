@@ -213,7 +213,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let simulated = scene.render()?;
     let truth = Truth::<PairField>::new(&scene, &simulated);
     write_simulated(arguments.force.to(&arguments.output), &simulated, &truth)?;
-    arguments.report.print(&summary(arguments, &truth, pair_lines(&truth)), || truth.to_json())
+    arguments.report.print(&summary(arguments, &truth, pair_lines(&truth)), &truth)
 }
 
 fn run_sweep(arguments: &Arguments, sweep: &SweepScene) -> Result<(), Failure> {
@@ -224,7 +224,7 @@ fn run_sweep(arguments: &Arguments, sweep: &SweepScene) -> Result<(), Failure> {
     let simulated = sweep.render()?;
     let truth = Truth::<SweepField>::new(sweep, &simulated);
     write_simulated_sweep(arguments.force.to(&arguments.output), &simulated, &truth)?;
-    arguments.report.print(&summary(arguments, &truth, sweep_lines(&truth)), || truth.to_json())
+    arguments.report.print(&summary(arguments, &truth, sweep_lines(&truth)), &truth)
 }
 
 /// Refuses an output folder where one of the `possible` files would replace an input, or one of the `written` files

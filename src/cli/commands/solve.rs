@@ -54,7 +54,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = job.write(&request, engine.info(), &photographs, &solution)?;
     bar.finish();
     drop((options, bar));
-    request.run.report.print(&summary(&report, request.palette, &job.out), || report.to_json())?;
+    request.run.report.print(&summary(&report, request.palette, &job.out), &report)?;
     request.run.check_strict(report.converged == Some(true), &report.warnings)
 }
 

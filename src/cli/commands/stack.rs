@@ -88,7 +88,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = job.write(&request, engine.info(), &read, &solved)?;
     bar.finish();
     drop(bar);
-    request.run.report.print(&summary(&report, &read.inputs, request.palette, &job.out), || report.to_json())?;
+    request.run.report.print(&summary(&report, &read.inputs, request.palette, &job.out), &report)?;
     request.run.check_strict(true, &report.warnings)
 }
 

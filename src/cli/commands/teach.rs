@@ -45,8 +45,8 @@ Examples:
 
 Exit status: 0 done, 4 the good parts disagree or a solve had not converged, 1 failed, 2 wrong usage.";
 
-/// The factor by which the suggested tolerance exceeds what good parts need, since the next good part may need more than
-/// all before.
+/// The factor by which the suggested tolerance exceeds what good parts need, since the next good part may need more
+/// than all before.
 const MARGIN: f64 = 1.25;
 
 /// The factor by which the least tolerance of a good part may exceed the median of all before it is compared in detail.
@@ -103,7 +103,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         _ => lines.push(format!("golden part    {} is not written", arguments.output.display())),
     }
-    arguments.report.print(&lines.join("\n"), || serde_json::to_string_pretty(&report))?;
+    arguments.report.print(&lines.join("\n"), &report)?;
     if doubts.is_empty() { Ok(()) } else { Err(Failure::CannotJudge) }
 }
 

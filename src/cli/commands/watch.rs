@@ -160,7 +160,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let summary = summary(rows, &watched);
     let written = summary.write(request, out, SUMMARY, request.page);
     log.write("end", summary.end());
-    request.run.report.print(&summary.table(&out.join(SUMMARY)), || summary.to_json())?;
+    request.run.report.print(&summary.table(&out.join(SUMMARY)), &summary)?;
     written?;
     failed.map_or_else(|| devices.check(), Err)?;
     watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))?;

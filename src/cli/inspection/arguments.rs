@@ -49,8 +49,8 @@ pub(crate) struct InspectionArguments {
     pub(crate) golden: Vec<PathBuf>,
     #[command(flatten)]
     comparison: ComparisonArguments,
-    /// The allowed tilt of the part over the golden one, from one corner of the picture to the opposite one, in the unit
-    /// of the tolerance [default: 10 tolerances]
+    /// The allowed tilt of the part over the golden one, from one corner of the picture to the opposite one, in the
+    /// unit of the tolerance [default: 10 tolerances]
     #[arg(long, value_name = "TILT", help_heading = INSPECTION, value_parser = from_zero)]
     max_tilt: Option<f64>,
     /// Region of the golden part that is judged, px; may be repeated [default: all of it]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use parfocal::export::Palette;
+use parfocal::export::{Palette, to_json};
 use parfocal::{Engine, EngineOptions, Error, internals::baseline, settings::DeviceInfo};
 use serde::Serialize;
 
@@ -34,13 +34,9 @@ pub(crate) struct QuietArgument {
 
 impl ReportArguments {
     /// Prints the summary on stderr, and with `--json` the report on stdout.
-    pub(crate) fn print(
-        &self,
-        summary: &str,
-        json: impl FnOnce() -> serde_json::Result<String>,
-    ) -> Result<(), Failure> {
+    pub(crate) fn print(&self, summary: &str, report: &impl Serialize) -> Result<(), Failure> {
         self.print_line(summary);
-        self.print_json(json)
+        self.print_json(report)
     }
 
     /// Prints a line on stderr.
@@ -49,8 +45,8 @@ impl ReportArguments {
     }
 
     /// Prints the report on stdout, with `--json`.
-    pub(crate) fn print_json(&self, json: impl FnOnce() -> serde_json::Result<String>) -> Result<(), Failure> {
-        if self.json { print(&json().map_err(|e| Failure::Failed(e.to_string()))?) } else { Ok(()) }
+    pub(crate) fn print_json(&self, report: &impl Serialize) -> Result<(), Failure> {
+        if self.json { print(&to_json(report).map_err(|e| Failure::Failed(e.to_string()))?) } else { Ok(()) }
     }
 
     /// Whether `--quiet` was given.
@@ -131,7 +127,7 @@ pub(crate) struct ResultsArguments {
 impl ResultsArguments {
     /// Prints the summary on stderr, and with `--json` the report on stdout.
     pub(crate) fn report(&self, summary: &str, result: &impl Serialize) -> Result<(), Failure> {
-        self.report.print(summary, || serde_json::to_string_pretty(result))
+        self.report.print(summary, result)
     }
 }
 

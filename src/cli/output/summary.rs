@@ -173,9 +173,8 @@ fn blur(report: &Report) -> String {
 mod tests {
     use parfocal::export::{Nearer, Palette, Report};
     use parfocal::{
-        Region, Settings, Solution,
-        frame::Channels,
-        results::{Findings, LevelHistory, Timings},
+        Settings, Solution,
+        results::Findings,
         settings::{DeviceInfo, Photometric},
         transform::{Shading, Similarity},
     };
@@ -183,54 +182,27 @@ mod tests {
     use super::*;
 
     fn report(blur: [f32; 2]) -> Report {
-        let device = DeviceInfo {
-            index: 0,
-            name: "a device".to_string(),
-            driver: "a driver".to_string(),
-            uuid: String::new(),
-            kind: "CPU",
-            api_version: String::new(),
-            subgroup_size: 8,
-            memory_bytes: 1,
-            max_image_size: 1,
-            max_storage_buffer: 1,
-            unusable: None,
-        };
+        let device = DeviceInfo { name: "a device".to_string(), driver: "a driver".to_string(), ..Default::default() };
         let findings = Findings {
             width: 2,
             height: 1,
-            origin: [0, 0],
             photograph: [2, 1],
-            fused_channels: Channels::Gray,
             transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
             transform_deviation: Some(TransformDeviation { corner_px: 0.0234, direction_deg: 90.0 }),
-            other_motion: None,
             photometric: Photometric { gain: 1.02, offset: -0.01 },
             shading: Shading { coefficients: std::array::from_fn(|n| if n == 0 { -0.06 } else { 0.0 }) },
-            solved: Region { x: 0, y: 0, width: 2, height: 1 },
             regularization: 0.00314,
             kernel_shape: Some(0.74),
             scale_deviation: 0.123,
-            levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5] }],
-            converged: false,
             warnings: vec!["something to know".to_string()],
             valid_fraction: 0.5,
-            mean_confidence: 0.5,
             saturated_fraction: 0.25,
             clipped_fractions: [0.02, 0.0],
             unsettled_fraction: 0.1,
-            unexplained_fraction: 0.0,
-            noise: 0.0025,
-            timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![] },
+            ..Findings::default()
         };
-        let solution = Solution {
-            relative_blur: blur.to_vec(),
-            uncertainty: vec![f32::NAN; 2],
-            residual: Vec::new(),
-            confidence: vec![0.0; 2],
-            fused: vec![0.0; 2],
-            findings,
-        };
+        let uncertainty = vec![f32::NAN; 2];
+        let solution = Solution { relative_blur: blur.to_vec(), uncertainty, findings, ..Solution::default() };
         let mut report = Report::pair(&solution, &Settings::default(), &device, Nearer::First);
         report.files = vec!["depth.png".to_string()];
         report

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! A wave has 64 invocations. The inverse throughput is the cycles per wave on a full SIMD, the latency those of a wave
-//! alone. `docs/performance.md` has the results, and what the model leaves out.
+//! alone. `docs/performance.md` has the results, and what the model leaves out. The module is compiled for tests only.
 
 mod solves;
 

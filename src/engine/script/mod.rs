@@ -5,6 +5,7 @@
 
 mod compose;
 mod filters;
+mod output_passes;
 mod passes;
 pub(crate) mod sweep;
 

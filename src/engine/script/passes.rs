@@ -1,18 +1,17 @@
-//! The passes of the method: what each binds, its push constants and what it is dispatched over.
+//! The passes of the iterations: what each binds, its push constants and what it is dispatched over.
 
 use super::compose::{BOTH, Composer};
 use crate::base::{Decode, RegistrationStep};
-use crate::engine::arguments::{self, Edges, Grid, Over};
-use crate::engine::plan::{Level, MAP_LAYERS, Plan, step_share};
+use crate::engine::arguments::{self, Grid, Over};
+use crate::engine::plan::{Level, Plan, step_share};
 use crate::engine::slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
-    NO_VARIANT, ambiguity, appearance, blur_matched_pair, coarsest_grids, edge, edge_agree, edge_apply, edge_cells,
-    edge_costs, edge_decide, edge_fuse, exposure, fuse, grid, halve_grid, ingest, linearise, mask, pair_samples,
-    pixels, prolong, relax, relax_grid, relax_level, residual, scale_deviation, shape, shape_median, shape_windows,
-    sums, system, total_deviation, uncertainty, uncertainty_terms, unpack, update, update_transform,
+    NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, exposure, grid, halve_grid, ingest, linearise, mask,
+    pair_samples, pixels, prolong, relax, relax_grid, relax_level, shape, shape_median, shape_windows, sums, system,
+    uncertainty_terms, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -48,7 +47,7 @@ const FINEST_FLAT: f32 = 1e-5;
 /// The same for the coarser levels, and where steps are damped: an alternating energy changes by less only by chance.
 const COARSER_FLAT: f32 = 1e-4;
 
-fn single(numbers: [f64; 2]) -> [f32; 2] {
+pub(super) fn single(numbers: [f64; 2]) -> [f32; 2] {
     numbers.map(|number| number as f32)
 }
 
@@ -449,168 +448,5 @@ impl Composer<'_> {
             kept: slot::UNCERTAINTY_TERMS.update(),
         };
         self.within(level, Over::Blocks, bindings, constants, NO_VARIANT);
-    }
-}
-
-/// Results.
-impl Composer<'_> {
-    /// The terms of the uncertainty and the squared residual, averaged over a window around each pixel.
-    pub(super) fn uncertainty_terms(&mut self) {
-        let (plan, finest, s) = (self.plan, &self.plan.pyramid[0], &self.plan.settings);
-        let ([width, height], size) = (plan.size, uncertainty_terms::size(plan.size));
-        let bindings = uncertainty_terms::Bindings {
-            v: slot::relative_blur(0).read(),
-            equations: slot::NORMAL_EQUATIONS.read(),
-            terms: slot::UNCERTAINTY_TERMS.write(),
-        };
-        let (eta, noise, least) = (s.data_eta as f32, uncertainty_terms::NOISE, uncertainty_terms::LEAST);
-        let constants = uncertainty_terms::Constants { width, height, eta, noise, least };
-        self.over(size, bindings, &constants, NO_VARIANT);
-        let bindings = residual::Bindings {
-            i1: slot::i1(0).read(),
-            v: slot::relative_blur(0).read(),
-            stacks: slot::STACKS.read(),
-            terms: slot::UNCERTAINTY_TERMS.write(),
-            state: slot::STATE.read(),
-        };
-        let constants = residual::Constants {
-            width,
-            height,
-            layer: uncertainty_terms::RESIDUAL as u32,
-            nodes: finest.nodes as u32,
-            second_stack: plan.first_layer(1),
-            centre: single(finest.centre),
-            mean: single(s.kernel.mean()),
-            epsilon: s.heaviside_epsilon as f32,
-        };
-        let variant = linearise::variant(plan.slopes(), plan.warps(finest), false, false);
-        self.over(size, bindings, &constants, variant);
-        self.smooth(slot::UNCERTAINTY_TERMS.plane(), uncertainty_terms::LAYERS as u32, size);
-        let bindings = ambiguity::Bindings {
-            i1: slot::i1(0).read(),
-            v: slot::relative_blur(0).read(),
-            stacks: slot::STACKS.read(),
-            terms: slot::UNCERTAINTY_TERMS.update(),
-            state: slot::STATE.read(),
-            mask: slot::MASK.read(),
-        };
-        let variant = linearise::variant(plan.slopes(), plan.warps(finest), self.masked, false);
-        let constants = ambiguity::Constants {
-            width,
-            height,
-            nodes: finest.nodes as u32,
-            second_stack: plan.first_layer(1),
-            centre: single(finest.centre),
-            mean: single(s.kernel.mean()),
-            limit: finest.limit as f32,
-            eta: s.data_eta as f32,
-            pixels: uncertainty::WINDOW_PIXELS,
-            noise: Noise::new(0),
-        };
-        self.dispatch(bindings, &constants, variant, Grid::Direct(ambiguity::tiles(plan.size)));
-    }
-
-    /// V where it is valid, its standard deviation and the residual, into the first layers of the results.
-    pub(super) fn uncertainty(&mut self) {
-        let bindings = uncertainty::Bindings {
-            v: slot::relative_blur(0).read(),
-            terms: slot::UNCERTAINTY_TERMS.read(),
-            results: slot::RESULTS.write(),
-            state: slot::STATE.read(),
-            mask: slot::MASK.read(),
-        };
-        let (plan, variant) = (self.plan, if self.masked { uncertainty::MASKED } else { NO_VARIANT });
-        let constants = uncertainty::Constants::new(plan.size, plan.pyramid[0].centre, &plan.settings);
-        self.over(plan.size, bindings, &constants, variant);
-    }
-
-    /// Adds the correlation of neighbouring residuals and the deviation of V's scale to the standard deviation of V.
-    pub(super) fn total_deviation(&mut self) {
-        let (plan, terms) = (self.plan, slot::UNCERTAINTY_TERMS.read());
-        let bindings =
-            scale_deviation::Bindings { v: slot::relative_blur(0).read(), terms, state: slot::STATE.update() };
-        let constants = scale_deviation::Constants::new(plan.size, &plan.settings);
-        self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1; 3]));
-        let state = slot::STATE.read();
-        let bindings = total_deviation::Bindings { terms, results: slot::RESULTS.update(), state };
-        self.over(plan.size, bindings, &total_deviation::Constants::new(plan.size), NO_VARIANT);
-    }
-
-    /// V and its standard deviation at depth edges, by the outlines that explain the photographs best.
-    pub(super) fn edges(&mut self) {
-        let (plan, finest) = (self.plan, &self.plan.pyramid[0]);
-        let (size @ [width, height], levels) = (plan.size, plan.solved);
-        let over = |over| Grid::Edges { levels, over };
-        let [cells, pixels] = [edge_cells::STAGE.groups(edge::cells(size)), edge_apply::STAGE.groups(size)];
-        let groups = [edge_costs::tiles(size), [cells[0], cells[1]], [pixels[0], pixels[1]]];
-        let bindings = edge_cells::Bindings {
-            v: slot::relative_blur(0).read(),
-            results: slot::RESULTS.update(),
-            arguments: slot::ARGUMENTS.write(),
-        };
-        let argument_place = arguments::edge_place(levels) as u32;
-        let constants = edge_cells::Constants { width, height, argument_place, groups };
-        self.over(edge::cells(size), bindings, &constants, NO_VARIANT);
-        let bindings = edge_costs::Bindings {
-            i1: slot::i1(0).read(),
-            i2: slot::i2(0).read(),
-            v: slot::relative_blur(0).read(),
-            results: slot::RESULTS.update(),
-            state: slot::STATE.read(),
-        };
-        let constants = edge_costs::Constants { width, height, centre: single(finest.centre) };
-        self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Tiles));
-        let bindings = edge_decide::Bindings { results: slot::RESULTS.update() };
-        self.dispatch(bindings, &edge_decide::Constants { width, height }, NO_VARIANT, over(Edges::Cells));
-        for n in 0..edge_agree::PASSES {
-            let bindings = edge_agree::Bindings { results: slot::RESULTS.update() };
-            let (from, to) = (edge_agree::place(n), edge_agree::place(n + 1));
-            let constants = edge_agree::Constants { width, height, from, to };
-            self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Cells));
-        }
-        let bindings = edge_apply::Bindings { v: slot::relative_blur(0).update(), results: slot::RESULTS.update() };
-        let decided = edge_agree::place(edge_agree::PASSES);
-        let constants = edge_apply::Constants { width, height, decided };
-        self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Pixels));
-    }
-
-    /// One channel of the fused image, equation 37. Its photographs replace the luminance.
-    pub(super) fn fuse(&mut self, channel: u32) {
-        let (plan, finest) = (self.plan, &self.plan.pyramid[0]);
-        let mut weights = [0.0; 3];
-        weights[channel as usize] = 1.0;
-        for image in BOTH {
-            // A grey photograph beside a colored one uses its only channel for all three.
-            self.ingest(image, weights);
-        }
-        self.spline2(finest);
-        let bindings = fuse::Bindings {
-            channel1: slot::i1(0).read(),
-            spline2: slot::SPLINE2.read(),
-            v: slot::relative_blur(0).read(),
-            results: slot::RESULTS.write(),
-            state: slot::STATE.read(),
-        };
-        let constants = fuse::Constants {
-            width: plan.size[0],
-            height: plan.size[1],
-            layer: MAP_LAYERS + channel,
-            centre: single(finest.centre),
-            epsilon: plan.settings.heaviside_epsilon as f32,
-        };
-        self.over(plan.size, bindings, &constants, NO_VARIANT);
-        if plan.settings.edges {
-            let fuse::Constants { width, height, layer, centre, .. } = constants;
-            let bindings = edge_fuse::Bindings {
-                channel1: slot::i1(0).read(),
-                spline2: slot::SPLINE2.read(),
-                v: slot::relative_blur(0).read(),
-                results: slot::RESULTS.update(),
-                state: slot::STATE.read(),
-            };
-            let constants = edge_fuse::Constants { width, height, layer, centre };
-            let grid = Grid::Edges { levels: plan.solved, over: Edges::Pixels };
-            self.dispatch(bindings, &constants, NO_VARIANT, grid);
-        }
     }
 }

@@ -11,8 +11,8 @@ use super::recording::Recording;
 
 /// A photograph in memory of the engine's device ([`Source::OnDevice`](crate::frame::Source::OnDevice)).
 ///
-/// The device copies it. The owner may overwrite it after [`Pending::wait_fetched`](crate::Pending::wait_fetched), or once
-/// the semaphore [`DeviceSolution::inputs_read`](super::DeviceSolution::inputs_read) reaches its value.
+/// The device copies it. The owner may overwrite it after [`Pending::wait_fetched`](crate::Pending::wait_fetched), or
+/// once the semaphore [`DeviceSolution::inputs_read`](super::DeviceSolution::inputs_read) reaches its value.
 #[derive(Clone, Copy, Debug)]
 pub struct DeviceSource(SourceLocation);
 
@@ -201,7 +201,8 @@ pub struct DeviceSolution {
     pub inputs_read: Option<(vk::Semaphore, u64)>,
 }
 
-/// The buffer that receives the results of an [encoded](crate::interop::Encoded) pair, in the planes of a [`DeviceSolution`].
+/// The buffer that receives the results of an [encoded](crate::interop::Encoded) pair, in the planes of a
+/// [`DeviceSolution`].
 #[derive(Clone, Copy, Debug)]
 pub struct SolutionBuffer {
     /// A buffer of the engine's device, in host-visible memory that the host also reads.

@@ -24,8 +24,8 @@ impl HostMemory {
     /// # Safety
     /// - The memory stays mapped at this address while the [`SharedMemory`] made from it lives.
     /// - From the submission of a pair that reads rows of it until they are read
-    ///   ([`Pending::wait_fetched`](crate::Pending::wait_fetched)), no code writes between the start of the first row and the
-    ///   end of the last.
+    ///   ([`Pending::wait_fetched`](crate::Pending::wait_fetched)), no code writes between the start of the first row
+    ///   and the end of the last.
     pub unsafe fn new(start: NonNull<u8>, bytes: usize) -> Self {
         Self { start, bytes }
     }
@@ -279,8 +279,8 @@ pub(crate) mod dma_buf {
         /// # Safety
         /// - `fd` is a dma-buf, or a memory file that is never truncated, so that its pages stay valid while mapped.
         /// - From the submission of a pair that reads rows of it until they are read
-        ///   ([`Pending::wait_fetched`](crate::Pending::wait_fetched)), no code writes between the start of the first row and
-        ///   the end of the last.
+        ///   ([`Pending::wait_fetched`](crate::Pending::wait_fetched)), no code writes between the start of the first
+        ///   row and the end of the last.
         pub unsafe fn new(fd: OwnedFd, bytes: usize) -> Self {
             Self { fd, bytes }
         }

@@ -23,7 +23,8 @@ pub fn enable_required_features(
     v13.maintenance4 = vk::TRUE;
 }
 
-/// The required features and the available [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS) of a physical device, for the creation of a device.
+/// The required features and the available [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS) of a physical device,
+/// for the creation of a device.
 ///
 /// A `pNext` chain may hold the structure of a feature once, and not beside that of the Vulkan version that promoted
 /// it. This type extends a chain that other code has begun. A program that writes the whole chain itself can use
@@ -352,8 +353,8 @@ impl ExternalCommandBuffer {
     /// # Safety
     /// - The command buffer belongs to the engine's device and queue family, and no other thread uses it meanwhile.
     /// - It is executed only while no other solve of the solver is pending, since all pairs of a solver share memory.
-    /// - No execution is pending while a solution of its [`Encoded`](crate::interop::Encoded) is borrowed or when that is
-    ///   dropped. Afterwards it is not executed again.
+    /// - No execution is pending while a solution of its [`Encoded`](crate::interop::Encoded) is borrowed or when that
+    ///   is dropped. Afterwards it is not executed again.
     /// - If recording fails, the command buffer is reset.
     pub unsafe fn new(commands: vk::CommandBuffer) -> Self {
         Self(commands)

@@ -174,8 +174,8 @@ impl Buffer {
         Ok(())
     }
 
-    /// Stores a 32-bit word at a byte offset of a mapped buffer, atomically. A pending shader that reads the word sees the
-    /// old value or the new one.
+    /// Stores a 32-bit word at a byte offset of a mapped buffer, atomically. A pending shader that reads the word sees
+    /// the old value or the new one.
     pub(crate) fn store_word(&self, offset: u64, word: u32) -> Result<(), Error> {
         assert!(!self.is_host_borrowed, "the host writes a buffer that it borrows");
         let _guard = self.host_write.lock().unwrap_or_else(PoisonError::into_inner);

@@ -106,8 +106,8 @@ impl Recorder {
         unsafe { self.device.handle.cmd_fill_buffer(self.commands(), completion.handle, 0, 4, word) };
     }
 
-    /// Begins a recording with the command pool, the descriptor sets and the timeline of an earlier one, whose runs must
-    /// be complete.
+    /// Begins a recording with the command pool, the descriptor sets and the timeline of an earlier one, whose runs
+    /// must be complete.
     pub(crate) fn reusing(recording: Recording) -> Result<Self, Error> {
         let Reusable { device, pool, commands, descriptors, timeline } = recording.into_reusable()?;
         let mut recorder = Self::empty(&device, Timestamps::default());

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::destination::{Destination, INSPECT_FILES};
 use super::image_files::write_drawing;
-use super::report::{Header, Kind, to_json, write_json_to};
+use super::report::{Header, Kind, write_json_to};
 use super::staging::Staging;
 use crate::base::{Error, Region, Similarity};
 use crate::files::bounded_read::Hashes;
@@ -49,7 +49,8 @@ pub struct InspectReport {
     pub unjudged_px: usize,
     /// `unjudged_px` as a fraction of the golden part's pixels.
     pub unjudged: f64,
-    /// Pixels where the part is too uncertain for the tolerance, or without a height since all of it has as little evidence.
+    /// Pixels where the part is too uncertain for the tolerance, or without a height since all of it has as little
+    /// evidence.
     pub uncertain_px: usize,
     /// The least tolerance that the part's uncertainty allows to judge; null if too many heights are missing.
     pub least_tolerance: Option<f64>,
@@ -130,14 +131,6 @@ impl InspectReport {
             regions: inspection.regions.iter().map(of).collect(),
             listed: None,
         }
-    }
-
-    /// The report as text, without a newline at its end.
-    ///
-    /// # Errors
-    /// None known; serde_json's signature allows one.
-    pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        to_json(self)
     }
 }
 

@@ -42,9 +42,9 @@ pub use repeat::{ReadingReport, RepeatReport, ValueReport, write_repeat};
 pub use report::{
     Depth16Report, DepthReport, DeviceReport, FieldReport, FrameReport, Header, Kind, LevelReport, Measurements,
     NearerBy, NeverReport, PIXEL_SIZES_UM, ProfileReport, REPORT_FILE, RangeReport, Report, ShadingReport, SizeReport,
-    StepReport, SurfaceReport, TextureReport, TimingsReport,
+    StepReport, SurfaceReport, TextureReport, TimingsReport, to_json,
 };
-pub(crate) use report::{to_json, with_header, write_json_to};
+pub(crate) use report::{with_header, write_json_to};
 pub use results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Drawing, Extra, PAGE_FILE, Plotter, Results};
 pub(crate) use scale::Quantiles;
 pub use scale::{Nearer, Palette, Quantity, Scale};

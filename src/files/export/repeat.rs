@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use serde::Serialize;
 
 use super::destination::{Destination, REPEAT_FILES};
-use super::report::{Header, Kind, to_json, write_json_to};
+use super::report::{Header, Kind, write_json_to};
 use super::scale::column;
 use super::staging::Staging;
 use crate::base::{Error, Estimate};
@@ -101,14 +101,6 @@ impl RepeatReport {
             warnings: Vec::new(),
             listed: None,
         }
-    }
-
-    /// The report as text, without a newline at its end.
-    ///
-    /// # Errors
-    /// None known; serde_json's signature allows one.
-    pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        to_json(self)
     }
 
     /// The readings as CSV.

@@ -33,7 +33,8 @@ impl Mesh {
     }
 }
 
-/// The triangles of a grid whose points at the indices `vertices` are no holes, counter-clockwise as seen by the camera.
+/// The triangles of a grid whose points at the indices `vertices` are no holes, counter-clockwise as seen by the
+/// camera.
 pub(crate) fn triangles([width, height]: [usize; 2], vertices: &[usize]) -> Vec<[u32; 3]> {
     const NONE: u32 = u32::MAX;
     let mut number = vec![NONE; width * height];

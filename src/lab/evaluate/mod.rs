@@ -139,12 +139,9 @@ impl Evaluation {
         parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n")
     }
 
-    /// The text of `report.json`, without a newline at its end.
-    ///
-    /// # Errors
-    /// None known; serde_json's signature allows one.
-    pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        crate::files::export::to_json(&self.report)
+    /// The content of `report.json`.
+    pub fn report(&self) -> &impl Serialize {
+        &self.report
     }
 
     /// The text of `report.md`.

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::errors::{BORDER, Coverage, inside, spread};
 use super::section::{Case, Runner, Section};
 use crate::base::random::Random;
+use crate::base::statistics::median;
 use crate::base::{Decode, Error, Frame, Settings, centre};
 use crate::files::image_io;
 use crate::lab::baseline::shape_from_focus;
@@ -338,11 +339,6 @@ fn variances(values: &[f32], [width, height]: [usize; 2]) -> Vec<f64> {
     };
     let places = (0..height / TILE).flat_map(|row| (0..width / TILE).map(move |column| (column, row)));
     places.map(|(column, row)| of_tile(TILE * column, TILE * row)).collect()
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use crate::files::export::image_files::{
     DEPTH, PHOTOGRAPH, Pixels, RELATIVE_BLUR, TRUE_FOCUS, color_type, write_field, write_png,
 };
 use crate::files::export::{
-    Destination, Header, Kind, RangeReport, SIMULATED_FILES, SizeReport, Staging, to_json, write_json_to,
+    Destination, Header, Kind, RangeReport, SIMULATED_FILES, SizeReport, Staging, write_json_to,
 };
 
 /// The file of the true focus of a sweep.
@@ -117,14 +117,6 @@ impl<F: Serialize> Truth<F> {
             clipped_samples,
             files,
         }
-    }
-
-    /// The truth as JSON.
-    ///
-    /// # Errors
-    /// Numbers that JSON cannot represent.
-    pub fn to_json(&self) -> serde_json::Result<String> {
-        to_json(self)
     }
 }
 

@@ -23,10 +23,10 @@ const REACH: usize = 3;
 /// Two frames fit if their misfit, one less their correlation, is at most this many times that of a quarter of all
 /// compared frames. In three real sweeps and a generated one neighbours are at most 3.7 times as far apart.
 const USUAL_MISFITS: f32 = 6.0;
-/// But always up to the first, and never beyond the second. Neighbours in these sweeps have misfits of up to 0.03, frames
-/// up to three apart 0.13, and two real pairs of strong defocus 0.09. Other scenes have 0.72 and more. A mirrored or
-/// turned frame has 0.46 and more, but 0.19 of a drilled disc, and 0.14 of a symmetric button, which among frames as far
-/// apart as that pair would not be noticed.
+/// But always up to the first, and never beyond the second. Neighbours in these sweeps have misfits of up to 0.03,
+/// frames up to three apart 0.13, and two real pairs of strong defocus 0.09. Other scenes have 0.72 and more. A
+/// mirrored or turned frame has 0.46 and more, but 0.19 of a drilled disc, and 0.14 of a symmetric button, which among
+/// frames as far apart as that pair would not be noticed.
 const MISFITS: [f32; 2] = [0.08, 0.4];
 /// The least deviation of the coarse image as a share of its mean: less is rounding and noise, and no frame is judged.
 const LEAST_CONTRAST: f32 = 0.003;

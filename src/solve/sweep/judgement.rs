@@ -15,14 +15,14 @@ const MOST_BLUR_OF_NOISE: f64 = 3.0;
 /// The most that the median standard deviation of u may be, as a share of the range of the frames, if their blur is not
 /// that of noise.
 ///
-/// Noise gives u and c together what explains it best, so u is then about as uncertain as the range is long. The share is
-/// 0.13 to 9.6 for seven scenes photographed with one focus setting and noise of 0.002 to 0.05, and 0.006 to 0.03 for six
-/// sweeps of 0.9 to 3 px with noise of 0.003 to 0.03.
+/// Noise gives u and c together what explains it best, so u is then about as uncertain as the range is long. The share
+/// is 0.13 to 9.6 for seven scenes photographed with one focus setting and noise of 0.002 to 0.05, and 0.006 to 0.03
+/// for six sweeps of 0.9 to 3 px with noise of 0.003 to 0.03.
 const MOST_DEVIATION: f64 = 0.08;
 /// The least share of the settings at which two neighbouring frames can be compared, without a warning.
 ///
-/// Where a step widens the blur by 4.4 px (seven frames of the heat sink) the share is 0.5, and 87 % of the pixels have a
-/// u. With 6.4 px (four frames of the metal part) it is 0.24, and 53 % have one; with 8 px 0.16, and 10 to 15 %.
+/// Where a step widens the blur by 4.4 px (seven frames of the heat sink) the share is 0.5, and 87 % of the pixels have
+/// a u. With 6.4 px (four frames of the metal part) it is 0.24, and 53 % have one; with 8 px 0.16, and 10 to 15 %.
 const LEAST_COMPARED: f64 = 1.0 / 3.0;
 
 /// An error if the frames do not differ in focus. `deviation` is the standard deviation of u by pixel, in steps.

@@ -8,16 +8,15 @@ mod fuse;
 mod judgement;
 mod order;
 mod positions;
+mod solution;
 
 use std::borrow::Cow;
-use std::ops::{Deref, DerefMut};
 
 use self::fuse::FocusedFrames;
 use self::order::{MIN_FRAMES, Order};
 pub use self::positions::{Positions, SweepDepth};
-use crate::base::{
-    Brightness, Channels, Decode, Error, Format, Frame, Homography, Mask, Progress, Region, Settings, centre,
-};
+pub use self::solution::{RegisteredSweep, Sweep};
+use crate::base::{Brightness, Error, Format, Frame, Homography, Mask, Progress, Region, Settings, centre};
 use crate::engine::{Engine, JointRegistration, JointSolution, JointSolver, SweepInput};
 use crate::solve::SolveOptions;
 use crate::solve::pair_solver::{margin, reuse};
@@ -65,78 +64,6 @@ impl SweepOptions {
         self.settings.check()?;
         self.positions.check(frames)
     }
-}
-
-/// The focus of every pixel of a sweep, an all-in-focus image, and the registration.
-#[derive(Clone, Debug)]
-pub struct Sweep {
-    /// Pixels per row of every field below.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// The region of the reference that the fields cover.
-    pub region: Region,
-    /// u, the focus setting at which each pixel of the reference is sharp. NaN where it is not measured, or where no
-    /// frame is in focus.
-    pub focus: Vec<f32>,
-    /// The standard deviation of u, in settings; NaN where no pair contributes.
-    pub uncertainty: Vec<f32>,
-    /// The side of pixels that no frame has in focus: -1 before the first frame, 1 beyond the last, else 0.
-    pub beyond: Vec<i8>,
-    /// Depth in mm, if the positions are in mm.
-    pub depth: Option<SweepDepth>,
-    /// The all-in-focus image. It is grey only if all frames are.
-    pub fused_channels: Channels,
-    /// The all-in-focus image, interleaved, in the values of the reference with white at 1.
-    pub fused: Vec<f32>,
-    /// The frame that supplies each pixel of the fused image, from 1; empty if the results were read from a folder.
-    pub frames: Vec<u16>,
-    /// The unit of the settings.
-    pub unit: &'static str,
-    /// The registration. Its fields are also fields of the sweep by `Deref`.
-    pub registration: RegisteredSweep,
-}
-
-impl Deref for Sweep {
-    type Target = RegisteredSweep;
-
-    fn deref(&self) -> &RegisteredSweep {
-        &self.registration
-    }
-}
-
-impl DerefMut for Sweep {
-    fn deref_mut(&mut self) -> &mut RegisteredSweep {
-        &mut self.registration
-    }
-}
-
-/// The registration of a sweep.
-#[derive(Clone, Debug)]
-pub struct RegisteredSweep {
-    /// Width and height of the photographs. The transforms are stated about their centre.
-    pub photograph: [u32; 2],
-    /// The index of the reference frame, to which the others are registered. It defines the pixels of the results.
-    pub reference: usize,
-    /// The focus setting of each frame; blur is linear in it.
-    pub positions: Vec<f64>,
-    /// The focus positions of the frames, as stated.
-    pub stated: Positions,
-    /// Maps the reference's pixels to those of each frame.
-    pub transforms: Vec<Homography>,
-    /// Maps the brightness of each frame to the reference's.
-    pub brightness: Vec<Brightness>,
-    /// c, the blur variance in px² at a distance of one setting from the focus.
-    pub blur_rate: f64,
-    /// The fraction of the pixels of each frame that are clipped, of those that no mask excludes.
-    pub clipped_fractions: Vec<f64>,
-    /// The decoding of stored values to intensities.
-    pub decode: Decode,
-    /// The index of each frame among the frames that were passed. If no positions are stated, frames out of order are
-    /// put in order, and repeated frames are left out.
-    pub order: Vec<usize>,
-    /// Conditions under which the result may be wrong, one sentence each.
-    pub warnings: Vec<String>,
 }
 
 /// Solves focus sweeps by one choice of options.
@@ -461,37 +388,10 @@ fn sides(focus: &[f32], last: f64, rate: f64) -> Vec<i8> {
     focus.iter().map(side).collect()
 }
 
-impl Sweep {
-    /// Crops the fields to a region.
-    fn crop(&mut self, part: Region) {
-        let row = self.width as usize;
-        for field in [&mut self.focus, &mut self.uncertainty] {
-            *field = part.crop(field, row, 1);
-        }
-        self.beyond = part.crop(&self.beyond, row, 1);
-        self.frames = part.crop(&self.frames, row, 1);
-        self.fused = part.crop(&self.fused, row, self.fused_channels.count() as usize);
-        self.region = Region { x: self.region.x + part.x, y: self.region.y + part.y, ..part };
-        (self.width, self.height) = (part.width, part.height);
-    }
-
-    /// Clears the results of the pixels that a mask excludes.
-    fn exclude(&mut self, mask: &Mask) {
-        for (pixel, _) in mask.bytes().iter().enumerate().filter(|(_, counts)| **counts == 0) {
-            (self.focus[pixel], self.uncertainty[pixel], self.beyond[pixel]) = (f32::NAN, f32::NAN, 0);
-        }
-    }
-
-    /// The largest rectangle in which every pixel has a u; `None` if none has.
-    fn largest_valid(&self) -> Option<Region> {
-        let valid: Vec<bool> = self.focus.iter().map(|u| u.is_finite()).collect();
-        Region::largest_valid(&valid, self.width as usize)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Decode;
     use crate::base::random::Random;
     use crate::engine::testing;
     use crate::lab::scene::{Preset, Scene, SweepScene};

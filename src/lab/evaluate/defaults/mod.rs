@@ -49,7 +49,8 @@ const JUMP: f32 = 0.5;
 /// Error of V above which a pixel is wrong, px².
 const WRONG: f64 = 1.0;
 
-/// Measures scenes with near edges that hide the background, with a disk and with a Gaussian: the section "Depth edges", and cases of σ.
+/// Measures scenes with near edges that hide the background, with a disk and with a Gaussian: the section "Depth
+/// edges", and cases of σ.
 fn depth_edges(runner: &mut Runner) -> (Section, Vec<Case>) {
     let scenes = if runner.quick { &SCENES[..1] } else { &SCENES[..] };
     let kernels = if runner.quick { &KERNELS[..1] } else { &KERNELS[..] };
