@@ -1,10 +1,9 @@
 //! The protocol of indirect dispatch: recorded dispatches that run no workgroups when not needed.
 //!
-//! Each level has [`WORDS`] words of arguments: the workgroups over tiles, over one color, over all pixels, over blocks
-//! of pixels, of filters along x, along y and along both, one, and over each coarse grid; then three for each pass that warps I2
-//! again. Before a solve they are the [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a
-//! level's words when it settles. Before an iteration that may warp it restores the words of the warping passes, or
-//! zeroes them.
+//! Each level has [`WORDS`] words of arguments: the workgroups of what passes run over ([`Over`]); then three for each
+//! pass that warps I2 again. Before a solve they are the [`initial_words`].
+//! [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles. Before an iteration
+//! that may warp it restores the words of the warping passes, or zeroes them.
 //!
 //! After those of all levels come nine words, the workgroups of the passes over [`Edges`]: zero until
 //! [`edge_cells`](super::stages::edge_cells) finds an edge. The last word is [`NOT_CANCELLED`]. The host sets it to
@@ -14,8 +13,10 @@ use super::stages::state::{LevelState, MAX_LEVELS};
 
 /// The most coarse grids that have workgroups of their own: those of a level of 65536 x 65536 pixels.
 const COARSE: usize = 11;
-/// What the dispatches of a level run over.
-const GRIDS: usize = 8 + COARSE;
+/// What the dispatches of a level run over, except for coarse grids.
+const FIRST: usize = 10;
+/// The same with coarse grids, each whole and in tiles.
+const GRIDS: usize = FIRST + 2 * COARSE;
 /// Words of all grids of a level.
 const GRID_WORDS: usize = 3 * GRIDS;
 /// The most words of the passes that warp I2 again, of a level.
@@ -71,8 +72,14 @@ pub(crate) enum Over {
     BothAxes,
     /// One workgroup.
     One,
+    /// The tiles of `relax_tiles`.
+    RelaxTiles,
+    /// The tiles of `halve_grids`.
+    HalveTiles,
     /// The n-th coarse grid.
     Coarse(usize),
+    /// The tiles of `relax_grid_tiles` on the n-th coarse grid.
+    CoarseTiles(usize),
 }
 
 /// The workgroups of a dispatch.
@@ -103,17 +110,10 @@ impl Grid {
 impl Over {
     /// All, in the order of their words.
     pub(crate) fn all() -> [Over; GRIDS] {
-        let first = [
-            Over::Tiles,
-            Over::Half,
-            Over::Pixels,
-            Over::Blocks,
-            Over::AlongX,
-            Over::AlongY,
-            Over::BothAxes,
-            Over::One,
-        ];
-        std::array::from_fn(|n| first.get(n).copied().unwrap_or_else(|| Over::Coarse(n - first.len())))
+        use Over::{AlongX, AlongY, Blocks, BothAxes, Half, HalveTiles, One, Pixels, RelaxTiles, Tiles};
+        let first = [Tiles, Half, Pixels, Blocks, AlongX, AlongY, BothAxes, One, RelaxTiles, HalveTiles].into_iter();
+        let mut all = first.chain((0..COARSE).map(Over::Coarse)).chain((0..COARSE).map(Over::CoarseTiles));
+        std::array::from_fn(|_| all.next().unwrap_or(One))
     }
 
     fn index(self) -> usize {
@@ -126,7 +126,10 @@ impl Over {
             Over::AlongY => 5,
             Over::BothAxes => 6,
             Over::One => 7,
-            Over::Coarse(n) => 8 + n,
+            Over::RelaxTiles => 8,
+            Over::HalveTiles => 9,
+            Over::Coarse(n) => FIRST + n,
+            Over::CoarseTiles(n) => FIRST + COARSE + n,
         }
     }
 }

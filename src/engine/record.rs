@@ -313,10 +313,11 @@ mod tests {
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let mut unreported = BTreeMap::<String, usize>::new();
         let (mut reported_count, mut all) = (0, 0);
-        for kernel in [Kernel::Auto, Kernel::HalfGaussian] {
+        let plans = [(Kernel::Auto, false), (Kernel::HalfGaussian, false), (Kernel::Auto, true)];
+        for (kernel, for_gpu) in plans {
             // Six iterations suffice: later ones repeat the first two. The finest of the three levels is warped.
             let settings = Settings { outer_iterations: 6, kernel, ..Settings::default() };
-            let plan = Plan::new(160, 136, [gray; 2], &settings).unwrap();
+            let plan = Plan { for_gpu, ..Plan::new(160, 136, [gray; 2], &settings).unwrap() };
             let workspace = Workspace::new(&device, &plan, &plan.pair_layout()).unwrap();
             let mut first = Recorder::new(&device, Clock::Never).unwrap();
             first.initialize(&workspace.images());

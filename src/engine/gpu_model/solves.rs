@@ -9,7 +9,7 @@ use crate::engine::script::{Action, Dispatch, Part, Script, compose};
 use crate::engine::slot::Slot;
 use crate::engine::stages::state::{LevelState, MAX_LEVELS};
 use crate::engine::stages::{
-    coarsest_grids, convolve, edge_cells, grid, half_pair, linearise, pixels, relax, relax_level, subdivide,
+    coarsest_grids, convolve, edge_cells, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles, subdivide,
 };
 use crate::engine::sweep::model as sweep;
 use crate::engine::vulkan::{Stage, Variant};
@@ -228,22 +228,26 @@ fn bytes(dispatch: &Dispatch) -> f64 {
 
 /// The rounds of the loop in which a pass spends its time, as a share of those that the compiler counts: 8, in a loop
 /// within it 4 for each, and 2 in those within that. 1 for passes whose rounds are not in their push constants.
+///
+/// What the passes of the relaxation do besides their sweeps counts as a number of sweeps: by the latency on navi21, as
+/// compiled without the loop over sweeps and with one round of it.
 fn rounds(dispatch: &Dispatch) -> f64 {
-    let (c, [width, height]) = (&dispatch.constants, dispatch.stage.workgroup);
-    // Of one color of a grid, for each invocation of the only workgroup.
-    let color = |size: [u32; 2]| f64::from((size[1] * size[0].div_ceil(2)).div_ceil(width * height));
+    let c = &dispatch.constants;
     match (dispatch.stage.shader.name, dispatch.variant[0]) {
-        ("coarsest_grids", _) => {
+        ("coarsest_grids_shared", _) => {
             let c: coarsest_grids::Constants = bytemuck::pod_read_unaligned(c);
-            let grids = std::iter::successors(Some([c.width, c.height]), |size| Some(grid::halved(*size)));
-            let sweeps = (1..=c.grids).map(|n| if n == c.grids { c.coarsest_sweeps } else { c.sweeps });
-            let all = grids.zip(sweeps).map(|(size, sweeps)| 2.0 * f64::from(sweeps) * color(size)).sum::<f64>();
-            // In the buffer, and in shared memory, whose rounds are counted alike: an upper bound.
-            all / (8.0 * 4.0 * 2.0 + 8.0 * 4.0 * 2.0)
+            // Once, for each grid, and for each sweep on one.
+            let rounds = |grids: f64, sweeps: f64| 3.0 + 6.0 * grids + sweeps;
+            let sweeps = c.coarsest_sweeps + (c.grids - 1) * c.sweeps;
+            rounds(c.grids.into(), sweeps.into()) / rounds(8.0, 8.0 * 4.0)
         }
-        ("relax_level", _) => {
-            let c: relax_level::Constants = bytemuck::pod_read_unaligned(c);
-            f64::from(c.sweeps) * color([c.width, c.height]) / (8.0 * 4.0)
+        ("relax_tiles", _) => {
+            let c: relax_tiles::Constants = bytemuck::pod_read_unaligned(c);
+            (2.6 + f64::from(c.sweeps)) / (2.6 + 8.0)
+        }
+        ("relax_grid_tiles", _) => {
+            let c: relax_grid_tiles::Constants = bytemuck::pod_read_unaligned(c);
+            (4.5 + f64::from(c.sweeps)) / (4.5 + 8.0)
         }
         ("linearise", _) => f64::from(bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows) / 8.0,
         ("relax", _) => f64::from(bytemuck::pod_read_unaligned::<relax::Constants>(c).rows) / 8.0,
@@ -333,10 +337,10 @@ mod tests {
     fn rounds_of_loops_are_those_of_the_constants() {
         let work = Solve::pair(&PAIRS[1], false).work();
         let rounds = |name, level| of(&work, name).find(|work| work.level == level).unwrap().rounds;
-        // Levels of 32 x 32 px: three sweeps of 2 rounds for each color.
-        assert_eq!(rounds("relax_level", 5), 3.0 * 2.0 / 32.0);
-        // Grids of 16 x 16 and 8 x 8 cells: 6 half-sweeps and 60, of a round each.
-        assert_eq!(rounds("coarsest_grids", 5), (6.0 + 60.0) / 128.0);
+        // Three sweeps, and what takes as long as 2.6.
+        assert_eq!(rounds("relax_tiles", 5), (2.6 + 3.0) / 10.6);
+        // Grids of 16 x 16 and 8 x 8 cells: 3 sweeps and 30.
+        assert_eq!(rounds("coarsest_grids_shared", 5), (3.0 + 2.0 * 6.0 + 33.0) / (3.0 + 8.0 * 6.0 + 32.0));
         // Lines per invocation: a quarter on small levels.
         assert_eq!([5, 0].map(|level| rounds("linearise", level)), [2.0 / 8.0, 1.0]);
         assert_eq!(rounds("system", 0), 1.0);

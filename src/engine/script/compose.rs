@@ -9,7 +9,9 @@ use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Handle, Plane, RightSides, Slot};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
-use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, separable, system, update};
+use crate::engine::stages::{
+    convolve, grid, halve_grids, linearise, relax, relax_grid, relax_tiles, separable, system, update,
+};
 use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
@@ -88,7 +90,11 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
 }
 
 /// Workgroups of a dispatch over a level.
-fn groups(level: &Level, over: Over) -> [u32; 3] {
+fn groups(plan: &Plan, level: &Level, over: Over) -> [u32; 3] {
+    let sweeps = plan.settings.relaxation_sweeps;
+    let of_grid = |n: usize, groups: &dyn Fn([u32; 2]) -> [u32; 3]| {
+        grid::grids(level.size).get(n).map_or([0; 3], |grid| groups(grid.size))
+    };
     match over {
         Over::Tiles => level.tiles(),
         Over::Half => relax::tiles(level.size),
@@ -98,7 +104,12 @@ fn groups(level: &Level, over: Over) -> [u32; 3] {
         Over::AlongY => convolve::groups([level.size[1], level.size[0]], true, linearise::LAYERS),
         Over::BothAxes => separable::groups(level.size, 1, linearise::LAYERS),
         Over::One => [1, 1, 1],
-        Over::Coarse(n) => grid::grids(level.size).get(n).map_or([0; 3], |grid| relax_grid::tiles(grid.size)),
+        // A number of sweeps without tiles has no dispatch over them.
+        Over::RelaxTiles | Over::CoarseTiles(_) if !relax_tiles::takes(sweeps) => [0; 3],
+        Over::RelaxTiles => relax_tiles::tiles(level.size, sweeps),
+        Over::HalveTiles => of_grid(0, &halve_grids::tiles),
+        Over::Coarse(n) => of_grid(n, &relax_grid::tiles),
+        Over::CoarseTiles(n) => of_grid(n, &|size| relax_tiles::tiles(size, sweeps)),
     }
 }
 
@@ -162,8 +173,9 @@ impl<'a> Composer<'a> {
     }
 
     pub(super) fn finish(self, registered: usize) -> Script {
-        let grids =
-            self.plan.pyramid[..self.plan.solved].iter().map(|level| Over::all().map(|over| groups(level, over)));
+        let grids = self.plan.pyramid[..self.plan.solved]
+            .iter()
+            .map(|level| Over::all().map(|over| groups(self.plan, level, over)));
         let arguments = arguments::initial_words(&grids.collect::<Vec<_>>(), &self.warps);
         Script { parts: self.parts, registered, arguments, tiles: self.lists }
     }
@@ -226,8 +238,11 @@ impl<'a> Composer<'a> {
         constants: &P::Constants,
         variant: Variant,
     ) {
-        let grid =
-            if self.settles { Grid::Level { level: level.index, over } } else { Grid::Direct(groups(level, over)) };
+        let grid = if self.settles {
+            Grid::Level { level: level.index, over }
+        } else {
+            Grid::Direct(groups(self.plan, level, over))
+        };
         self.dispatch(bindings, constants, variant, grid);
     }
 

@@ -9,9 +9,10 @@ use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, exposure, grid, halve_grid, ingest, linearise, mask,
-    pair_samples, pixels, prolong, relax, relax_grid, relax_level, shape, shape_median, shape_windows, sums, system,
-    uncertainty_terms, unpack, update, update_transform,
+    NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, coarsest_grids_shared, exposure, grid, halve_grid,
+    halve_grids, ingest, linearise, mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles,
+    relax_level, relax_tiles, shape, shape_median, shape_windows, sums, system, uncertainty_terms, unpack, update,
+    update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -346,13 +347,28 @@ impl Composer<'_> {
     /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level.
     pub(super) fn relaxation(&mut self, level: &Level) {
         let grids = grid::grids(level.size);
-        let is_small = |grid: &grid::Place| pixels(grid.size[0], grid.size[1]) <= coarsest_grids::MOST_CELLS;
+        let is_small = |grid: &grid::Place| {
+            if self.plan.for_gpu {
+                coarsest_grids_shared::takes(grid.size)
+            } else {
+                pixels(grid.size[0], grid.size[1]) <= coarsest_grids::MOST_CELLS
+            }
+        };
         let small = grids.iter().position(is_small).unwrap_or(grids.len() - 1);
-        for n in 0..small {
+        let mut halved = 0;
+        if self.plan.for_gpu && small > 0 {
+            halved = small.min(halve_grids::GRIDS);
+            self.halve_grids(level, grids[0], halved);
+        }
+        for n in halved..small {
             self.halve_grid(level, n, [grids[n], grids[n + 1]]);
         }
         self.coarsest_grids(level, &grids[small..]);
         for n in (0..small).rev() {
+            if self.relaxes_tiles() {
+                self.relax_grid_tiles(level, n, [grids[n], grids[n + 1]]);
+                continue;
+            }
             for sweep in 0..self.plan.settings.relaxation_sweeps {
                 self.relax_grid(level, n, [grids[n], grids[n + 1]], RED, sweep);
                 self.relax_grid(level, n, [grids[n], grids[n + 1]], BLACK, sweep);
@@ -361,12 +377,26 @@ impl Composer<'_> {
         self.relax_pixels(level);
     }
 
+    /// Whether all relaxation sweeps on a level or a grid are one dispatch over tiles.
+    fn relaxes_tiles(&self) -> bool {
+        self.plan.for_gpu && relax_tiles::takes(self.plan.settings.relaxation_sweeps)
+    }
+
     /// Sums the system of the n-th grid up to the next one.
     fn halve_grid(&mut self, level: &Level, n: usize, [grid, next]: [grid::Place; 2]) {
         let [width, height] = grid.size;
         let constants = halve_grid::Constants { width, height, first: grid.first, next: next.first };
         let bindings = halve_grid::Bindings { equations: slot::GRID_EQUATIONS.update() };
         self.within(level, Over::Coarse(n), bindings, &constants, NO_VARIANT);
+    }
+
+    /// Sums the system of the first grid up to `count` coarser ones.
+    fn halve_grids(&mut self, level: &Level, grid: grid::Place, count: usize) {
+        let ([width, height], first, grids) = (grid.size, grid.first, count as u32);
+        let constants = halve_grids::Constants { width, height, first, grids };
+        let (finest, coarser) = (slot::GRID_EQUATIONS.read(), slot::GRID_EQUATIONS.write());
+        let bindings = halve_grids::Bindings { finest, coarser };
+        self.within(level, Over::HalveTiles, bindings, &constants, NO_VARIANT);
     }
 
     /// Half a relaxation sweep on the n-th grid: one color.
@@ -380,7 +410,21 @@ impl Composer<'_> {
         self.within(level, Over::Coarse(n), bindings, &constants, variant);
     }
 
-    /// The grids of at most `MOST_CELLS` cells.
+    /// All relaxation sweeps on the n-th grid.
+    fn relax_grid_tiles(&mut self, level: &Level, n: usize, [grid, next]: [grid::Place; 2]) {
+        let ([width, height], settings) = (grid.size, &self.plan.settings);
+        let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
+        let (first, next) = (grid.first, next.first);
+        let constants = relax_grid_tiles::Constants { width, height, first, next, sweeps, over_relaxation };
+        let bindings = relax_grid_tiles::Bindings {
+            equations: slot::GRID_EQUATIONS.read(),
+            coarse: slot::GRID_STEPS.read(),
+            steps: slot::GRID_STEPS.write(),
+        };
+        self.within(level, Over::CoarseTiles(n), bindings, &constants, NO_VARIANT);
+    }
+
+    /// The smallest grids: in shared memory on GPUs if they fit.
     fn coarsest_grids(&mut self, level: &Level, grids: &[grid::Place]) {
         let ([width, height], settings) = (grids[0].size, &self.plan.settings);
         let constants = coarsest_grids::Constants {
@@ -392,13 +436,22 @@ impl Composer<'_> {
             coarsest_sweeps: coarsest_grids::COARSEST_SWEEPS,
             over_relaxation: settings.over_relaxation as f32,
         };
+        if self.plan.for_gpu && coarsest_grids_shared::takes(grids[0].size) {
+            let (equations, steps) = (slot::GRID_EQUATIONS.read(), slot::GRID_STEPS.write());
+            let bindings = coarsest_grids_shared::Bindings { equations, steps };
+            return self.within(level, Over::One, bindings, &constants, NO_VARIANT);
+        }
         let bindings =
             coarsest_grids::Bindings { equations: slot::GRID_EQUATIONS.update(), steps: slot::GRID_STEPS.update() };
         self.within(level, Over::One, bindings, &constants, NO_VARIANT);
     }
 
-    /// All relaxation sweeps on the level: two dispatches each, or one dispatch for all on a small level.
+    /// All relaxation sweeps on the level: one dispatch over tiles on GPUs; else two dispatches each, or one dispatch
+    /// for all on a small level.
     fn relax_pixels(&mut self, level: &Level) {
+        if self.relaxes_tiles() {
+            return self.relax_tiles(level);
+        }
         if relax_level::takes(level.size) {
             return self.relax_level(level);
         }
@@ -406,6 +459,20 @@ impl Composer<'_> {
             self.relax(level, RED, sweep);
             self.relax(level, BLACK, sweep);
         }
+    }
+
+    fn relax_tiles(&mut self, level: &Level) {
+        let bindings = relax_tiles::Bindings {
+            right_sides: self.right_sides.read(),
+            weights: slot::WEIGHTS.read(),
+            red: slot::change(RED).write(),
+            black: slot::change(BLACK).write(),
+            coarse: slot::GRID_STEPS.read(),
+        };
+        let ([width, height], settings) = (level.size, &self.plan.settings);
+        let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
+        let constants = relax_tiles::Constants { width, height, sweeps, over_relaxation };
+        self.within(level, Over::RelaxTiles, bindings, &constants, NO_VARIANT);
     }
 
     fn relax_level(&mut self, level: &Level) {

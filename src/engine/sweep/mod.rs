@@ -322,6 +322,22 @@ mod tests {
         pairs.map(|(shot, t)| t.corner_distance(Homography::from(shot.transform), width, height)).fold(0.0, f64::max)
     }
 
+    /// Passes shaped for a GPU give the same u but for rounding.
+    #[test]
+    fn passes_shaped_for_a_gpu_solve_a_sweep_alike() {
+        let (engine, sweep) = (Engine::new(&testing::options()).unwrap(), sweep(211, 167));
+        let mut solver = solver(&engine, &sweep, MEMORY, &Settings::default());
+        let plain = run(&mut solver, &sweep, None).unwrap();
+        let plan = Plan::new(211, 167, [sweep.frames[0].format(); 2], &solver.settings).unwrap();
+        solver.whole = PyramidSolver::new(&engine, Plan { for_gpu: true, ..plan }, FRAMES).unwrap();
+        let shaped = run(&mut solver, &sweep, None).unwrap();
+        let mut differences: Vec<f32> = plain.focus.iter().zip(&shaped.focus).map(|(a, b)| (a - b).abs()).collect();
+        differences.sort_by(f32::total_cmp);
+        let [median, largest] = [differences.len() / 2, differences.len() - 1].map(|n| differences[n]);
+        println!("difference of u: {median} in the median, {largest} at most");
+        assert!(largest < 1e-3 && median < 1e-5, "{median} {largest}");
+    }
+
     #[test]
     fn a_reused_solver_gives_the_bits_of_a_new_one() {
         let engine = Engine::new(&testing::options()).unwrap();

@@ -14,8 +14,8 @@ use crate::engine::stages::pass::Pass;
 use crate::engine::vulkan::{Clock, Device, Image, Pipeline, Recorder, Resource, Texel, Workgroups};
 use crate::engine::{Engine, PairOptions, PreparedSolver};
 
-/// The relaxation passes: half-iterations, and whole small levels.
-const RELAX: [&str; 2] = ["relax", "relax_level"];
+/// The relaxation passes: half-iterations, whole small levels, and tiles.
+const RELAX: [&str; 3] = ["relax", "relax_level", "relax_tiles"];
 
 /// Measures one run. An additional solve with device timestamps measures the passes.
 ///
