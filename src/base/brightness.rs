@@ -47,10 +47,15 @@ impl Brightness {
     /// Applies the match to a row of I2 with interleaved channels, in place. It is several times faster than
     /// [`apply`](Self::apply), and equal except for rounding.
     pub(crate) fn apply_to_row(&self, row: &mut [f32], channels: usize, y: usize) {
-        let factor = self.shading.along_row(self.normalized(1, y as f64));
+        self.apply_along(row, channels, y as f64, |x| x as f64);
+    }
+
+    /// Applies the match to values at y of I2, interleaved, in place. `x` returns the coordinate of the n-th pixel.
+    pub(crate) fn apply_along(&self, row: &mut [f32], channels: usize, y: f64, x: impl Fn(usize) -> f64) {
+        let factor = self.shading.along_row(self.normalized(1, y));
         let Photometric { gain, offset } = self.photometric;
-        for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
-            let gain = gain * factor(self.normalized(0, x as f64));
+        for (n, pixel) in row.chunks_exact_mut(channels).enumerate() {
+            let gain = gain * factor(self.normalized(0, x(n)));
             pixel.iter_mut().for_each(|value| *value = (gain * f64::from(*value) + offset) as f32);
         }
     }

@@ -177,20 +177,61 @@ impl Frame {
     /// Returns the intensities, interleaved, with white at 1.
     pub(crate) fn intensities(&self, decode: Decode) -> Vec<f32> {
         let decode = decode.resolved([self.format().depth]);
-        let value = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored } as f32;
-        // A table saves the power of the curve, since integers have few values.
-        let table = |white: u16| (0..=white).map(|v| value(f64::from(v) / f64::from(white))).collect::<Vec<f32>>();
         match &self.samples {
             Samples::U8(s) => {
-                let table = table(u8::MAX.into());
+                let table = intensities_to(u8::MAX.into(), decode);
                 s.iter().map(|&v| table[usize::from(v)]).collect()
             }
             Samples::U16(s) => {
-                let table = table(u16::MAX);
+                let table = intensities_to(u16::MAX, decode);
                 s.iter().map(|&v| table[usize::from(v)]).collect()
             }
-            Samples::F32(s) => s.iter().map(|&v| value(v.into())).collect(),
+            Samples::F32(s) => s.iter().map(|&v| intensity(v.into(), decode)).collect(),
         }
+    }
+
+    /// Returns the mean intensities of square cells of `step` px, interleaved, with white at 1, and the number of cells
+    /// along each side. Cells at the right and lower border may be smaller.
+    pub(crate) fn mean_intensities(&self, step: usize, decode: Decode) -> (Vec<f32>, [usize; 2]) {
+        let decode = decode.resolved([self.format().depth]);
+        match &self.samples {
+            Samples::U8(s) => {
+                let table = intensities_to(u8::MAX.into(), decode);
+                self.means(s, step, |v| table[usize::from(v)])
+            }
+            Samples::U16(s) => {
+                let table = intensities_to(u16::MAX, decode);
+                self.means(s, step, |v| table[usize::from(v)])
+            }
+            Samples::F32(s) => self.means(s, step, |v| intensity(v.into(), decode)),
+        }
+    }
+
+    fn means<T: Copy + Sync>(
+        &self,
+        samples: &[T],
+        step: usize,
+        value: impl Fn(T) -> f32 + Sync,
+    ) -> (Vec<f32>, [usize; 2]) {
+        let (row, channels) = (self.width as usize * self.channels.count() as usize, self.channels.count() as usize);
+        let cells = [self.width, self.height].map(|side| (side as usize).div_ceil(step));
+        let mut means = vec![0.0; cells[0] * cells[1] * channels];
+        let rows = means.chunks_exact_mut(cells[0] * channels).zip(samples.chunks(step * row));
+        workers::for_each(rows, |(means, samples)| {
+            for line in samples.chunks_exact(row) {
+                for (mean, cell) in means.chunks_exact_mut(channels).zip(line.chunks(step * channels)) {
+                    for pixel in cell.chunks_exact(channels) {
+                        mean.iter_mut().zip(pixel).for_each(|(mean, sample)| *mean += value(*sample));
+                    }
+                }
+            }
+            let lines = samples.len() / row;
+            for (x, mean) in means.chunks_exact_mut(channels).enumerate() {
+                let pixels = lines * step.min(self.width as usize - x * step);
+                mean.iter_mut().for_each(|sum| *sum /= pixels as f32);
+            }
+        });
+        (means, cells)
     }
 
     /// Returns a frame of the same size and format with other intensities, white at 1. Integers are rounded and
@@ -253,6 +294,17 @@ impl Frame {
             Samples::F32(s) => bytemuck::cast_slice(s),
         }
     }
+}
+
+/// Returns the intensity of a stored value, white at 1.
+fn intensity(stored: f64, decode: Decode) -> f32 {
+    (if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }) as f32
+}
+
+/// Returns the intensities of the integers up to `white`. A table saves the power of the curve, since integers have few
+/// values.
+fn intensities_to(white: u16, decode: Decode) -> Vec<f32> {
+    (0..=white).map(|v| intensity(f64::from(v) / f64::from(white), decode)).collect()
 }
 
 /// Copies samples to bytes, and returns whether any pixel is clipped.

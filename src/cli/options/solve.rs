@@ -116,9 +116,9 @@ impl ResultArguments {
 const MAX_BYTES: u64 = 1 << 32;
 
 /// Time to write a pixel of the results, s, without the page and with it: the metal part, two threads.
-const WRITING: [f64; 2] = [0.35e-6, 0.7e-6];
+const WRITING: [f64; 2] = [0.13e-6, 0.34e-6];
 /// Time to draw a pixel of a frame beyond the second on the page, s: 12 frames of the dimple, two threads.
-const DRAWING: f64 = 0.05e-6;
+const DRAWING: f64 = 0.015e-6;
 
 /// The options for solving a pair or a sweep. The serialized fields are those that change the results.
 #[derive(Clone, Debug, Serialize)]

@@ -263,9 +263,10 @@ impl Linearization<'_> {
         let normals: Vec<NormalEquations> = sums.into_iter().map(|band| band.normal).collect();
         workers::map(BANDS, |band| {
             let mut normal = normals[band].clone();
+            let mut by_frame = DVector::zeros(frames);
             for i in rows(band).flat_map(|y| y * width..(y + 1) * width) {
                 let over = 1.0 / (fields[0].data[i] + floor);
-                let by_frame = DVector::from_iterator(frames, fields[2..].iter().map(|field| field.data[i]));
+                by_frame.iter_mut().zip(&fields[2..]).for_each(|(by_frame, field)| *by_frame = field.data[i]);
                 normal.matrix.ger(-over, &by_frame, &by_frame, 1.0);
                 normal.right.axpy(-over * fields[1].data[i], &by_frame, 1.0);
             }
@@ -279,29 +280,43 @@ impl Linearization<'_> {
         let mut sums = BandSums { normal: NormalEquations::zero(frames), fields };
         let step = MAX_SHARPER_STEPS * (self.settings[frames - 1] - self.settings[0]) / (frames - 1) as f64;
         let max_blur = MAX_SHARPER_BLUR.max(self.rate * step * step);
-        for pair in pairs {
-            for (y, x) in rows.clone().flat_map(|y| (0..width).map(move |x| (y, x))) {
-                let Some(terms) = self.terms(*pair, [x, y], max_blur) else { continue };
-                let Terms { s, w, by_u, by_settings } = terms;
-                let at = (y - first) * width + x;
-                sums.fields[0][at] += w * by_u * by_u;
-                sums.fields[1][at] -= w * s * by_u;
-                for (k, by_k) in by_settings {
-                    sums.fields[2 + k][at] += w * by_u * by_k;
-                    sums.normal.right[k] -= w * s * by_k;
-                    by_settings.iter().for_each(|(l, by_l)| sums.normal.matrix[(k, *l)] += w * by_k * by_l);
+        for &[i, j] in pairs {
+            let BandSums { normal: NormalEquations { matrix, right }, fields } = &mut sums;
+            let Ok([d, b, of_i, of_j]) = fields.get_disjoint_mut([0, 1, 2 + i, 2 + j]) else { continue };
+            // The entries of the pair stay in registers, and are added to in the order of the pixels.
+            let (mut right_i, mut right_j) = (right[i], right[j]);
+            let (mut ii, mut ij, mut ji, mut jj) = (matrix[(i, i)], matrix[(i, j)], matrix[(j, i)], matrix[(j, j)]);
+            for y in rows.clone() {
+                for x in 0..width {
+                    let Some(terms) = self.terms([i, j], [x, y], max_blur) else { continue };
+                    let Terms { s, w, by_u, by_settings: [by_i, by_j] } = terms;
+                    let at = (y - first) * width + x;
+                    d[at] += w * by_u * by_u;
+                    b[at] -= w * s * by_u;
+                    of_i[at] += w * by_u * by_i;
+                    of_j[at] += w * by_u * by_j;
+                    right_i -= w * s * by_i;
+                    right_j -= w * s * by_j;
+                    ii += w * by_i * by_i;
+                    ij += w * by_i * by_j;
+                    ji += w * by_j * by_i;
+                    jj += w * by_j * by_j;
                 }
             }
+            (right[i], right[j]) = (right_i, right_j);
+            (matrix[(i, i)], matrix[(i, j)], matrix[(j, i)], matrix[(j, j)]) = (ii, ij, ji, jj);
         }
         sums
     }
 
     /// The terms of a pair at a pixel; `None` if it does not count there.
+    #[inline]
     fn terms(&self, [i, j]: [usize; 2], [x, y]: [usize; 2], max_blur: f64) -> Option<Terms> {
         let (width, height) = (self.focus.width, self.focus.height);
         let u = self.focus.get(x, y);
         let distance = |k: usize| self.settings[k] - u;
-        let [sharper, other] = if distance(i).abs() <= distance(j).abs() { [i, j] } else { [j, i] };
+        let is_first_sharper = distance(i).abs() <= distance(j).abs();
+        let [sharper, other] = if is_first_sharper { [i, j] } else { [j, i] };
         let blur = self.rate * distance(sharper).powi(2);
         let v = self.rate * distance(other).powi(2) - blur;
         let from_border = x.min(y).min(width - 1 - x).min(height - 1 - y) as f64;
@@ -314,11 +329,12 @@ impl Linearization<'_> {
         let (n, n_by_v) = (1.0 + f / (f + v), -f / (f + v).powi(2));
         let (s, s_by_v) = (difference / n.sqrt(), (slope - 0.5 * difference * n_by_v / n) / n.sqrt());
         let by = |k: usize| 2.0 * self.rate * distance(k) * s_by_v;
+        let (by_sharper, by_other) = (by(sharper), by(other));
         Some(Terms {
             s,
             w: 1.0 / (s * s + ETA * ETA).sqrt(),
-            by_u: by(sharper) - by(other),
-            by_settings: [(sharper, -by(sharper)), (other, by(other))],
+            by_u: by_sharper - by_other,
+            by_settings: if is_first_sharper { [-by_sharper, by_other] } else { [by_other, -by_sharper] },
         })
     }
 }
@@ -328,7 +344,7 @@ struct Terms {
     s: f64,
     w: f64,
     by_u: f64,
-    by_settings: [(usize, f64); 2],
+    by_settings: [f64; 2],
 }
 
 #[cfg(test)]
@@ -344,14 +360,48 @@ mod tests {
     /// px² a squared step.
     const RATE: f64 = 0.4;
 
-    /// The settings found for a sweep over a relief, with some of its frames left out.
-    fn found(frames: usize, left_out: &[usize]) -> Option<Vec<f64>> {
+    /// A sweep over a relief, with some of its frames left out.
+    fn frames_of_relief(frames: usize, left_out: &[usize]) -> Vec<Field> {
         let scene = Scene { width: 72, height: 56, noise: 0.003, ..Preset::Relief.scene() };
         let sweep = SweepScene { blur_rate: RATE, ..SweepScene::new(scene, frames) }.render().unwrap();
         let field = |n: usize| Field::from_f32(72, 56, &sweep.frames[n].intensities(Decode::None));
-        let fields: Vec<Field> = (0..frames).filter(|n| !left_out.contains(n)).map(field).collect();
+        (0..frames).filter(|n| !left_out.contains(n)).map(field).collect()
+    }
+
+    /// The settings found for it.
+    fn found(frames: usize, left_out: &[usize]) -> Option<Vec<f64>> {
+        let fields = frames_of_relief(frames, left_out);
         let settings: Vec<f64> = (0..fields.len()).map(|n| n as f64).collect();
         uneven_settings(&fields, &settings, RATE, || Ok::<_, ()>(None)).unwrap()
+    }
+
+    #[test]
+    fn sums_of_a_band_are_those_of_its_pixels_in_order_to_the_bit() {
+        let images: Vec<Field> = frames_of_relief(5, &[]).iter().map(start::band_passed).collect();
+        let (stacks, settings) = (BlurStacks::new(&images), [0.0, 1.0, 2.1, 2.9, 4.0]);
+        let focus = stacks.focus(&settings, RATE);
+        let linearization = Linearization { stacks: &stacks, settings: &settings, rate: RATE, focus: &focus };
+        let (pairs, rows) = ([[0, 1], [1, 2], [2, 3], [3, 4], [0, 2], [1, 3], [2, 4], [0, 4]], 14..42);
+        let sums = linearization.sum_band(&pairs, rows.clone());
+        let (mut matrix, mut right) = (DMatrix::<f64>::zeros(5, 5), DVector::<f64>::zeros(5));
+        let mut fields = vec![vec![0.0; 72 * rows.len()]; 7];
+        let (mut first_is_sharper, mut second_is_sharper) = (0, 0);
+        for pair in pairs {
+            for (at, (y, x)) in rows.clone().flat_map(|y| (0..72).map(move |x| (y, x))).enumerate() {
+                let Some(terms) = linearization.terms(pair, [x, y], MAX_SHARPER_BLUR) else { continue };
+                let Terms { s, w, by_u, by_settings } = terms;
+                *if by_settings[0] * by_u <= 0.0 { &mut first_is_sharper } else { &mut second_is_sharper } += 1;
+                fields[0][at] += w * by_u * by_u;
+                fields[1][at] -= w * s * by_u;
+                for (k, by_k) in pair.into_iter().zip(by_settings) {
+                    fields[2 + k][at] += w * by_u * by_k;
+                    right[k] -= w * s * by_k;
+                    pair.iter().zip(by_settings).for_each(|(l, by_l)| matrix[(k, *l)] += w * by_k * by_l);
+                }
+            }
+        }
+        assert!(first_is_sharper > 100 && second_is_sharper > 100, "{first_is_sharper} {second_is_sharper}");
+        assert!(sums.normal.matrix == matrix && sums.normal.right == right && sums.fields == fields);
     }
 
     #[test]

@@ -16,14 +16,35 @@ const MASK_MARGIN: usize = 3;
 /// The margin that each coarser level adds, px of that level: it is blurred by σ 1 px before it is halved.
 const HALVED_MASK_MARGIN: usize = 1;
 
+/// Side of the square cells in which excluded pixels are looked for first, px.
+const CELL: usize = 32;
+
 /// The excluded pixels of one image.
 struct ExclusionMask {
     width: usize,
     height: usize,
     excluded: Vec<bool>,
+    /// Whether a cell has an excluded pixel, by [`CELL`]s; empty before [`levels`](Self::levels).
+    cells: Vec<bool>,
 }
 
 impl ExclusionMask {
+    fn new(width: usize, height: usize, excluded: Vec<bool>) -> Self {
+        Self { width, height, excluded, cells: Vec::new() }
+    }
+
+    /// Notes which cells have an excluded pixel.
+    fn with_cells(self) -> Self {
+        let columns = self.width.div_ceil(CELL);
+        let mut cells = vec![false; columns * self.height.div_ceil(CELL)];
+        for (rows, cells) in self.excluded.chunks(CELL * self.width).zip(cells.chunks_exact_mut(columns)) {
+            for row in rows.chunks_exact(self.width) {
+                row.chunks(CELL).zip(&mut *cells).for_each(|(pixels, cell)| *cell |= pixels.contains(&true));
+            }
+        }
+        Self { cells, ..self }
+    }
+
     /// Excludes also the pixels within `margin` px along either axis.
     fn grown(self, margin: usize) -> Self {
         if margin == 0 {
@@ -51,7 +72,7 @@ impl ExclusionMask {
         let at = |x: usize, y: usize| self.excluded[y.min(self.height - 1) * self.width + x.min(self.width - 1)];
         let any = |x, y| at(2 * x, 2 * y) || at(2 * x + 1, 2 * y) || at(2 * x, 2 * y + 1) || at(2 * x + 1, 2 * y + 1);
         let excluded = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| any(x, y)).collect();
-        Self { width, height, excluded }
+        Self::new(width, height, excluded)
     }
 
     /// `count` levels, the finest first, with margins on the finest and on the others.
@@ -60,15 +81,37 @@ impl ExclusionMask {
         while levels.len() < count {
             levels.push(levels[levels.len() - 1].halved().grown(halved_margin));
         }
-        levels
+        levels.into_iter().map(Self::with_cells).collect()
     }
 
     /// Whether the pixel where T takes a pixel of the reference is excluded.
     fn contains(&self, t: &Homography, level: &Level, pixel: [usize; 2]) -> bool {
         let [x, y] = mapped(t, level, pixel.map(|at| at as f64));
-        let nearest = |at: f64, side: usize| at.round().clamp(0.0, side as f64 - 1.0) as usize;
         self.excluded[nearest(y, self.height) * self.width + nearest(x, self.width)]
     }
+
+    /// Whether [`contains`](Self::contains) may hold for a pixel of a row from column `first` to column `last`.
+    fn may_contain(&self, t: &Homography, level: &Level, [first, last]: [usize; 2], y: usize) -> bool {
+        // Only affine maps take points between two others to points between the mapped ones, evenly.
+        if !t.is_affine() {
+            return true;
+        }
+        let ends = [first, last].map(|x| mapped(t, level, [x as f64, y as f64]));
+        // A pixel to either side covers rounding.
+        let span = |axis: usize, side: usize| {
+            let [low, high] = [ends[0][axis].min(ends[1][axis]) - 1.0, ends[0][axis].max(ends[1][axis]) + 1.0];
+            nearest(low, side) / CELL..=nearest(high, side) / CELL
+        };
+        let columns = self.width.div_ceil(CELL);
+        span(1, self.height).any(|row| span(0, self.width).any(|column| self.cells[row * columns + column]))
+    }
+}
+
+/// The pixel of a side of this length that is nearest to a coordinate: `at.round()` within the side. The cast to an
+/// integer is an instruction of the processor, and `round` a call.
+fn nearest(at: f64, side: usize) -> usize {
+    let below = (at as usize).min(side - 1);
+    (below + usize::from(at - below as f64 >= 0.5)).min(side - 1)
 }
 
 /// By level, the finest first; `None` if no pixel is excluded.
@@ -88,14 +131,14 @@ impl ExcludedPixels {
             let levels = || {
                 let counts: Field = mask::cpu_reference(frame, limits, None);
                 let excluded = counts.data.iter().map(|&counts| counts == 0.0).collect();
-                ExclusionMask { width: counts.width, height: counts.height, excluded }.levels(levels, [0; 2])
+                ExclusionMask::new(counts.width, counts.height, excluded).levels(levels, [0; 2])
             };
             frame.has_clipped_pixels(limits).then(levels)
         };
         let masked = mask.map(|mask| {
             let [width, height] = mask.size().map(|side| side as usize);
             let excluded = mask.bytes().iter().map(|&counts| counts == 0).collect();
-            ExclusionMask { width, height, excluded }.levels(levels, [MASK_MARGIN, HALVED_MASK_MARGIN])
+            ExclusionMask::new(width, height, excluded).levels(levels, [MASK_MARGIN, HALVED_MASK_MARGIN])
         });
         Self { frames: workers::map(frames.len(), clipped), masked }
     }
@@ -117,15 +160,21 @@ impl ExcludedPixels {
         let mut all = vec![0; words * width * height];
         let rows = all.chunks_exact_mut(words * width).enumerate();
         workers::for_each(rows, |(y, row)| {
-            for (x, bits) in row.chunks_exact_mut(words).enumerate() {
-                if self.masked.as_ref().is_some_and(|levels| levels[level.index].excluded[y * width + x]) {
-                    bits.fill(u32::MAX);
-                    continue;
-                }
-                let frames = self.frames.iter().zip(transforms).enumerate();
-                for (n, (levels, t)) in frames.filter_map(|(n, (levels, t))| Some((n, (levels.as_ref()?, t)))) {
-                    if levels[level.index].contains(t, level, [x, y]) {
-                        bits[n / 32] |= 1 << (n % 32);
+            if let Some(levels) = &self.masked {
+                let masked = levels[level.index].excluded[y * width..][..width].iter();
+                let masked = row.chunks_exact_mut(words).zip(masked).filter(|(_, masked)| **masked);
+                masked.for_each(|(bits, _)| bits.fill(u32::MAX));
+            }
+            let frames = self.frames.iter().zip(transforms).enumerate();
+            for (n, (levels, t)) in frames.filter_map(|(n, (levels, t))| Some((n, (levels.as_ref()?, t)))) {
+                let mask = &levels[level.index];
+                for first in (0..width).step_by(CELL) {
+                    let end = (first + CELL).min(width);
+                    if !mask.may_contain(t, level, [first, end - 1], y) {
+                        continue;
+                    }
+                    for x in (first..end).filter(|x| mask.contains(t, level, [*x, y])) {
+                        row[x * words + n / 32] |= 1 << (n % 32);
                     }
                 }
             }
@@ -252,6 +301,61 @@ mod tests {
         // last.
         let words = [0, 0, u32::MAX, u32::MAX, u32::MAX >> 1, !1, u32::MAX, !1];
         assert_eq!(count_in_two_frames(&words, 34), 2);
+    }
+
+    #[test]
+    fn the_nearest_pixel_is_the_rounded_coordinate() {
+        let cases = [-7.5, -0.5, -0.0, 0.49999999999999994, 0.5, 1.5, 2.5, 8.499, 8.5, 9.5, 1e300];
+        for at in cases.into_iter().chain([f64::NAN, f64::INFINITY, f64::NEG_INFINITY]) {
+            assert_eq!(nearest(at, 10), at.round().clamp(0.0, 9.0) as usize, "{at}");
+        }
+    }
+
+    #[test]
+    fn every_excluded_pixel_has_its_bit_under_any_transform() {
+        let (width, height, levels) = (150usize, 110usize, 2);
+        // Few excluded pixels, at a corner, in the middle and on a line, so that most cells have none.
+        let excluded: Vec<bool> = (0..width * height)
+            .map(|i| i == 0 || (70..73).contains(&(i % width)) && i / width == 60 || i / width == 109)
+            .collect();
+        let masked: Vec<bool> = (0..width * height).map(|i| i % width == 20).collect();
+        let mask = |excluded: &[bool]| ExclusionMask::new(width, height, excluded.to_vec()).levels(levels, [0, 1]);
+        let perspective = Homography::from_matrix([[1.0, 0.0, 3.0], [0.0, 1.0, 0.0], [1e-4, -2e-4, 1.0]]).unwrap();
+        let transforms = [
+            Homography::IDENTITY,
+            Similarity { scale: 1.1, rotation: 0.2, tx: 31.4, ty: -17.5 }.into(),
+            Similarity { scale: 0.9, rotation: -3.0, tx: 0.25, ty: 400.0 }.into(),
+            perspective,
+        ];
+        let frames: Vec<Levels> = transforms.iter().map(|_| Some(mask(&excluded))).chain([None]).collect();
+        let pixels = ExcludedPixels { frames, masked: Some(mask(&masked)) };
+        let transforms: Vec<Homography> = transforms.into_iter().chain([Homography::IDENTITY]).collect();
+        let mut seen = [0; 5];
+        for level in [0, 1].map(|index| Level::new(index, width as u32, height as u32, 10.0)) {
+            let found = pixels.words(&level, &transforms);
+            fn of<'a>(levels: &'a Levels, level: &Level) -> Option<&'a ExclusionMask> {
+                levels.as_ref().map(|levels| &levels[level.index])
+            }
+            let columns = level.size[0] as usize;
+            for (i, bits) in found.iter().enumerate() {
+                let pixel = [i % columns, i / columns];
+                if of(&pixels.masked, &level).is_some_and(|mask| mask.excluded[i]) {
+                    assert_eq!(*bits, u32::MAX);
+                    continue;
+                }
+                for (n, (levels, t)) in pixels.frames.iter().zip(&transforms).enumerate() {
+                    let [x, y] = mapped(t, &level, pixel.map(|at| at as f64));
+                    let is_excluded = of(levels, &level).is_some_and(|mask| {
+                        let [x, y] = [(x, mask.width), (y, mask.height)]
+                            .map(|(at, side)| at.round().clamp(0.0, side as f64 - 1.0) as usize);
+                        mask.excluded[y * mask.width + x]
+                    });
+                    assert_eq!(bits >> n & 1 == 1, is_excluded, "frame {n} at {pixel:?} of level {}", level.index);
+                    seen[n] += usize::from(is_excluded);
+                }
+            }
+        }
+        assert!(seen[..4].iter().all(|count| *count > 50) && seen[4] == 0, "{seen:?}");
     }
 
     #[test]

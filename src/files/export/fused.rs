@@ -1,11 +1,14 @@
 //! The all-in-focus image, as PNG in the bit depth of the inputs, and as EXR for inputs in floats.
 
+use std::borrow::Cow;
 use std::io::{Seek, Write};
+use std::sync::OnceLock;
 
 use super::image_files::{FUSED, FUSED_FLOAT, write_floats, write_frame};
 use crate::base::color::{linear_to_srgb, stored};
 use crate::base::{Channels, Decode, Depth, Error, Frame, Samples};
 use crate::engine::Solution;
+use crate::solve::resample::in_rows;
 
 /// File of the all-in-focus image in integers: 8 bits if all inputs have 8 bits, else 16.
 pub const FUSED_FILE: &str = "fused.png";
@@ -22,6 +25,8 @@ pub(super) struct Fused<'a> {
     decode: Decode,
     /// Sample types of the inputs.
     pub(super) depth: Depth,
+    /// The image in 8 bits, computed once: a file and the page use it.
+    eight_bits: OnceLock<Result<Frame, String>>,
 }
 
 impl<'a> Fused<'a> {
@@ -37,7 +42,7 @@ impl<'a> Fused<'a> {
     ) -> Result<Self, Error> {
         let count = size.0 as usize * size.1 as usize * channels.count() as usize;
         if values.len() == count {
-            return Ok(Self { size, channels, values, decode, depth });
+            return Ok(Self { size, channels, values, decode, depth, eight_bits: OnceLock::new() });
         }
         let problem = match values.is_empty() {
             true => "results without the fused image cannot be written: solve with `fused` set".to_string(),
@@ -51,13 +56,35 @@ impl<'a> Fused<'a> {
     /// # Errors
     /// [`Error::Mismatch`] if a value is not finite.
     pub(super) fn frame(&self, depth: Depth) -> Result<Frame, Error> {
-        let scaled = |white: f32| self.values.iter().map(move |&v| (stored(v, self.decode) * white).round());
         let samples = match depth {
-            Depth::U8 => Samples::U8(scaled(255.0).map(|v| v as u8).collect()),
-            Depth::U16 => Samples::U16(scaled(65535.0).map(|v| v as u16).collect()),
+            Depth::U8 => return self.in_8_bits().cloned(),
+            Depth::U16 => Samples::U16(self.integers(65535.0, |v| v as u16)),
             Depth::F32 => Samples::F32(self.floats()),
         };
         Frame::new(self.size.0, self.size.1, self.channels, samples).map_err(Error::Mismatch)
+    }
+
+    /// The image in 8 bits.
+    ///
+    /// # Errors
+    /// As for [`frame`](Self::frame).
+    pub(super) fn in_8_bits(&self) -> Result<&Frame, Error> {
+        let frame = self.eight_bits.get_or_init(|| {
+            let samples = Samples::U8(self.integers(255.0, |v| v as u8));
+            Frame::new(self.size.0, self.size.1, self.channels, samples)
+        });
+        frame.as_ref().map_err(|problem| Error::Mismatch(problem.clone()))
+    }
+
+    /// The stored values on a scale up to `white`.
+    fn integers<T: Copy + Default + Send>(&self, white: f32, of: impl Fn(f32) -> T + Sync) -> Vec<T> {
+        let mut integers = vec![T::default(); self.values.len()];
+        let row = self.size.0 as usize * self.channels.count() as usize;
+        in_rows(&mut integers, row, |y, integers| {
+            let values = &self.values[y * row..];
+            integers.iter_mut().zip(values).for_each(|(to, v)| *to = of((stored(*v, self.decode) * white).round()));
+        });
+        integers
     }
 
     fn floats(&self) -> Vec<f32> {
@@ -67,8 +94,11 @@ impl<'a> Fused<'a> {
 
     /// Writes `fused.png`.
     pub(super) fn write_png(&self, writer: impl Write + Seek) -> Result<(), String> {
-        let depth = if self.depth == Depth::U8 { Depth::U8 } else { Depth::U16 };
-        write_frame(writer, &self.frame(depth).map_err(|e| e.to_string())?, [&FUSED, &FUSED_FLOAT])
+        let frame = match self.depth {
+            Depth::U8 => self.in_8_bits().map(Cow::Borrowed),
+            _ => self.frame(Depth::U16).map(Cow::Owned),
+        };
+        write_frame(writer, &*frame.map_err(|e| e.to_string())?, [&FUSED, &FUSED_FLOAT])
     }
 
     /// Writes `fused.exr`.

@@ -133,6 +133,9 @@ pub(crate) fn write_floats(
 }
 
 /// Writes an EXR of fields of one size. Each is a channel with the field's name.
+///
+/// A field of the heat sink, 2 Mpx, takes 0.02 s of processor time in RLE and 6.8 to 8.3 MB. PIZ takes 0.3 s and 6.6 to
+/// 7.3 MB, ZIP of single lines 0.13 s and 6.8 to 8.0 MB.
 pub(crate) fn write_channels(
     writer: impl Write + Seek,
     (width, height): (u32, u32),
@@ -148,8 +151,9 @@ pub(crate) fn write_channels(
     attributes.other.insert(text("units")?, AttributeValue::Text(text(&description.units)?));
     let channel = |&(name, values): &(&str, &[f32])| AnyChannel::new(name, FlatSamples::F32(values.to_vec()));
     let channels = AnyChannels::sort(fields.iter().map(channel).collect());
-    let layer = Layer::new((width as usize, height as usize), attributes, Encoding::SMALL_FAST_LOSSLESS, channels);
-    Image::from_layer(layer).write().to_buffered(writer).map_err(|e| e.to_string())
+    let layer = Layer::new((width as usize, height as usize), attributes, Encoding::FAST_LOSSLESS, channels);
+    // Several files are written at a time, so the encoder needs no threads of its own.
+    Image::from_layer(layer).write().non_parallel().to_buffered(writer).map_err(|e| e.to_string())
 }
 
 /// Writes a photograph: integers as PNG, floats as EXR, each with its description.

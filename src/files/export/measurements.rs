@@ -9,9 +9,8 @@ use serde::Serialize;
 
 use super::image_files::{PROFILE, Pixels, write_png};
 use super::report::{Measurements, ProfileReport, StepReport};
-use super::results::{Plotter, Results};
+use super::results::{NewFile, Plotter, Results};
 use super::scale::{Quantity, column};
-use super::staging::Staging;
 use crate::base::{Error, Region};
 use crate::metric::measure::{Line, Values};
 
@@ -111,16 +110,20 @@ pub fn profiles_in(folder: &Path) -> Vec<String> {
 }
 
 impl Measurements {
-    /// Adds the files of the profiles.
-    pub(super) fn stage(&self, staging: &mut Staging, plotter: Option<Plotter>) -> Result<(), Error> {
+    /// The files of the profiles.
+    pub(super) fn files(&self, plotter: Option<Plotter>) -> Vec<NewFile<'static>> {
+        let mut files = Vec::new();
         for profile in &self.profiles {
-            staging.add(&profile.csv, |w| profile.write_csv(w).map_err(|e| e.to_string()))?;
+            let table = profile.clone();
+            files.push(NewFile::new(profile.csv.clone(), move |_, w| table.write_csv(w).map_err(|e| e.to_string())));
             let Some(plotter) = plotter else { continue };
-            let picture = (plotter.profile)(profile);
-            let pixels = Pixels::Bytes(&picture);
-            staging.add(&profile.png, |w| write_png(w, picture.dimensions(), ColorType::Rgb, &pixels, &PROFILE))?;
+            let drawn = profile.clone();
+            files.push(NewFile::new(profile.png.clone(), move |_, w| {
+                let picture = (plotter.profile)(&drawn);
+                write_png(w, picture.dimensions(), ColorType::Rgb, &Pixels::Bytes(&picture), &PROFILE)
+            }));
         }
-        Ok(())
+        files
     }
 }
 

@@ -1,7 +1,8 @@
 //! Results of a pair or a focus sweep, in memory or in a folder, and their additional files.
 
 use std::borrow::Cow;
-use std::io::Write;
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
@@ -91,7 +92,7 @@ pub struct Results<'a> {
     /// Fields in memory.
     fields: Vec<(&'static str, Cow<'a, [f32]>)>,
     /// Depth and its standard deviation, mm.
-    depth: Option<[Cow<'a, [f32]>; 2]>,
+    pub(super) depth: Option<[Cow<'a, [f32]>; 2]>,
     /// Pixels without a measurement: they lack texture, or have no focus, and are filled in.
     pub(super) marked: Vec<bool>,
     /// For a sweep: -1 and 1 where no frame is in focus, by side.
@@ -427,9 +428,9 @@ impl<'a> Results<'a> {
     ///
     /// # Errors
     /// As for [`fused`](Self::fused); [`Error::Mismatch`] for results that were read from a folder.
-    pub(crate) fn fused_in_8_bits(&self) -> Result<Frame, Error> {
+    pub(crate) fn fused_in_8_bits(&self) -> Result<&Frame, Error> {
         let absent = || Error::Mismatch("the fused image was not read".to_string());
-        self.fused.as_ref().ok_or_else(absent)?.frame(Depth::U8)
+        self.fused.as_ref().ok_or_else(absent)?.in_8_bits()
     }
 
     /// Unit of the focus of a sweep.
@@ -549,12 +550,12 @@ pub struct Extra<'a> {
 }
 
 /// Writes the content of a file. An error is a phrase that fits into "cannot be written (...)".
-type Fill<'a> = Box<dyn FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + 'a>;
+type Fill<'a> = Box<dyn FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + Send + 'a>;
 
 impl<'a> Extra<'a> {
     pub(crate) fn new(
         name: &'static str,
-        fill: impl FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + 'a,
+        fill: impl FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + Send + 'a,
     ) -> Self {
         Self { name, fill: Box::new(fill) }
     }
@@ -562,6 +563,30 @@ impl<'a> Extra<'a> {
     /// Its name in the folder of results.
     pub fn name(&self) -> &'static str {
         self.name
+    }
+}
+
+/// A file that [`Results::write`] and the functions that add to results write.
+pub(super) struct NewFile<'a> {
+    pub(super) name: Cow<'static, str>,
+    pub(super) fill: FillFile<'a>,
+}
+
+/// Writes the content of a file, some of which seek.
+type FillFile<'a> = Box<dyn FnOnce(&Results<'_>, &mut BufWriter<&mut File>) -> Result<(), String> + Send + 'a>;
+
+impl<'a> NewFile<'a> {
+    pub(super) fn new(
+        name: impl Into<Cow<'static, str>>,
+        fill: impl FnOnce(&Results<'_>, &mut BufWriter<&mut File>) -> Result<(), String> + Send + 'a,
+    ) -> Self {
+        Self { name: name.into(), fill: Box::new(fill) }
+    }
+}
+
+impl<'a> From<Extra<'a>> for NewFile<'a> {
+    fn from(Extra { name, fill }: Extra<'a>) -> Self {
+        Self::new(name, |results, writer| fill(results, writer))
     }
 }
 

@@ -4,13 +4,14 @@ use std::ffi::OsStr;
 use std::fs::{self, File, Metadata};
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use tempfile::NamedTempFile;
 
 use super::destination::{Destination, FileKind, Guard};
 use super::folder::{Folder, OtherWriters, naming, temporary_file};
 use super::journal::{Journal, Unfinished, metadata};
-use crate::base::Error;
+use crate::base::{Error, workers};
 use crate::files::bounded_read::{Hash, Hashes};
 
 /// A folder and the files that are being written into it. Dropping it before [`place`](Staging::place) succeeds removes
@@ -26,6 +27,14 @@ pub(crate) struct Staging {
     /// Files of earlier results that are removed.
     stale: Stale,
 }
+
+/// Writes the content of a file. An error is a phrase that fits into "cannot be written (...)".
+pub(crate) trait Content: FnOnce(&mut BufWriter<&mut File>) -> Result<(), String> {}
+
+impl<F: FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>> Content for F {}
+
+/// A file under a temporary name, its final path, and its size and hash if a report lists them.
+type Written = (NamedTempFile, PathBuf, Option<Hash>);
 
 /// Files of earlier results that are removed when the new files get their names.
 enum Stale {
@@ -67,33 +76,54 @@ impl Staging {
     }
 
     /// Writes one file under a temporary name.
-    pub(crate) fn add(
-        &mut self,
-        name: impl AsRef<OsStr>,
-        fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
-    ) -> Result<(), Error> {
-        let path = self.folder.path.join(name.as_ref());
-        let mut file = self.temporary(&path, fill)?;
-        if self.report.is_some() {
-            let hash = file.rewind().and_then(|()| Hash::of(&mut file)).map_err(|e| {
-                Error::file(&path, format!("cannot be read again once it is written ({e}); check the disk"))
-            })?;
-            self.hashes.insert(name.as_ref().to_string_lossy().into_owned(), hash);
-        }
-        self.written.push((file, path));
+    pub(crate) fn add(&mut self, name: impl AsRef<OsStr>, content: impl Content) -> Result<(), Error> {
+        let written = self.write(name.as_ref(), content)?;
+        self.push(written);
         Ok(())
     }
 
-    fn temporary(
-        &self,
-        path: &Path,
-        fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
-    ) -> Result<NamedTempFile, Error> {
+    /// Writes files under temporary names, in parallel. The last one begins first. After a failure, no other file
+    /// begins, and none is added.
+    pub(crate) fn add_all<C: Content + Send>(
+        &mut self,
+        files: Vec<(impl AsRef<OsStr> + Send, C)>,
+    ) -> Result<(), Error> {
+        let mut written: Vec<Option<Result<Written, Error>>> = files.iter().map(|_| None).collect();
+        let (staging, has_failed) = (&*self, AtomicBool::new(false));
+        workers::for_each(files.into_iter().zip(&mut written).rev(), |((name, content), written)| {
+            if !has_failed.load(Ordering::Relaxed) {
+                let result = staging.write(name.as_ref(), content);
+                has_failed.fetch_or(result.is_err(), Ordering::Relaxed);
+                *written = Some(result);
+            }
+        });
+        let written: Vec<Written> = written.into_iter().flatten().collect::<Result<_, _>>()?;
+        written.into_iter().for_each(|written| self.push(written));
+        Ok(())
+    }
+
+    fn push(&mut self, (file, path, hash): Written) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        self.hashes.extend(hash.map(|hash| (name, hash)));
+        self.written.push((file, path));
+    }
+
+    fn write(&self, name: &OsStr, content: impl Content) -> Result<Written, Error> {
+        let path = self.folder.path.join(name);
+        let mut file = self.temporary(&path, content)?;
+        let hash = self.report.is_some().then(|| file.rewind().and_then(|()| Hash::of(&mut file))).transpose();
+        let hash = hash.map_err(|e| {
+            Error::file(&path, format!("cannot be read again once it is written ({e}); check the disk"))
+        })?;
+        Ok((file, path, hash))
+    }
+
+    fn temporary(&self, path: &Path, content: impl Content) -> Result<NamedTempFile, Error> {
         let wrap =
             |problem: String| Error::file(path, format!("cannot be written ({problem}); check space and permissions"));
         let mut file = temporary_file(&self.folder.path).map_err(|e| wrap(e.to_string()))?;
         let mut writer = BufWriter::new(file.as_file_mut());
-        fill(&mut writer).map_err(wrap)?;
+        content(&mut writer).map_err(wrap)?;
         writer.flush().map_err(|e| wrap(e.to_string()))?;
         drop(writer);
         // Without this, a power cut could leave an empty file under the name.
@@ -251,6 +281,32 @@ mod tests {
         assert!(staging.add("two", |_| Err("disk full".to_string())).unwrap_err().to_string().contains("disk full"));
         drop(staging);
         assert!(!base.path().join("a").exists());
+    }
+
+    #[test]
+    fn files_of_one_call_keep_their_order_and_a_failure_among_them_is_named() {
+        let base = TempDir::new().unwrap();
+        let out = base.path().join("new");
+        let mut staging = replacing(&out).unwrap();
+        let names: Vec<String> = (0..20).map(|n| format!("file-{n}")).collect();
+        let files = |failing: Option<usize>| {
+            let content = move |(n, name): (usize, &String)| {
+                let text = format!("content {n}");
+                let content = move |w: &mut BufWriter<&mut File>| match failing {
+                    Some(k) if k == n => Err("disk full".to_string()),
+                    _ => w.write_all(text.as_bytes()).map_err(|e| e.to_string()),
+                };
+                (name.clone(), content)
+            };
+            names.iter().enumerate().map(content).collect::<Vec<_>>()
+        };
+        let refused = staging.add_all(files(Some(7))).unwrap_err().to_string();
+        assert!(refused.contains("file-7: cannot be written (disk full)"), "{refused}");
+        assert_eq!((staging.names().len(), staging.hashes().len()), (0, 0));
+        assert_eq!(names_in(&out).len(), 0, "a failure leaves no temporary file");
+        staging.add_all(files(None)).unwrap();
+        assert_eq!(staging.names(), names);
+        assert_eq!(staging.hashes()["file-7"], Hash::of(&b"content 7"[..]).unwrap());
     }
 
     #[test]

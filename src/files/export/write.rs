@@ -1,6 +1,7 @@
 //! Writes results into a folder: all files or none.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{BufWriter, Seek, Write};
 
 use png::ColorType;
 
@@ -9,7 +10,7 @@ use super::fused::{FUSED_FILE, FUSED_FLOAT_FILE};
 use super::image_files::{self, Description, Pixels, write_channels, write_field, write_png};
 use super::measurements::{MeasurementRequest, is_profile};
 use super::report::{Kind, Measurements, REPORT_FILE, write_json_to};
-use super::results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Drawing, Extra, PAGE_FILE, Results};
+use super::results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Drawing, Extra, NewFile, PAGE_FILE, Results};
 use super::staging::Staging;
 use super::{arrays, maps};
 use crate::base::{Depth, Error};
@@ -34,6 +35,10 @@ const DEPTH_EXPORTS: [&str; 17] = [
     "surface_y.tiff",
     "surface_z.tiff",
 ];
+
+/// Greatest number of pixels of results whose files are written in parallel, 16 Mi. Files of larger results are written
+/// one after the other, since each may need some 50 bytes of memory per pixel.
+const MAX_PARALLEL_PIXELS: u64 = 1 << 24;
 
 /// Names of all files that a folder of results may hold, except profiles.
 pub fn result_files() -> impl Iterator<Item = &'static str> {
@@ -60,33 +65,43 @@ impl Results<'_> {
         drawing: &Drawing,
         extras: Vec<Extra<'_>>,
     ) -> Result<(), Error> {
-        let Some(fused) = &self.fused else {
+        let Some(is_in_floats) = self.fused.as_ref().map(|fused| fused.depth == Depth::F32) else {
             return Err(Error::Mismatch("results that were read from a folder cannot be written again".to_string()));
         };
-        let mut staging = Staging::replacing(out.into(), REPORT_FILE)?;
-        let size = self.size();
-        for (name, file, description) in self.report.kind.fields() {
-            match *name {
-                "valid" => staging.add(file, |w| self.write_valid(w))?,
-                "frames" => staging.add(file, |w| self.write_frames(w))?,
-                "beyond" => staging.add(file, |w| self.write_beyond(w))?,
-                _ => {
-                    let values = self.field(name)?;
-                    staging.add(file, |w| write_field(w, size, &values, description))?;
-                }
-            }
+        let staging = Staging::replacing(out.into(), REPORT_FILE)?;
+        let fields = self.report.kind.fields().iter();
+        let mut files: Vec<NewFile<'_>> = fields
+            .map(|(name, file, description)| {
+                NewFile::new(*file, |results, w| results.write_field(name, description, w))
+            })
+            .collect();
+        files.extend(self.depth_files(drawing));
+        files.push(NewFile::new(FUSED_FILE, |results, w| {
+            results.fused.as_ref().map_or(Ok(()), |fused| fused.write_png(w))
+        }));
+        if is_in_floats {
+            files.push(NewFile::new(FUSED_FLOAT_FILE, |results, w| {
+                results.fused.as_ref().map_or(Ok(()), |fused| fused.write_exr(w))
+            }));
         }
-        self.stage_depth(&mut staging, drawing)?;
-        staging.add(FUSED_FILE, |w| fused.write_png(w))?;
-        if fused.depth == Depth::F32 {
-            staging.add(FUSED_FLOAT_FILE, |w| fused.write_exr(w))?;
-        }
-        if let Some(measured) = &self.report.measurements {
-            measured.stage(&mut staging, drawing.plotter)?;
-        }
+        files.extend(self.report.measurements.iter().flat_map(|measured| measured.files(drawing.plotter)));
+        files.extend(extras.into_iter().map(NewFile::from));
         self.report.hashes.clear();
         self.report.files.clear();
-        self.finish(staging, &[], extras)
+        self.finish(staging, &[], files)
+    }
+
+    /// Writes the field of this name.
+    fn write_field(&self, name: &str, description: &Description, writer: impl Write + Seek) -> Result<(), String> {
+        match name {
+            "valid" => self.write_valid(writer),
+            "frames" => self.write_frames(writer),
+            "beyond" => self.write_beyond(writer),
+            _ => {
+                let values = self.field(name).map_err(|e| e.to_string())?;
+                write_field(writer, self.size(), &values, description)
+            }
+        }
     }
 
     /// 255 where the results are measured, else 0.
@@ -115,14 +130,18 @@ impl Results<'_> {
         write_png(writer, self.size(), ColorType::Grayscale, pixels, description)
     }
 
-    /// Adds `depth.png`, and `depth_mm.exr` if depth is known.
-    fn stage_depth(&self, staging: &mut Staging, drawing: &Drawing) -> Result<(), Error> {
-        if let Some(depth) = self.depth() {
-            let channels = [("Y", &depth.values[..]), ("standard_deviation", &depth.deviation)];
-            let description = self.depth_description();
-            staging.add(DEPTH_FILE, |w| write_channels(w, self.size(), &channels, description))?;
-        }
-        staging.add(DEPTH_PICTURE_FILE, |w| maps::write(w, self, drawing))
+    /// `depth.png`, and `depth_mm.exr` if depth is known.
+    fn depth_files(&self, drawing: &Drawing) -> Vec<NewFile<'static>> {
+        let in_mm = self.depth.is_some().then(|| NewFile::new(DEPTH_FILE, |results, w| results.write_depth_mm(w)));
+        let drawing = *drawing;
+        let picture = NewFile::new(DEPTH_PICTURE_FILE, move |results, w| maps::write(w, results, &drawing));
+        in_mm.into_iter().chain([picture]).collect()
+    }
+
+    fn write_depth_mm(&self, writer: impl Write + Seek) -> Result<(), String> {
+        let Some(depth) = self.depth() else { return Ok(()) };
+        let channels = [("Y", &depth.values[..]), ("standard_deviation", &depth.deviation)];
+        write_channels(writer, self.size(), &channels, self.depth_description())
     }
 
     /// Writes depth in mm into the folder of the results: `depth_mm.exr`, `depth.png`, the report, `depth16` if it
@@ -139,9 +158,10 @@ impl Results<'_> {
         }
         let stale = DEPTH_EXPORTS.into_iter().filter(|name| !shown.iter().any(|extra| extra.name == *name));
         let stale: Vec<String> = stale.map(String::from).collect();
-        let mut staging = self.joining(force, &stale)?;
-        self.stage_depth(&mut staging, drawing)?;
-        self.finish(staging, &stale, shown)
+        let staging = self.joining(force, &stale)?;
+        let mut files: Vec<NewFile<'_>> = self.depth_files(drawing);
+        files.extend(shown.into_iter().map(NewFile::from));
+        self.finish(staging, &stale, files)
     }
 
     /// Checks that [`write_depth`](Self::write_depth) may write its files.
@@ -180,9 +200,10 @@ impl Results<'_> {
         if !measured.profiles.is_empty() {
             known.profiles.clone_from(&measured.profiles);
         }
-        let mut staging = self.joining(force, &stale)?;
-        measured.stage(&mut staging, drawing.plotter)?;
-        self.finish(staging, &stale, shown)
+        let staging = self.joining(force, &stale)?;
+        let mut files: Vec<NewFile<'_>> = measured.files(drawing.plotter);
+        files.extend(shown.into_iter().map(NewFile::from));
+        self.finish(staging, &stale, files)
     }
 
     /// Checks that [`write_measurements`](Self::write_measurements) may write its files.
@@ -200,18 +221,24 @@ impl Results<'_> {
         Staging::joining(Destination::new(&self.folder, force), REPORT_FILE, stale.to_vec())
     }
 
-    /// Adds the extras and the report, and renames all files.
-    fn finish(&mut self, mut staging: Staging, stale: &[String], extras: Vec<Extra<'_>>) -> Result<(), Error> {
+    /// Writes the files and the report, and renames all of them.
+    fn finish(&mut self, mut staging: Staging, stale: &[String], files: Vec<NewFile<'_>>) -> Result<(), Error> {
         self.report.fields = self.field_reports();
         self.report.files.retain(|file| !stale.contains(file));
-        let names = staging.names().into_iter().chain(extras.iter().map(|extra| extra.name.to_string()));
-        for name in names.chain([REPORT_FILE.to_string()]) {
-            if !self.report.has_file(&name) {
-                self.report.files.push(name);
+        for name in files.iter().map(|file| &*file.name).chain([REPORT_FILE]) {
+            if !self.report.has_file(name) {
+                self.report.files.push(name.to_string());
             }
         }
-        for Extra { name, fill } in extras {
-            staging.add(name, |w| fill(self, w))?;
+        let results = &*self;
+        let contents = files
+            .into_iter()
+            .map(|NewFile { name, fill }| (name.into_owned(), move |w: &mut BufWriter<&mut File>| fill(results, w)));
+        let mut contents = contents.peekable();
+        let size = self.report.size;
+        let is_large = u64::from(size.width) * u64::from(size.height) > MAX_PARALLEL_PIXELS;
+        while contents.peek().is_some() {
+            staging.add_all(contents.by_ref().take(if is_large { 1 } else { usize::MAX }).collect())?;
         }
         self.report.hashes.retain(|file, _| !stale.contains(file));
         self.report.hashes.extend(staging.hashes());

@@ -141,7 +141,12 @@ impl Photograph {
                 i2.path.display()
             )));
         }
-        Ok([i1.decode()?, i2.decode()?])
+        let mut frames = [const { None }; 2];
+        workers::for_each([i1, i2].into_iter().zip(&mut frames), |(photograph, frame)| {
+            *frame = Some(photograph.decode())
+        });
+        let [Some(first), Some(second)] = frames else { unreachable!("each photograph is decoded") };
+        Ok([first?, second?])
     }
 
     /// Decodes an EXR of one channel, including NaN and infinity. Returns width, height, and the values, row-major.

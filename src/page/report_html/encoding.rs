@@ -20,6 +20,9 @@ const BEYOND: f64 = i32::MAX as f64;
 /// from its left, upper and upper left neighbours. The residual is zigzag-coded (0, -1, 1, -2 ...). The first bytes of
 /// all residuals come first, then all second bytes and so on, since most high bytes are 0. The result is compressed by
 /// zlib and encoded in base64. `data.js` decodes it.
+///
+/// Level 1 of zlib takes 0.07 s for the fields of the heat sink, and the default level 0.57 s. It needs 14 % more
+/// bytes.
 pub(super) fn decimals(values: &[f32], width: usize, digits: u32) -> Result<String, String> {
     let integers: Vec<i32> = values.iter().map(|&v| integer(v, digits)).collect();
     let mut planes = vec![0; 4 * values.len()];
@@ -28,7 +31,7 @@ pub(super) fn decimals(values: &[f32], width: usize, digits: u32) -> Result<Stri
         let zigzag = ((off << 1) ^ (off >> 31)).to_le_bytes();
         (0..4).for_each(|plane| planes[plane * values.len() + i] = zigzag[plane]);
     }
-    let mut encoder = ZlibEncoder::new(Vec::with_capacity(planes.len()), Compression::default());
+    let mut encoder = ZlibEncoder::new(Vec::with_capacity(planes.len()), Compression::fast());
     encoder
         .write_all(&planes)
         .and_then(|()| encoder.finish())

@@ -13,18 +13,18 @@ use std::borrow::Cow;
 use std::io::Write;
 use std::thread;
 
-use image::RgbImage;
+use image::{Rgb, RgbImage};
 use serde_json::{Value, json};
 
 use self::encoding::Grid;
 pub(super) use self::encoding::jpeg;
 pub use self::page::{ExistingPage, Page};
 pub use self::readout::Readout;
-use crate::base::{Brightness, Decode, Frame, Homography, Region, workers};
+use crate::base::{Brightness, Channels, Decode, Frame, Homography, Region, workers};
 use crate::files::export::Palette;
 use crate::files::image_io::preview;
 use crate::page::view::{Surface, View};
-use crate::solve::resample::registered;
+use crate::solve::resample::{Reduction, registered, registered_and_reduced};
 
 /// Nodes of the surface along its longer side.
 const NODES: u32 = 512;
@@ -108,6 +108,17 @@ struct Contents<'a> {
     more: Value,
 }
 
+/// A picture of stored values, white at 1.
+fn picture_of(values: &[f32], [width, height]: [u32; 2], channels: Channels) -> RgbImage {
+    let byte = |value: f32| (255.0 * value).round() as u8;
+    let mut pixels = values.chunks_exact(channels.count() as usize);
+    RgbImage::from_fn(width, height, |_, _| match pixels.next() {
+        Some(&[r, g, b]) => Rgb([r, g, b].map(byte)),
+        Some(&[v, ..]) => Rgb([byte(v); 3]),
+        _ => Rgb([0; 3]),
+    })
+}
+
 /// A picture that is being encoded.
 enum Image<'a> {
     /// Pixels with their JPEG quality.
@@ -183,13 +194,23 @@ impl Contents<'_> {
             Pixels::Encoded(text) => return Ok(Image::Encoded(text)),
             Pixels::Photographed(photographed) => photographed.as_ref(),
         };
+        let of_frame = sharing.map(|count| {
+            let most = (MAX_FRAME_PIXELS / count.max(1)).min(grid.width * grid.height);
+            Grid::within(self.size, most)
+        });
+        let (grid, quality) = of_frame.as_ref().map_or((grid, QUALITY), |grid| (grid, FRAME_QUALITY));
+        let is_whole = (frame.width(), frame.height()) == self.size;
+        if let Some((t, p)) = registration.filter(|_| grid.step > 1) {
+            let part = if is_whole { Region { x: 0, y: 0, width: self.size.0, height: self.size.1 } } else { *part };
+            let size = [grid.width, grid.height].map(|side| side as u32);
+            let reduction = Reduction { part, size, step: grid.step };
+            let values = registered_and_reduced(frame, &t, &p, *decode, reduction);
+            return Ok(Image::Raw(picture_of(&values, size, frame.format().channels), quality));
+        }
         let moved = registration.map(|(t, p)| registered(frame, &t, &p, *decode));
         let whole = moved.as_ref().unwrap_or(frame);
-        let part = ((whole.width(), whole.height()) != self.size).then(|| whole.cropped(*part)).transpose()?;
-        let image = preview(part.as_ref().unwrap_or(whole));
-        let Some(count) = sharing else { return Ok(Image::Raw(grid.picture(image), QUALITY)) };
-        let most = (MAX_FRAME_PIXELS / count.max(&1)).min(grid.width * grid.height);
-        Ok(Image::Raw(Grid::within(self.size, most).picture(image), FRAME_QUALITY))
+        let part = (!is_whole).then(|| whole.cropped(*part)).transpose()?;
+        Ok(Image::Raw(grid.picture(preview(part.as_ref().unwrap_or(whole))), quality))
     }
 
     fn data(&self, grid: &Grid, surface: Value) -> Value {

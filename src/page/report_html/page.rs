@@ -58,7 +58,7 @@ impl<'a> Page<'a> {
         let compare = if is_pair { [0, 1] } else { [reference, pictures.len()] };
         let frame = results.fused_in_8_bits().map_err(|e| e.to_string())?;
         let part = Region { x: 0, y: 0, width: frame.width(), height: frame.height() };
-        let frame = Cow::Owned(frame);
+        let frame = Cow::Borrowed(frame);
         let fused = Photographed { frame, decode: Decode::None, part, registration: None, sharing: None };
         pictures.push(fused.named("Best focus".to_string()));
         let ends = [self.names.first(), self.names.last()].map(|name| name.cloned().unwrap_or_default());
