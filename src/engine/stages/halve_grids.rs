@@ -24,7 +24,7 @@ push_constants! {
     height: u32,
     /// Its first cell.
     first: u32,
-    /// Coarser grids, at most [`GRIDS`].
+    /// Coarser grids, at most 6.
     grids: u32,
 }
 
