@@ -90,7 +90,8 @@ void relax_grid(int grid, int from, const int count) {
             bool mine = index + n * TOTAL < columns * size.y && x.x < size.x;
             x.x = min(x.x, size.x - 1);
             int own = x.y * size.x + x.x;
-            // Links across the border are zero; the cell only has to exist.
+            // Links across the border are zero; the cell only has to exist. Another invocation may write it at the
+            // same time: any number will do.
             ivec4 around = clamp(own + ivec4(1, -1, size.x, -size.x), 0, last);
             vec4 cell = equations[from + own];
             float left = equations[from + around.y].z, above = equations[from + around.w].w;

@@ -9,7 +9,7 @@
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 2) const bool SHADES = false;               // also matches the shading
-layout(binding = 0, std430) readonly buffer Samples { float means[]; };   // of I1 and I2 times the share, and of the share
+layout(binding = 0, std430) readonly buffer Samples { float means[]; };   // of I1, I2 times the share; of the share
 layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;               // of the level

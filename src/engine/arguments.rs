@@ -13,9 +13,9 @@ use super::stages::state::{LevelState, MAX_LEVELS};
 
 /// The most coarse grids that have workgroups of their own: those of a level of 65536 x 65536 pixels.
 const COARSE: usize = 11;
-/// What the dispatches of a level run over, except for coarse grids.
+/// The number of [`Over`] without those of coarse grids.
 const FIRST: usize = 10;
-/// The same with coarse grids, each whole and in tiles.
+/// The number of all [`Over`]: each coarse grid has one, and one for its tiles.
 const GRIDS: usize = FIRST + 2 * COARSE;
 /// Words of all grids of a level.
 const GRID_WORDS: usize = 3 * GRIDS;

@@ -390,6 +390,7 @@ mod tests {
     use std::time::Instant;
 
     use super::*;
+    use crate::base::{Kernel, Motion};
     use crate::engine::{EngineOptions, testing};
 
     fn submit(solver: &mut PreparedSolver, frames: &[Frame; 2]) -> Pending {
@@ -419,16 +420,23 @@ mod tests {
     fn passes_shaped_for_a_gpu_give_the_same_relative_blur() {
         let default = Settings::default().relaxation_sweeps;
         for (size, sweeps) in [([331, 287], default), ([1501, 45], default), ([163, 141], 9)] {
-            check_passes_shaped_for_a_gpu(size, Settings { relaxation_sweeps: sweeps, ..Settings::default() });
+            check_passes_shaped_for_a_gpu(size, false, Settings { relaxation_sweeps: sweeps, ..Settings::default() });
         }
+        check_passes_shaped_for_a_gpu([163, 141], true, Settings { motion: Motion::Homography, ..Settings::default() });
+        let kernel = Kernel::HalfGaussian;
+        check_passes_shaped_for_a_gpu(
+            [163, 141],
+            false,
+            Settings { kernel, photometric: false, ..Settings::default() },
+        );
     }
 
-    fn check_passes_shaped_for_a_gpu(size: [u32; 2], settings: Settings) {
+    fn check_passes_shaped_for_a_gpu(size: [u32; 2], masked: bool, settings: Settings) {
         let (engine, frames) = (Engine::new(&testing::options()).unwrap(), testing::pair(size));
         let [plain, shaped] = [false, true].map(|for_gpu| {
             let plan = Plan::new(size[0], size[1], frames.each_ref().map(Frame::format), &settings).unwrap();
-            let plan = Plan { for_gpu, ..plan };
-            let mut solver = PreparedSolver::of_plan(&engine, plan, 1, Some(false), Reading::Never).unwrap();
+            let plan = if for_gpu { plan.shaped_for_gpu() } else { plan };
+            let mut solver = PreparedSolver::of_plan(&engine, plan, 1, Some(masked), Reading::Never).unwrap();
             let mut pending = submit(&mut solver, &frames);
             pending.wait().unwrap().relative_blur().to_vec()
         });

@@ -123,7 +123,7 @@ fn record_entries(
     workspace: &Workspace,
     entries: &[Entry],
 ) -> Result<(), Error> {
-    let mut warps = false;
+    let mut condition = None;
     for Entry { action, waits, .. } in entries {
         let first = match action {
             Action::Dispatch(Dispatch { grid: Grid::IfMoved { level, .. }, .. }) => {
@@ -131,8 +131,8 @@ fn record_entries(
             }
             _ => None,
         };
-        if first.is_some() != warps {
-            warps = first.is_some();
+        if first != condition {
+            condition = first;
             recorder.only_if_set(first.map(|word| (workspace.buffer(Slot::Arguments), 4 * word as u64)));
         }
         if *waits {
@@ -313,11 +313,13 @@ mod tests {
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let mut unreported = BTreeMap::<String, usize>::new();
         let (mut reported_count, mut all) = (0, 0);
-        let plans = [(Kernel::Auto, false), (Kernel::HalfGaussian, false), (Kernel::Auto, true)];
+        let plans =
+            [(Kernel::Auto, false), (Kernel::HalfGaussian, false), (Kernel::Auto, true), (Kernel::HalfGaussian, true)];
         for (kernel, for_gpu) in plans {
             // Six iterations suffice: later ones repeat the first two. The finest of the three levels is warped.
             let settings = Settings { outer_iterations: 6, kernel, ..Settings::default() };
-            let plan = Plan { for_gpu, ..Plan::new(160, 136, [gray; 2], &settings).unwrap() };
+            let plan = Plan::new(160, 136, [gray; 2], &settings).unwrap();
+            let plan = if for_gpu { plan.shaped_for_gpu() } else { plan };
             let workspace = Workspace::new(&device, &plan, &plan.pair_layout()).unwrap();
             let mut first = Recorder::new(&device, Clock::Never).unwrap();
             first.initialize(&workspace.images());

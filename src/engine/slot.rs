@@ -37,7 +37,8 @@ pub(crate) enum Slot {
     Frames { level: usize },
     /// All frames of a sweep on the reference's pixels, band-passed, a layer each.
     Aligned,
-    /// Coefficients of each pixel's equation: D and b; of a sweep the sums over all pairs, and q.
+    /// Coefficients of each pixel's equation: D and b; of a sweep the sums over all pairs, and q. Where their means are
+    /// in `Scratch`, also the right sides of the linear system.
     NormalEquations,
     /// A bank of filter weights.
     Filters { bank: usize },
@@ -47,7 +48,8 @@ pub(crate) enum Slot {
     Hidden,
     /// T, gain, offset, shading and the progress of the levels.
     State,
-    /// Partial sums, a row for each workgroup.
+    /// Partial sums, a row for each workgroup; in between the windows of the kernel's shape, and the samples of the
+    /// blur-matched pair.
     Partials,
     /// Energies by level and outer iteration.
     Energies,
@@ -219,7 +221,7 @@ pub(crate) const RESULTS: Handle<Results> = Handle::new(Slot::Stacks);
 pub(crate) const SPLINE2: Handle<Spline2> = Handle::new(Slot::Spline2);
 pub(crate) const SCRATCH: Handle<Plane> = Handle::new(Slot::Scratch);
 pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::Scratch);
-/// Where the smoothed equations are in the scratch image.
+/// The right sides in the image of D and b, while the means of these are in the scratch image.
 pub(crate) const RIGHT_SIDES_APART: Handle<RightSides> = Handle::new(Slot::NormalEquations);
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
 pub(crate) const GRID_EQUATIONS: Handle<GridEquations> = Handle::new(Slot::GridEquations);

@@ -9,7 +9,7 @@ use super::stages::Field;
 const CELL: usize = 16;
 /// The largest number of tile sizes that the passes of one frame have.
 const TILE_SIZES: u64 = 8;
-/// Width and height of the smallest tile, px.
+/// Width and height of the tile with the longest lists, px.
 const MIN_TILE: [u32; 2] = [64, 8];
 
 /// The largest number of words that the lists of all frames take.

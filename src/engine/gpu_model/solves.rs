@@ -138,8 +138,8 @@ impl Solve {
         self.scripts.iter().map(|script| script.parts.len()).sum()
     }
 
-    /// What the GPU executes. Parts in which no dispatch is needed are skipped by conditional rendering, and so are passes
-    /// that would warp I2 again. Elsewhere a dispatch that is not needed is executed with no workgroups.
+    /// What the GPU executes. Parts in which no dispatch is needed are skipped by conditional rendering, and so are
+    /// passes that would warp I2 again. Elsewhere a dispatch that is not needed is executed with no workgroups.
     pub(super) fn work(&self) -> Vec<Work> {
         let mut all = Vec::new();
         for (script, part) in self.scripts.iter().flat_map(|script| script.parts.iter().map(move |part| (script, part)))

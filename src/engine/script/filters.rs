@@ -98,6 +98,7 @@ impl Composer<'_> {
         if *sampling != Sampling::Every {
             let first = *sampling == Sampling::Halving;
             if self.halves_by_both_axes(level) {
+                debug_assert!(first || *from == n - 1, "half-size layers follow each other");
                 let to = if n + 1 < plan.layers_of(level) { layers(n + 1) } else { scratch(count) };
                 // The half-size layer before is in this layer's place.
                 self.half_by_both_axes(level, [layers(if first { *from } else { n }), to], first, terms[0]);
@@ -265,8 +266,8 @@ impl Composer<'_> {
         }
     }
 
-    /// A filter along x, then one along y: in one dispatch where that is faster and possible, else by way of the scratch
-    /// image. The results replace the target layers or are added to them.
+    /// A filter along x, then one along y: in one dispatch where that is faster and possible, else by way of the
+    /// scratch image. The results replace the target layers or are added to them.
     pub(super) fn separable(
         &mut self,
         layers: [impl Into<Layers>; 2],

@@ -32,8 +32,8 @@ use crate::engine::vulkan::Variant;
 /// The most lines of two pixels per invocation. Values that adjacent lines share are loaded once, and the sums of a
 /// workgroup are reduced once for all lines.
 const MOST_ROWS: u32 = 8;
-/// Levels with fewer pixels use more workgroups, so that small levels do not leave most of a device idle: on a processor
-/// and on a GPU.
+/// Levels with fewer pixels use more workgroups, so that small levels do not leave most of a device idle: on a
+/// processor and on a GPU.
 const SPREAD: [u64; 2] = [1 << 15, 1 << 19];
 
 /// Lines per invocation on a level.

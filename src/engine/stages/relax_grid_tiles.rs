@@ -1,6 +1,6 @@
 //! All relaxation sweeps on a coarse [grid](super::grid) in one dispatch, on tiles with a halo.
 //!
-//! As [`relax_tiles`](super::relax_tiles) does on a level.
+//! [`relax_tiles`](super::relax_tiles) does the same on a level.
 
 use super::grid::{FLOATS, Grid, prolonged};
 use super::pass::{Memory, Pass, bindings, push_constants};

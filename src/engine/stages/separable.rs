@@ -1,8 +1,9 @@
-//! A filter along x, then one along y, in one dispatch: two passes of [`convolve`](super::convolve) as a GPU takes them.
+//! A filter along x, then one along y, in one dispatch: for GPUs, instead of two passes of
+//! [`convolve`](super::convolve).
 //!
-//! There a filter is bound by its traffic, which this halves, and on small levels by the time of a dispatch. A workgroup
-//! filters 64 lines along x into shared memory, and these along y. A processor would filter the lines that tiles share
-//! twice for nothing.
+//! There a filter is bound by its traffic, which this halves, and on small levels by the time of a dispatch. A
+//! workgroup filters 64 lines along x into shared memory, and these along y. Adjacent tiles filter the lines that they
+//! share twice, which would cost a processor more than it saves.
 
 use super::convolve::{self, cpu_reference_mirrored};
 use super::pass::{Memory, Pass, bindings, push_constants};
@@ -121,8 +122,8 @@ mod tests {
     use crate::engine::stages::convolve::WEIGHTS;
     use crate::engine::vulkan::Resource;
 
-    /// Compares with the CPU reference, over all tiles or over the first and one below it. `beyond`: pixels by which the
-    /// periods exceed those of the image.
+    /// Compares with the CPU reference, over all tiles or over the first and one below it. `beyond`: pixels by which
+    /// the periods exceed those of the image.
     fn check([width, height]: [usize; 2], filters: [&[f64]; 2], stride: u32, listed: bool, beyond: [u32; 2]) {
         let (input, size) = (random_field(width, height, 7), [width as u32, height as u32]);
         let (radii, periods) =
@@ -169,10 +170,11 @@ mod tests {
     #[test]
     fn matches_the_cpu_reference_on_odd_sizes_and_at_borders() {
         let [narrow, prefilter, wide] = [filter::gaussian(0.8), filter::spline_prefilter(), filter::gaussian(4.0)];
-        for size in [[37, 21], [150, 80], [16, 97], [65, 46], [33, 47]] {
+        for size in [[37, 21], [150, 80], [11, 12], [16, 97], [65, 46], [33, 47]] {
             for filters in [[&prefilter; 2], [&narrow, &wide]] {
                 for stride in [1, 2] {
                     check(size, filters.map(Vec::as_slice), stride, false, [0, 0]);
+                    check(size, filters.map(Vec::as_slice), stride, false, [1, 1]);
                     check(size, filters.map(Vec::as_slice), stride, true, [0, 1]);
                 }
             }
@@ -181,6 +183,7 @@ mod tests {
 
     #[test]
     fn short_sides_and_long_filters_are_left_to_convolve() {
+        assert!(takes([11, 16], [9, 9], [20, 30]) && !takes([10, 16], [9, 9], [18, 30]));
         assert!(takes([16, 16], [9, 9], [30, 30]) && takes([32, 20], [9, 4], [61, 38]));
         assert!(!takes([9, 16], [9, 9], [16, 30]), "shorter than the filter");
         assert!(!takes([16, 16], [10, 9], [30, 30]), "too many weights");

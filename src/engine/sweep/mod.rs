@@ -329,7 +329,7 @@ mod tests {
         let mut solver = solver(&engine, &sweep, MEMORY, &Settings::default());
         let plain = run(&mut solver, &sweep, None).unwrap();
         let plan = Plan::new(211, 167, [sweep.frames[0].format(); 2], &solver.settings).unwrap();
-        solver.whole = PyramidSolver::new(&engine, Plan { for_gpu: true, ..plan }, FRAMES).unwrap();
+        solver.whole = PyramidSolver::new(&engine, plan.shaped_for_gpu(), FRAMES).unwrap();
         let shaped = run(&mut solver, &sweep, None).unwrap();
         let mut differences: Vec<f32> = plain.focus.iter().zip(&shaped.focus).map(|(a, b)| (a - b).abs()).collect();
         differences.sort_by(f32::total_cmp);

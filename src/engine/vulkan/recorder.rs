@@ -160,6 +160,9 @@ impl Recorder {
 
     /// The device skips the following dispatches of the part if a word of a buffer, at a byte offset, is zero; with
     /// `None` those that the part's own condition skips. Devices without conditional rendering skip none.
+    ///
+    /// The part's condition is then read again. If its level has settled since the part began, it skips the rest of the
+    /// part, whose passes have no workgroups by then.
     pub(crate) fn only_if_set(&mut self, word: Option<(&Arc<Buffer>, u64)>) {
         self.end_condition();
         let own = word.map(|(buffer, offset)| Condition { buffer: buffer.clone(), offset, if_zero: false });
@@ -320,10 +323,17 @@ impl Recorder {
     }
 
     /// Records a global barrier: earlier writes of dispatches and copies are visible to later ones and to indirect
-    /// dispatch, and later ones may write what earlier ones read.
+    /// dispatch, and later ones may write what earlier ones, or conditions, read.
     pub(crate) fn barrier(&mut self) {
         let reads = READS | vk::AccessFlags2::INDIRECT_COMMAND_READ;
-        self.memory_barrier((WORK, WRITES), (WORK | vk::PipelineStageFlags2::DRAW_INDIRECT, reads | WRITES));
+        let conditions = match self.is_conditional() {
+            true => vk::PipelineStageFlags2::CONDITIONAL_RENDERING_EXT,
+            false => vk::PipelineStageFlags2::empty(),
+        };
+        self.memory_barrier(
+            (WORK | conditions, WRITES),
+            (WORK | vk::PipelineStageFlags2::DRAW_INDIRECT, reads | WRITES),
+        );
     }
 
     pub(super) fn memory_barrier(
