@@ -344,7 +344,7 @@ pub(crate) struct Level {
     pub(crate) limit: f64,
     /// Nodes of the stack of blurred images.
     pub(crate) nodes: usize,
-    /// Lines of pairs of pixels that an invocation of `linearise` goes down.
+    /// Lines of pairs of pixels that an invocation of `linearise` computes.
     pub(crate) rows: u32,
 }
 

@@ -30,9 +30,9 @@ push_constants! {
 
 bindings! {
     HALVE_GRIDS:
-    /// Equations of all grids, of which the finest is read.
+    /// Equations of all grids: the finest is read.
     finest: Reads<GridEquations>,
-    /// The same buffer, of which the coarser grids are written. With a binding for each, validation reports missing
+    /// The same buffer: the coarser grids are written. With a binding for each, validation reports missing
     /// barriers.
     coarser: Writes<GridEquations>,
 }

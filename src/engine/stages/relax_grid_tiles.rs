@@ -26,9 +26,9 @@ bindings! {
     RELAX_GRID_TILES:
     /// Equations of all grids.
     equations: Reads<GridEquations>,
-    /// dV of all grids, of which the next coarser one is read.
+    /// dV of all grids: the next coarser one is read.
     coarse: Reads<GridSteps>,
-    /// The same buffer, of which the grid is written. With a binding for each, validation reports missing barriers.
+    /// The same buffer: the grid is written. With a binding for each, validation reports missing barriers.
     steps: Writes<GridSteps>,
 }
 

@@ -572,7 +572,7 @@ pub(super) struct NewFile<'a> {
     pub(super) fill: FillFile<'a>,
 }
 
-/// Writes the content of a file, some of which seek.
+/// Writes the content of a file. Some contents seek.
 type FillFile<'a> = Box<dyn FnOnce(&Results<'_>, &mut BufWriter<&mut File>) -> Result<(), String> + Send + 'a>;
 
 impl<'a> NewFile<'a> {
