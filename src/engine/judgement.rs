@@ -3,7 +3,7 @@
 use super::contrast::{OneFocus, Shaken};
 use super::effects::determine_v;
 use super::motion::TransformDeviation;
-use super::processing::blocks_warning;
+use super::processing::{blocks_warning, filtered_warning};
 use super::script::MOST_MOVING;
 use super::solution::{Findings, Registered, Solution, confidence};
 use super::stages::scale_deviation::without_scale;
@@ -133,6 +133,7 @@ impl Findings {
             self.warnings.push(found.warning());
         }
         self.warnings.extend(blocks_warning(&gradients.steps));
+        self.warnings.extend(filtered_warning(&gradients.noise));
     }
 
     /// A warning, if many pixels are at the limit of |V|, px².

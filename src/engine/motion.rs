@@ -305,6 +305,7 @@ mod tests {
             matched: Vec::new(),
             unmatched: None,
             steps: Default::default(),
+            noise: [Vec::new(), Vec::new()],
         }
     }
 

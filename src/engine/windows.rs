@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use super::contrast::Contrast;
 use super::effects::effects;
 use super::filter;
-use super::processing::Steps;
+use super::processing::{LEAST_BLUR, Noise, Steps};
 use super::stages::spline::{Field, near, read};
 use super::stages::sums::{UNKNOWNS, displacements};
 use super::stages::{convolve, ingest};
@@ -163,6 +163,8 @@ pub(crate) struct Gradients {
     pub(crate) unmatched: Option<Vec<Contrast>>,
     /// The change of each photograph from pixel to pixel.
     pub(crate) steps: [Steps; 2],
+    /// The noise of each photograph in each window, where it is the softer of the two.
+    pub(crate) noise: [Vec<Noise>; 2],
 }
 
 impl Gradients {
@@ -175,6 +177,7 @@ impl Gradients {
             matched: Vec::new(),
             unmatched: Some(Vec::new()),
             steps: [Steps::default(); 2],
+            noise: [Vec::new(), Vec::new()],
         }
     }
 
@@ -184,6 +187,7 @@ impl Gradients {
         add_sums(&mut self.effects, &other.effects);
         self.matched.extend(other.matched);
         self.steps.iter_mut().zip(&other.steps).for_each(|(sum, other)| sum.add(other));
+        self.noise.iter_mut().zip(other.noise).for_each(|(all, other)| all.extend(other));
         self.unmatched = self.unmatched.take().zip(other.unmatched).map(|(sum, other)| [sum, other].concat());
     }
 }
@@ -271,7 +275,49 @@ impl Pair<'_> {
             }
         }
         (sums.matched, sums.unmatched, sums.steps) = (vec![matched], alike.map(|_| vec![unmatched]), steps);
+        // On the pixels of each photograph: an interpolation would change its noise.
+        let on_i1 = Field::from_fn(sides[0].width, sides[0].height, |x, y| sides[0].get(x, y) - sides[1].get(x, y));
+        let (on_i2, place) = self.difference_on_i2(part, &splines[0], &original, counterpart);
+        let is_softer = |place: Option<[usize; 2]>, sign: f64| {
+            place.is_some_and(|[x, y]| {
+                let [column, row] = [part.x + x as u32, part.y + y as u32];
+                let is_inside = (window.x..window.x + window.width).contains(&column)
+                    && (window.y..window.y + window.height).contains(&row);
+                is_inside && sign * self.v(column, row) > LEAST_BLUR && clear(x, y)
+            })
+        };
+        sums.noise = [
+            vec![Noise::of(&on_i1, |x, y| is_softer(Some([x, y]), -1.0))],
+            vec![Noise::of(&on_i2, |x, y| is_softer(place(x, y), 1.0))],
+        ];
         Ok(Some(sums))
+    }
+
+    /// The difference between I1's side of a part, from its spline, and I2, on the pixels of I2's `counterpart` and in
+    /// the brightness of I1; and the pixel of the part that is nearest to a pixel of the counterpart.
+    fn difference_on_i2(
+        &self,
+        part: Region,
+        side: &Field,
+        original: &Field,
+        counterpart: Region,
+    ) -> (Field, impl Fn(usize, usize) -> Option<[usize; 2]>) {
+        let (whole, inverse) = (centre(self.size()[0], self.size()[1]), self.transform.inverse());
+        let place = move |x: usize, y: usize| [f64::from(counterpart.x) + x as f64, f64::from(counterpart.y) + y as f64];
+        let on_part = move |x: usize, y: usize| {
+            let [x, y] = inverse.apply(place(x, y), whole);
+            [x - f64::from(part.x), y - f64::from(part.y)]
+        };
+        let difference = |x: usize, y: usize| {
+            let [at_x, at_y] = on_part(x, y);
+            read(side, at_x, at_y).value - self.brightness.apply(original.get(x, y), place(x, y))
+        };
+        let nearest = move |x: usize, y: usize| {
+            let [x, y] = on_part(x, y).map(f64::round);
+            let is_inside = x >= 0.0 && y >= 0.0 && x < f64::from(part.width) && y < f64::from(part.height);
+            is_inside.then_some([x as usize, y as usize])
+        };
+        (Field::from_fn(original.width, original.height, difference), nearest)
     }
 
     /// A test of whether no pixel up to `reach` px from a place of a part is clipped, masked or without V: around such
