@@ -303,7 +303,8 @@ impl Pair<'_> {
         counterpart: Region,
     ) -> (Field, impl Fn(usize, usize) -> Option<[usize; 2]>) {
         let (whole, inverse) = (centre(self.size()[0], self.size()[1]), self.transform.inverse());
-        let place = move |x: usize, y: usize| [f64::from(counterpart.x) + x as f64, f64::from(counterpart.y) + y as f64];
+        let place =
+            move |x: usize, y: usize| [f64::from(counterpart.x) + x as f64, f64::from(counterpart.y) + y as f64];
         let on_part = move |x: usize, y: usize| {
             let [x, y] = inverse.apply(place(x, y), whole);
             [x - f64::from(part.x), y - f64::from(part.y)]

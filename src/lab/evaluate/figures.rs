@@ -1,4 +1,4 @@
-//! The figures: those of the paper, with its numbers, and curves of robustness.
+//! The figures: those of the paper, with its numbers, curves of robustness, and pairs on which the program warns.
 
 use super::Figure;
 use super::contact_sheet::{PALETTE, Panel, Row, Sheet};
@@ -23,11 +23,12 @@ pub(super) type Solved = (&'static str, Result<Solution, String>);
 const SCENES: &str = "fig4-scenes";
 const PHOTOGRAPHS: &str = "fig6-photographs";
 const ROBUSTNESS: &str = "robustness";
+const WARNED: &str = "warnings";
 
 /// The names of all figures that an evaluation may have.
 pub(super) fn names() -> Vec<String> {
     let surfaces = PhotographedPair::all().map(|pair| surface_name(&pair));
-    [SCENES, PHOTOGRAPHS, ROBUSTNESS].map(String::from).into_iter().chain(surfaces).collect()
+    [SCENES, PHOTOGRAPHS, ROBUSTNESS, WARNED].map(String::from).into_iter().chain(surfaces).collect()
 }
 
 fn surface_name(pair: &PhotographedPair) -> String {
@@ -93,6 +94,33 @@ impl Collector {
         figures.push(curves(robustness));
         figures
     }
+}
+
+/// A pair that does not fit the model, V where it is measured, and what the program said.
+pub(super) fn warned_row(name: &str, images: [&Frame; 2], measured: &[f32], said: String) -> Row {
+    let scale = Scale::common([measured, &[0.0]], Nearer::First);
+    let [i1, i2] = images.map(|image| Panel::new(preview(&clipped(image))));
+    let (width, height) = (images[0].width(), images[0].height());
+    let v = if measured.is_empty() {
+        Panel::missing("none")
+    } else {
+        Panel::relative_blur(width, height, measured, &scale)
+    };
+    Row { name: name.to_string(), panels: vec![i1, i2, Panel { caption: said, ..v }], scale: Some(scale) }
+}
+
+/// The sheet of such pairs.
+pub(super) fn warned(rows: Vec<Row>) -> Option<Figure> {
+    let columns = ["I1", "I2", "V, and what is said"].into_iter();
+    let sheet = Sheet {
+        title: String::new(),
+        columns: columns.collect(),
+        rows,
+        footer: "Grey: not measured.",
+        panel_width: 200,
+    };
+    let caption = "Pairs that do not fit the model: V where it is measured, and what the program says.".to_string();
+    (!sheet.rows.is_empty()).then(|| Figure { name: WARNED.to_string(), caption, picture: sheet.draw() })
 }
 
 const FOOTER: &str = "A row has one scale, from V of the unified method (and of the aligned pair): red is near, blue far, \

@@ -111,10 +111,13 @@ impl Evaluation {
     pub fn run(engine: &Engine, options: &Options, log: &mut dyn FnMut(&str)) -> Self {
         let mut runner = Runner::new(engine, options.quick, log);
         let (data, includes) = (&options.data, |part| options.only.is_none_or(|only| only == part));
-        let (paper, figures) = if includes(Part::Paper) { run_paper(&mut runner, data) } else { Default::default() };
+        let (paper, mut figures) =
+            if includes(Part::Paper) { run_paper(&mut runner, data) } else { Default::default() };
         let defaults = if includes(Part::Defaults) { defaults::run(&mut runner, data) } else { Vec::new() };
         let sweeps = if includes(Part::Sweeps) { sweeps::run(&mut runner, data) } else { Vec::new() };
-        let judgement = if includes(Part::Judgement) { judgement::run(&mut runner) } else { Vec::new() };
+        let (judgement, warned) =
+            if includes(Part::Judgement) { judgement::run(&mut runner) } else { Default::default() };
+        figures.extend(warned);
         let files = figures.iter().map(|figure: &Figure| Figure::file(&figure.name));
         let report = Report {
             program: env!("CARGO_PKG_NAME"),

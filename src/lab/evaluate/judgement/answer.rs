@@ -5,6 +5,7 @@ use super::super::section::{Runner, number};
 use super::alterations::DEEP;
 use crate::base::{Decode, Error, Frame, Region, Settings, centre};
 use crate::engine::Solution;
+use crate::engine::stages::uncertainty::LARGEST;
 use crate::lab::scene::{Scene, SimulatedSweep, SweepScene};
 use crate::solve::SolveOptions;
 use crate::solve::sweep::{Sweep, SweepOptions, SweepSolver};
@@ -102,8 +103,10 @@ fn solve_pair(runner: &mut Runner, pair: &Pair) -> Result<Answer, Error> {
     let beyond = beyond(&pair.parts, pair.known.images[0].width(), settings.max_relative_blur, |i| {
         field(i).map(|[v, deviation]| [v, deviation, truth[i]].map(f64::from))
     });
+    let measured = |i| field(i).filter(|[_, deviation]| *deviation < LARGEST).map_or(f32::NAN, |[v, _]| v);
+    let measured = (0..truth.len()).map(measured).collect();
     let (converged, warnings) = (solution.converged, solution.warnings.clone());
-    Ok(Answer::Solved { converged, warnings, beyond, corner })
+    Ok(Answer::Solved { converged, warnings, beyond, corner, measured })
 }
 
 /// The index in the fields of a solution of a pixel of I1.
@@ -134,7 +137,8 @@ fn solve_sweep(runner: &Runner, frames: &[Frame], focus: &[f32]) -> Result<Answe
         Some([u, rate * f64::from(sweep.uncertainty[i]), f64::from(focus[i])])
     });
     // A sweep has no convergence of its own.
-    Ok(Answer::Solved { converged: true, warnings: sweep.registration.warnings.clone(), beyond, corner: None })
+    let (warnings, measured) = (sweep.registration.warnings.clone(), Vec::new());
+    Ok(Answer::Solved { converged: true, warnings, beyond, corner: None, measured })
 }
 
 /// The index, among the frames that were passed, at which a focus setting lies, and its change with the setting. A
@@ -191,6 +195,8 @@ pub(super) enum Answer {
         beyond: Option<f64>,
         /// The largest error of T, px; `None` if it has no truth.
         corner: Option<f64>,
+        /// V of a pair on the pixels of I1, px²; NaN where it is not measured.
+        measured: Vec<f32>,
     },
 }
 
@@ -230,11 +236,24 @@ impl Answer {
         if let Self::Solved { corner, .. } = self { *corner } else { None }
     }
 
+    /// The warnings that name the reason, or all if none does.
+    pub(super) fn reasons(&self, words: &[&str]) -> String {
+        match self {
+            Self::Refused(error) => format!("Refused: {error}"),
+            Self::Solved { converged, warnings, .. } => {
+                let names = |warning: &&String| words.iter().any(|word| warning.to_lowercase().contains(word));
+                let named: Vec<&str> = warnings.iter().filter(names).map(String::as_str).collect();
+                let said = if named.is_empty() { warnings.join("; ") } else { named.join("; ") };
+                if *converged { said } else { format!("Not converged: {said}") }
+            }
+        }
+    }
+
     /// What the program said, and what was wrong.
     pub(super) fn words(&self) -> String {
         match self {
             Self::Refused(error) => format!("refused ({error})"),
-            Self::Solved { converged, warnings, beyond, corner } => {
+            Self::Solved { converged, warnings, beyond, corner, .. } => {
                 let said = if warnings.is_empty() { "no word".to_string() } else { warnings.join(", ") };
                 let said = format!("{}, {said}", if *converged { "converged" } else { "not converged" });
                 let off = beyond.map(|share| format!(", {} % off", number(100.0 * share)));
@@ -251,7 +270,7 @@ mod tests {
 
     fn solved(converged: bool, warning: &str, beyond: Option<f64>, corner: Option<f64>) -> Answer {
         let warnings = if warning.is_empty() { Vec::new() } else { vec![warning.to_string()] };
-        Answer::Solved { converged, warnings, beyond, corner }
+        Answer::Solved { converged, warnings, beyond, corner, measured: Vec::new() }
     }
 
     #[test]

@@ -8,7 +8,9 @@ mod sweeps;
 
 use self::alterations::DEEP;
 use self::answer::{Answer, BEYOND, Input, MOST_BEYOND, MOST_CORNER};
+use super::contact_sheet::Row;
 use super::section::{Case, Runner, Section};
+use super::{Figure, figures};
 use crate::base::Error;
 
 /// The heading in the report.
@@ -55,8 +57,9 @@ enum Expected {
     NoAlarm,
 }
 
-/// Measures everything.
-pub(super) fn run(runner: &mut Runner) -> Vec<Section> {
+/// Measures everything, and draws what was said of pairs that do not fit.
+pub(super) fn run(runner: &mut Runner) -> (Vec<Section>, Option<Figure>) {
+    let mut rows = Vec::new();
     let noticed = format!(
         "An input is noticed if it is refused with an error, or not converged, or a warning names the reason (it has one \
          of the words of its kind), or the result is right: at most {:.0} % of the valid pixels concerned are off by more \
@@ -72,34 +75,48 @@ pub(super) fn run(runner: &mut Runner) -> Vec<Section> {
          off by more than {BEYOND} standard deviations has no bound here.",
         FITTING_SIDES.map(|side| side.to_string()).join(", "),
     );
-    vec![
-        section(runner, "Sweeps that do not fit", &noticed, sweeps::KINDS, Expected::Noticed),
-        section(runner, "Pairs that do not fit", &noticed, pairs::KINDS, Expected::Noticed),
-        section(runner, "Inputs that fit", &fits, fitting::KINDS, Expected::NoAlarm),
-    ]
+    let mut section = |name, what: &str, kinds: &[Kind], expected| {
+        let kinds = if runner.quick { &kinds[..QUICK_KINDS] } else { kinds };
+        Section::new(name, what, kinds.iter().map(|kind| case(runner, kind, expected, &mut rows)).collect())
+    };
+    let sections = vec![
+        section("Sweeps that do not fit", &noticed, sweeps::KINDS, Expected::Noticed),
+        section("Pairs that do not fit", &noticed, pairs::KINDS, Expected::Noticed),
+        section("Inputs that fit", &fits, fitting::KINDS, Expected::NoAlarm),
+    ];
+    (sections, figures::warned(rows))
 }
 
-fn section(runner: &mut Runner, name: &str, what: &str, kinds: &[Kind], expected: Expected) -> Section {
-    let kinds = if runner.quick { &kinds[..QUICK_KINDS] } else { kinds };
-    Section::new(name, what, kinds.iter().map(|kind| row(runner, kind, expected)).collect())
-}
-
-/// Asks for all inputs of a kind.
-fn row(runner: &mut Runner, kind: &Kind, expected: Expected) -> Case {
+/// Asks for all inputs of a kind. A row shows the last pair that does not fit and was noticed.
+fn case(runner: &mut Runner, kind: &Kind, expected: Expected, rows: &mut Vec<Row>) -> Case {
     let sides = if expected == Expected::Noticed { SIDES } else { FITTING_SIDES };
     let trials = sides.into_iter().enumerate().map(|(number, side)| Trial { number, side });
     let (mut asked, mut right, mut by_word, mut beyond, mut corner, mut wrong) = (0, 0, 0, None, None, Vec::new());
     for trial in trials.take(if runner.quick { 1 } else { TRIALS }) {
         runner.log(&format!("judgement: {}, {} px", kind.name, trial.side));
         asked += 1;
-        let answer = match (kind.input)(trial).and_then(|input| input.solve(runner)) {
-            Ok(answer) => answer,
+        let solved = (kind.input)(trial).and_then(|input| input.solve(runner).map(|answer| (input, answer)));
+        let (input, answer) = match solved {
+            Ok(solved) => solved,
             Err(e) => {
                 wrong.push(format!("{} px: cannot be asked: {e}", trial.side));
                 continue;
             }
         };
         by_word += usize::from(answer.is_noticed_by_word(kind.words));
+        if trial.number + 1 == TRIALS
+            && expected == Expected::Noticed
+            && answer.is_noticed_by_word(kind.words)
+            && let Input::Pair(pair) = &input
+        {
+            let measured = if let Answer::Solved { measured, .. } = &answer { &measured[..] } else { &[] };
+            rows.push(figures::warned_row(
+                kind.name,
+                pair.known.images.each_ref(),
+                measured,
+                answer.reasons(kind.words),
+            ));
+        }
         beyond = beyond.into_iter().chain(answer.beyond()).reduce(f64::max);
         corner = corner.into_iter().chain(answer.corner()).reduce(f64::max);
         if is_right(&answer, kind, expected) {
