@@ -1,10 +1,11 @@
 //! The passes of the iterations: what each binds, its push constants and what it is dispatched over.
 
 use super::compose::{BOTH, Composer};
+use super::filters::Equations;
 use crate::base::{Decode, RegistrationStep};
 use crate::engine::arguments::{self, Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
-use crate::engine::slot;
+use crate::engine::slot::{self, Handle, RightSides};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
@@ -317,35 +318,37 @@ impl Composer<'_> {
     pub(super) fn step(&mut self, level: &Level, k: u32) {
         let ([width, height], settings) = (level.size, &self.plan.settings);
         let (alpha, smoothness_eta) = (self.plan.continued(level, k) as f32, settings.smoothness_eta as f32);
-        self.system(level, &system::Constants { width, height, alpha, rate: 1.0, smoothness_eta }, NO_VARIANT);
-        self.relaxation(level);
+        let constants = system::Constants { width, height, alpha, rate: 1.0, smoothness_eta };
+        let equations = self.system(level, &constants, NO_VARIANT);
+        self.relaxation(level, equations);
         // A whole step, then an extrapolated one, and so on.
         let extrapolation = if k.is_multiple_of(2) { update::KEEP } else { update::EXTRAPOLATE };
         let (largest_step, limit, share) = (settings.largest_step as f32, level.limit as f32, step_share(k));
         let relative_step = RELATIVE_STEP;
         let constants = update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation };
-        self.update(level, &constants);
+        self.update(level, equations, &constants);
     }
 
     /// The linear system for the step of the unknown: V of a pair, u of a sweep.
-    pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) {
+    pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) -> Equations {
         self.unsettled = self.settles.then_some(level.index);
-        self.smooth_equations(level, system::layers(variant));
+        let equations = self.smooth_equations(level, system::layers(variant));
         self.unsettled = None;
         let bindings = system::Bindings {
             unknown: slot::relative_blur(level.index).read(),
-            equations: self.smoothed.read(),
-            right_sides: self.right_sides.write(),
+            equations: equations.smoothed.read(),
+            right_sides: equations.right_sides.write(),
             weights: slot::WEIGHTS.write(),
             partials: slot::PARTIALS.write(),
             state: slot::STATE.read(),
             grid: slot::GRID_EQUATIONS.write(),
         };
         self.within(level, Over::Pixels, bindings, constants, variant);
+        equations
     }
 
     /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level.
-    pub(super) fn relaxation(&mut self, level: &Level) {
+    pub(super) fn relaxation(&mut self, level: &Level, equations: Equations) {
         let grids = grid::grids(level.size);
         let is_small = |grid: &grid::Place| {
             if self.plan.for_gpu {
@@ -374,7 +377,7 @@ impl Composer<'_> {
                 self.relax_grid(level, n, [grids[n], grids[n + 1]], BLACK, sweep);
             }
         }
-        self.relax_pixels(level);
+        self.relax_pixels(level, equations.right_sides);
     }
 
     /// Whether all relaxation sweeps on a level or a grid are one dispatch over tiles.
@@ -448,22 +451,22 @@ impl Composer<'_> {
 
     /// All relaxation sweeps on the level: one dispatch over tiles on GPUs; else two dispatches each, or one dispatch
     /// for all on a small level.
-    fn relax_pixels(&mut self, level: &Level) {
+    fn relax_pixels(&mut self, level: &Level, right_sides: Handle<RightSides>) {
         if self.relaxes_tiles() {
-            return self.relax_tiles(level);
+            return self.relax_tiles(level, right_sides);
         }
         if relax_level::takes(level.size) {
-            return self.relax_level(level);
+            return self.relax_level(level, right_sides);
         }
         for sweep in 0..self.plan.settings.relaxation_sweeps {
-            self.relax(level, RED, sweep);
-            self.relax(level, BLACK, sweep);
+            self.relax(level, right_sides, RED, sweep);
+            self.relax(level, right_sides, BLACK, sweep);
         }
     }
 
-    fn relax_tiles(&mut self, level: &Level) {
+    fn relax_tiles(&mut self, level: &Level, right_sides: Handle<RightSides>) {
         let bindings = relax_tiles::Bindings {
-            right_sides: self.right_sides.read(),
+            right_sides: right_sides.read(),
             weights: slot::WEIGHTS.read(),
             red: slot::change(RED).write(),
             black: slot::change(BLACK).write(),
@@ -475,9 +478,9 @@ impl Composer<'_> {
         self.within(level, Over::RelaxTiles, bindings, &constants, NO_VARIANT);
     }
 
-    fn relax_level(&mut self, level: &Level) {
+    fn relax_level(&mut self, level: &Level, right_sides: Handle<RightSides>) {
         let bindings = relax_level::Bindings {
-            right_sides: self.right_sides.read(),
+            right_sides: right_sides.read(),
             weights: slot::WEIGHTS.read(),
             red: slot::change(RED).update(),
             black: slot::change(BLACK).update(),
@@ -490,9 +493,9 @@ impl Composer<'_> {
     }
 
     /// Half a relaxation sweep: one color.
-    fn relax(&mut self, level: &Level, color: usize, sweep: u32) {
+    fn relax(&mut self, level: &Level, right_sides: Handle<RightSides>, color: usize, sweep: u32) {
         let bindings = relax::Bindings {
-            right_sides: self.right_sides.read(),
+            right_sides: right_sides.read(),
             weights: slot::WEIGHTS.read(),
             other: slot::change(1 - color).read(),
             own: slot::change(color).update(),
@@ -505,12 +508,12 @@ impl Composer<'_> {
     }
 
     /// Adds a share of clamp(dV) to V.
-    pub(super) fn update(&mut self, level: &Level, constants: &update::Constants) {
+    pub(super) fn update(&mut self, level: &Level, equations: Equations, constants: &update::Constants) {
         let bindings = update::Bindings {
             red: slot::change(RED).read(),
             black: slot::change(BLACK).read(),
             v: slot::relative_blur(level.index).update(),
-            equations: self.smoothed.read(),
+            equations: equations.smoothed.read(),
             state: slot::STATE.update(),
             kept: slot::UNCERTAINTY_TERMS.update(),
         };
