@@ -104,7 +104,6 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold:
 pub(crate) fn step(plan: &Plan, level: &Level, constants: &system::Constants, update: &update::Constants) -> Script {
     script(plan, level.index, |s| {
         let equations = s.system(level, constants, system::SWEEP);
-        s.relaxation(level, equations);
-        s.update(level, equations, update);
+        s.relaxation(level, equations, update);
     })
 }

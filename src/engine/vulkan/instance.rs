@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::{ext, khr, vk};
 
+use super::pipeline::LEAST_WORKGROUP;
 use crate::base::{DeviceInfo, Error};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -346,7 +347,7 @@ impl Instance {
             "eight storage images per shader"
         } else if limits.max_per_stage_descriptor_storage_buffers < 5 {
             "five storage buffers per shader"
-        } else if limits.max_compute_work_group_invocations < 256 {
+        } else if limits.max_compute_work_group_invocations < LEAST_WORKGROUP {
             "workgroups of 256"
         } else if limits.max_compute_shared_memory_size < 1 << 15 {
             "32 KiB of memory that a workgroup shares"
