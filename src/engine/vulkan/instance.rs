@@ -5,13 +5,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::{ext, khr, vk};
 
-use super::pipeline::LEAST_WORKGROUP;
 use crate::base::{DeviceInfo, Error};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 /// Validation messages, oldest first.
 type Messages = Mutex<Vec<String>>;
+
+/// The invocations of a workgroup that each usable device has.
+pub(super) const LEAST_WORKGROUP: u32 = 256;
 
 /// The name of the loader in errors.
 const LOADER: &str = "the Vulkan loader";

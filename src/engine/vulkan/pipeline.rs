@@ -7,6 +7,7 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::device::Device;
+use super::instance::LEAST_WORKGROUP;
 use super::memory::{Buffer, Image};
 use crate::base::Error;
 use crate::engine::shaders::Shader;
@@ -51,9 +52,6 @@ pub(crate) struct Stage {
     /// less high, so that its shader must not depend on the height.
     pub(crate) workgroup: [u32; 2],
 }
-
-/// The invocations of a workgroup that each device has.
-pub(super) const LEAST_WORKGROUP: u32 = 256;
 
 /// A compiled stage.
 pub(crate) struct Pipeline {
