@@ -111,7 +111,7 @@ const int ROUNDS = 3;
 const int BATCH = 16;
 shared float fitted[FITTED];
 shared float shares[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][BATCH];
-shared float root[ALL][ALL];
+shared float rows[ALL][ALL + 1];    // with the right side as last column
 shared float diagonals[ALL];
 shared float coefficients[ALL];
 shared float scale;                  // of residuals, from which on a sample is an outlier
@@ -147,57 +147,46 @@ void add_up(Registration r, float constant, bool first) {
         sums[LEFT] += weight * left * left;
         sums[BEFORE] += weight * alone * alone;
     }
-    int n = int(gl_LocalInvocationIndex);
     [[unroll]] for (int batch = 0; batch < FITTED; batch += BATCH) {
         [[unroll]] for (int k = 0; k < BATCH && batch + k < FITTED; k++) {
             float sum = subgroupAdd(sums[batch + k]);
             if (subgroupElect()) shares[gl_SubgroupID][k] = sum;
         }
         barrier();
-        if (n < BATCH && batch + n < FITTED) {
-            float sum = 0.0;
-            for (uint group = 0; group < gl_NumSubgroups; group++) sum += shares[group][n];
-            fitted[batch + n] = sum;
+        for (uint k = gl_SubgroupID; k < BATCH && batch + k < FITTED; k += gl_NumSubgroups) {
+            float own = 0.0;
+            for (uint group = gl_SubgroupInvocationID; group < gl_NumSubgroups; group += gl_SubgroupSize)
+                own += shares[group][k];
+            float sum = subgroupAdd(own);
+            if (subgroupElect()) fitted[batch + k] = sum;
         }
         barrier();
     }
 }
 
-// Cholesky by all invocations, an element each; 1e-5 of the diagonal keeps terms that the samples hardly determine from
-// growing. One invocation alone would wait for shared memory some 900 times in a row.
+// Gauss and Jordan's elimination, an element for each invocation: the matrix is positive definite. 1e-5 of the diagonal
+// keeps terms that the samples hardly determine from growing. One invocation alone would wait for shared memory some
+// 900 times in a row.
 void solve() {
-    int index = int(gl_LocalInvocationIndex), total = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    for (int n = index; n < ALL * ALL; n += total) {
-        int i = n / ALL, j = n % ALL, row = j * (ALL + 1) - j * (j - 1) / 2;
-        if (j < i) root[i][j] = fitted[row + i - j];
-        if (j != i) continue;
-        diagonals[i] = root[i][i] = fitted[row] * (1.0 + 1e-5) + 1e-12;
-        coefficients[i] = fitted[row + ALL - i];
+    int index = int(gl_LocalInvocationIndex), i = index / (ALL + 1), j = index % (ALL + 1);
+    bool mine = i < ALL;
+    float own = 0.0;
+    if (mine) {
+        // The upper triangle, row by row.
+        int low = min(i, j), row = low * (ALL + 1) - low * (low - 1) / 2;
+        own = fitted[row + max(i, j) - low];
+        if (i == j) diagonals[i] = own = own * (1.0 + 1e-5) + 1e-12;
+        rows[i][j] = own;
     }
     barrier();
-    for (int j = 0; j < ALL; j++) {
-        float pivot = sqrt(max(root[j][j], 1e-6 * diagonals[j]));
-        for (int n = index; n < ALL * ALL; n += total) {
-            int i = n / ALL, k = n % ALL;
-            if (k > j && k <= i) root[i][k] -= root[i][j] / pivot * (root[k][j] / pivot);
-        }
+    for (int k = 0; k < ALL; k++) {
+        float over = 1.0 / max(rows[k][k], 1e-6 * diagonals[k]);
+        if (mine && i != k) own -= rows[i][k] * over * rows[k][j];
         barrier();
-        for (int i = j + index; i < ALL; i += total) root[i][j] = i == j ? pivot : root[i][j] / pivot;
-    }
-    barrier();
-    for (int j = 0; j < ALL; j++) {
-        float solved = coefficients[j] / root[j][j];
-        for (int i = j + 1 + index; i < ALL; i += total) coefficients[i] -= root[i][j] * solved;
+        if (mine && j > k) rows[i][j] = own;
         barrier();
-        if (index == 0) coefficients[j] = solved;
     }
-    barrier();
-    for (int j = ALL - 1; j >= 0; j--) {
-        float solved = coefficients[j] / root[j][j];
-        for (int i = index; i < j; i += total) coefficients[i] -= root[j][i] * solved;
-        barrier();
-        if (index == 0) coefficients[j] = solved;
-    }
+    if (mine && j == ALL) coefficients[i] = own / max(rows[i][i], 1e-6 * diagonals[i]);
     barrier();
 }
 

@@ -1,19 +1,29 @@
 #version 460
-// All relaxation sweeps on the linear system for dV, on tiles with a halo. CPU reference:
+// All relaxation sweeps on the linear system for dV, on tiles with a halo; then V ← V + share clamp(dV). CPU reference:
 // src/engine/stages/relax_tiles.rs.
 
 #extension GL_EXT_control_flow_attributes : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+
+#include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray right_sides; // layer 0: red, layer 1: black
 layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // likewise; right, left, down, up
-layout(binding = 2, r32f) uniform writeonly image2DArray red;        // dV
-layout(binding = 3, r32f) uniform writeonly image2DArray black;
-layout(binding = 4, std430) readonly buffer GridSteps { float steps[]; };   // dV of the first coarse grid
+layout(binding = 2, std430) readonly buffer GridSteps { float steps[]; };   // dV of the first coarse grid
+layout(binding = 3, r32f) uniform image2DArray relative_blur;
+layout(binding = 4, r32f) uniform readonly image2DArray normal_equations; // D, averaged over a window
+layout(binding = 5, std430) buffer StateBuffer { State state; };
+layout(binding = 6, r32f) uniform image2DArray kept; // layer KEPT: the sums of a whole step over blocks of 2 x 2 pixels
 layout(push_constant) uniform Constants {
     int width, height;
     int sweeps;
     float over_relaxation;
+    float largest_step;                  // px² of the level, or
+    float relative_step;                 // a share of |V|, if that is more
+    float limit;                         // px² of the level
+    float share;                         // of dV that is added
+    int extrapolation;                   // KEEP, EXTRAPOLATE, or 0
 };
 
 uvec2 halves[2][8];                  // weights as they are stored, by color and row
@@ -24,6 +34,7 @@ vec4 weights_at(int color, int row) {
 }
 
 #include "relaxation_tile.glsl"
+#include "update.glsl"
 
 void load(ivec2 size) {
     [[unroll]] for (int row = 0; row < ROWS; row++) {
@@ -42,10 +53,14 @@ void main() {
     load(size);
     start(0, size);
     relax_tile(sweeps, over_relaxation);
-    [[unroll]] for (int row = 0; row < ROWS; row++) {
-        if (!is_written(row, size, sweeps)) continue;
-        ivec3 place = ivec3(own + ivec2(0, row), 0);
-        imageStore(red, place, vec4(dv[0][row]));
-        imageStore(black, place, vec4(dv[1][row]));
+    Block blocks[ROWS / 2];
+    [[unroll]] for (int row = 0; row < ROWS; row += 2) blocks[row / 2] = load_block(ivec2(2 * own.x, own.y + row));
+    uvec3 moving = uvec3(0);
+    [[unroll]] for (int row = 0; row < ROWS; row += 2) {
+        // By rows; a row begins with a red pixel, the next one with a black one.
+        float change[4] = { dv[0][row], dv[1][row], dv[1][row + 1], dv[0][row + 1] };
+        ivec2 first = ivec2(2 * own.x, own.y + row);
+        moving += update_block(first, change, blocks[row / 2], is_written(row, size, sweeps));
     }
+    count(moving);
 }

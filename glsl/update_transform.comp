@@ -2,6 +2,8 @@
 // Updates T: adds up the partial sums in a fixed order, solves N ζ = -g, and determines whether the level has settled.
 // One workgroup. CPU reference: src/engine/stages/update_transform.rs.
 
+#extension GL_EXT_control_flow_attributes : require
+
 #include "state.glsl"
 #include "sums.glsl"
 
@@ -51,6 +53,8 @@ const float LEAST_STEEP = 0.007, MOST_STEEP = 0.1;   // px² per pixel
 
 // Chains that add up a share of the rows each, so that many invocations work: as many as fit into the workgroup.
 const int MOST_CHAINS = 8;
+// Rows that a chain loads before it adds them, so that it waits for memory once.
+const int AT_ONCE = 4;
 shared float chains[MOST_CHAINS][SUMS];
 shared float totals[SUMS];
 // Sums of squares of the gradient by t, over the rows, each of a tile of pixels.
@@ -67,10 +71,14 @@ void add_up() {
     int count = min(int(gl_WorkGroupSize.x * gl_WorkGroupSize.y) / SUMS, MOST_CHAINS);
     if (chain < count) {
         float sum = 0.0, square = 0.0;
-        for (int row = chain; row < rows; row += count) {
-            float partial = partials[row * SUMS + n];
-            sum += partial;
-            square += partial * partial;
+        for (int row = chain; row < rows; row += AT_ONCE * count) {
+            float partial[AT_ONCE];
+            [[unroll]] for (int k = 0; k < AT_ONCE; k++)
+                partial[k] = row + k * count < rows ? partials[(row + k * count) * SUMS + n] : 0.0;
+            [[unroll]] for (int k = 0; k < AT_ONCE; k++) {
+                sum += partial[k];
+                square += partial[k] * partial[k];
+            }
         }
         chains[chain][n] = sum;
         if (of_t) square_chains[chain][n - GRADIENT] = square;
@@ -115,58 +123,57 @@ float variance_by_tiles() {
     return sum * tiles / (tiles - 1.0) / (normal(0, 0) + normal(1, 1));
 }
 
-// Cholesky of N scaled to a unit diagonal, or a step down the gradient divided by the sum of N's row. Unknowns that are
-// held or undetermined take no step.
-void solve(out float x[8]) {
-    float m[8][8], scale[8];                 // the lower triangle of N
-    bool held[8];
-    bool degenerate = !(totals[VALID] > 0.0);
-    for (int i = 0; i < 8; i++) x[i] = 0.0;
-    float most = 0.0;
-    for (int i = 0; i < UNKNOWNS; i++) {
-        for (int j = 0; j <= i; j++) m[i][j] = normal(i, j);
-        most = max(most, m[i][i]);
+// N scaled to a unit diagonal, by rows; -g in the last column.
+shared float equations[8][9];
+shared float solution[8];
+
+// Gauss and Jordan's elimination of N, an element for each invocation, or a step down the gradient divided by the sum
+// of N's row. Without exchanges of rows, as N is positive definite: pivots are those of Cholesky. Unknowns that are held
+// or undetermined take no step. One invocation alone would take three times as long.
+void solve() {
+    int n = int(gl_LocalInvocationIndex), i = n / 9, j = n % 9;
+    bool mine = i < UNKNOWNS && (j < UNKNOWNS || j == 8);
+    if (mine) equations[i][j] = j == 8 ? -gradient(i) : normal(i, j);
+    barrier();
+    float most = 0.0, diagonal[UNKNOWNS];
+    [[unroll]] for (int k = 0; k < UNKNOWNS; k++) {
+        diagonal[k] = equations[k][k];
+        most = max(most, diagonal[k]);
     }
     // 1e-7: stripes leave a gradient 3e-4 as steep as the others', by rounding.
     float least = max(1e-12 * totals[VALID], 1e-7 * most);
-    for (int i = 0; i < UNKNOWNS; i++) {
-        bool free = i < unknowns, unseen = !(m[i][i] > least);
-        degenerate = degenerate || free && unseen;
-        held[i] = unseen || !free;
-        scale[i] = held[i] ? 0.0 : inversesqrt(m[i][i]);
-        x[i] = -gradient(i) * scale[i];
+    bool degenerate = !(totals[VALID] > 0.0);
+    uint held = 0;                   // a bit for each unknown
+    [[unroll]] for (int k = 0; k < UNKNOWNS; k++) {
+        bool unseen = !(diagonal[k] > least);
+        degenerate = degenerate || k < unknowns && unseen;
+        if (unseen || k >= unknowns) held |= 1u << k;
+    }
+    float own = 0.0, scale = 0.0;
+    if (mine) {
+        scale = inversesqrt(equations[i][i]);
+        own = equations[i][j] * scale * (j == 8 ? 1.0 : inversesqrt(equations[j][j]));
     }
     if (descend == 1) {
-        for (int i = 0; i < UNKNOWNS; i++) {
-            float row = 0.0;
-            for (int j = 0; j < UNKNOWNS; j++) row += held[j] ? 0.0 : abs(i < j ? m[j][i] : m[i][j]);
-            x[i] = held[i] ? 0.0 : x[i] / scale[i] / row;
-        }
-        state.degenerate = uint(degenerate);
-        return;
+        float row = 0.0;
+        [[unroll]] for (int k = 0; k < UNKNOWNS; k++) row += (held >> k & 1) == 1 ? 0.0 : abs(equations[min(i, 7)][k]);
+        own = own / scale / row;
     }
-    for (int j = 0; j < UNKNOWNS; j++) {
-        float pivot = 1.0;
-        for (int k = 0; k < j; k++) pivot -= m[j][k] * m[j][k];
+    barrier();
+    if (mine) equations[i][j] = own;
+    barrier();
+    for (int k = 0; k < UNKNOWNS && descend != 1; k++) {
+        float pivot = equations[k][k];
         // 1e-5: below it single precision has no digits of this unknown left.
-        if (!(pivot > 1e-5)) { held[j] = true; degenerate = true; }
-        m[j][j] = held[j] ? 1.0 : sqrt(pivot);
-        for (int i = j + 1; i < UNKNOWNS; i++) {
-            float sum = m[i][j] * scale[i] * scale[j];
-            for (int k = 0; k < j; k++) sum -= m[i][k] * m[j][k];
-            m[i][j] = held[j] ? 0.0 : sum / m[j][j];
-        }
+        if ((held >> k & 1) == 0 && !(pivot > 1e-5)) { held |= 1u << k; degenerate = true; }
+        if (mine && i != k && (held >> k & 1) == 0) own -= equations[i][k] * equations[k][j] / pivot;
+        barrier();
+        if (mine) equations[i][j] = own;
+        barrier();
     }
-    for (int i = 0; i < UNKNOWNS; i++) {
-        for (int k = 0; k < i; k++) x[i] -= m[i][k] * x[k];
-        x[i] = held[i] ? 0.0 : x[i] / m[i][i];
-    }
-    for (int i = UNKNOWNS - 1; i >= 0; i--) {
-        for (int k = i + 1; k < UNKNOWNS; k++) x[i] -= m[k][i] * x[k];
-        x[i] = held[i] ? 0.0 : x[i] / m[i][i];
-    }
-    for (int i = 0; i < UNKNOWNS; i++) x[i] *= scale[i];
-    state.degenerate = uint(degenerate);
+    if (mine && j == 8) solution[i] = (held >> i & 1) == 1 ? 0.0 : descend == 1 ? own : own / equations[i][i] * scale;
+    if (n == 0) state.degenerate = uint(degenerate);
+    barrier();
 }
 
 // The most that a displacement moves a corner, full-size pixels: by t, by the larger singular value of the linear part
@@ -205,7 +212,7 @@ void find_spread() {
 
 void step_once() {
     float x[8];
-    solve(x);
+    for (int i = 0; i < 8; i++) x[i] = i < UNKNOWNS ? solution[i] : 0.0;
     float decrease = 0.0;            // of the energy, twice
     for (int i = 0; i < UNKNOWNS; i++) {
         decrease -= x[i] * gradient(i);
@@ -252,13 +259,15 @@ void main() {
     // Loaded first, since the memory may be slow.
     if (gl_LocalInvocationIndex == 0) cancelled = all_arguments[all_arguments.length() - 1] != 0;
     add_up();
+    solve();
     if (gl_LocalInvocationIndex == 0) {
         step_once();
         if (cancelled) cancel();
     }
     barrier();
+    // A level has fewer words than the workgroup has invocations.
     int n = int(gl_LocalInvocationIndex), count = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    int first = cancelled ? 0 : argument_place;
-    for (int i = first + n; settled && i < argument_place + argument_count; i += count) arguments[i] = 0;
-    for (int i = warp_place + n; i < warp_place + warp_count; i += count) arguments[i] = warps ? all_arguments[i] : 0;
+    if (settled && n < argument_count) arguments[argument_place + n] = 0;
+    if (n < warp_count) arguments[warp_place + n] = warps ? all_arguments[warp_place + n] : 0;
+    for (int i = n; cancelled && i < argument_place; i += count) arguments[i] = 0;
 }

@@ -35,6 +35,12 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
+    /// Whether passes are shaped for a GPU: on all devices but software ones. `PARFOCAL_SHAPE=gpu` shapes them so on any
+    /// device, to test them without a GPU.
+    pub(crate) fn is_shaped_for_gpu(&self) -> bool {
+        self.kind != CPU || std::env::var_os("PARFOCAL_SHAPE").is_some_and(|shape| shape == "gpu")
+    }
+
     /// Returns the devices to use together: the usable GPUs, each once even if two drivers list it. Without a GPU, the
     /// processor alone, with which software drivers would compete; if solves must be validated, these.
     pub fn usable(devices: &[Self], must_validate: bool) -> Vec<&Self> {

@@ -396,22 +396,4 @@ mod tests {
         }
         assert_eq!(pipelines(&engine), prepared, "prepared for any pair");
     }
-
-    #[test]
-    fn conditional_rendering_does_not_change_results() {
-        let [i1, i2] = testing::pair([96, 80]);
-        let solve = || {
-            let engine = Engine::new(&testing::options()).unwrap();
-            let solution = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())
-                .unwrap()
-                .solve([&i1, &i2], &SolveOptions::default())
-                .unwrap();
-            assert!(engine.validation_messages().is_empty(), "{:?}", engine.validation_messages());
-            let bits: Vec<u32> = solution.relative_blur.iter().map(|v| v.to_bits()).collect();
-            (engine.vulkan().is_conditional(), bits, solution.findings.levels)
-        };
-        let (is_conditional, bits, levels) = solve();
-        assert_eq!((false, bits, levels), vulkan::no_conditional_rendering::run(solve));
-        println!("the device has conditional rendering: {is_conditional}");
-    }
 }

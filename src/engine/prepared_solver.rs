@@ -391,6 +391,7 @@ mod tests {
 
     use super::*;
     use crate::base::{Kernel, Motion};
+    use crate::engine::vulkan::no_conditional_rendering;
     use crate::engine::{EngineOptions, testing};
 
     fn submit(solver: &mut PreparedSolver, frames: &[Frame; 2]) -> Pending {
@@ -412,6 +413,36 @@ mod tests {
         assert!(matches!(pending.wait().map(drop), Err(Error::Cancelled)));
         let part = executed(&pending);
         assert!(part < whole, "{part} of {whole} dispatches");
+    }
+
+    /// The finest level is warped. Noise moves T there, so that it is warped again before some iterations.
+    #[test]
+    fn conditional_rendering_does_not_change_results() {
+        let texture = testing::smooth_field(170, 140, 1);
+        let frames = [0, 3].map(|shift| {
+            let noise = testing::random(160 * 136, shift as u64);
+            let value =
+                |i: usize| (texture.data[(i / 160 + shift) * 170 + i % 160 + 2 * shift] + 0.2 * noise[i]) as f32;
+            Frame::gray(160, 136, (0..160 * 136).map(value).collect()).unwrap()
+        });
+        let solve = || {
+            let engine = Engine::new(&testing::options()).unwrap();
+            let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &Settings::default()).unwrap();
+            let mut pending = submit(&mut solver, &frames);
+            let bits: Vec<u32> = pending.wait().unwrap().relative_blur().iter().map(|v| v.to_bits()).collect();
+            let dispatches = pending.profile().unwrap().dispatches;
+            let linearised: Vec<_> =
+                dispatches.iter().filter(|ran| ran.pass == "linearise" && ran.executed).map(|ran| ran.place).collect();
+            // Of the finest level, before iterations that it had.
+            let warps = dispatches.iter().filter(|ran| ran.pass == "warp" && linearised.contains(&ran.place));
+            let executed: Vec<bool> = warps.map(|ran| ran.executed).collect();
+            assert!(executed.contains(&true) && executed.contains(&false), "{executed:?}");
+            assert!(engine.validation_messages().is_empty(), "{:?}", engine.validation_messages());
+            (engine.vulkan().is_conditional(), bits, executed)
+        };
+        let (is_conditional, bits, executed) = solve();
+        assert_eq!((false, bits, executed), no_conditional_rendering::run(solve));
+        println!("the device has conditional rendering: {is_conditional}");
     }
 
     /// Passes shaped for a GPU give the same V but for rounding: with odd sizes, a coarsest grid too long for shared

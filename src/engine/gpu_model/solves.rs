@@ -9,7 +9,8 @@ use crate::engine::script::{Action, Dispatch, Part, Script, compose};
 use crate::engine::slot::Slot;
 use crate::engine::stages::state::{LevelState, MAX_LEVELS};
 use crate::engine::stages::{
-    coarsest_grids, convolve, edge_cells, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles, subdivide,
+    coarsest_grids, convolve, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles,
+    subdivide, update_transform,
 };
 use crate::engine::sweep::model as sweep;
 use crate::engine::vulkan::{Stage, Variant};
@@ -243,13 +244,32 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         }
         ("relax_tiles", _) => {
             let c: relax_tiles::Constants = bytemuck::pod_read_unaligned(c);
-            (2.6 + f64::from(c.sweeps)) / (2.6 + 8.0)
+            (7.3 + f64::from(c.sweeps)) / (7.3 + 8.0)
         }
         ("relax_grid_tiles", _) => {
             let c: relax_grid_tiles::Constants = bytemuck::pod_read_unaligned(c);
             (4.5 + f64::from(c.sweeps)) / (4.5 + 8.0)
         }
-        ("linearise", _) => f64::from(bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows) / 8.0,
+        ("update_transform", _) => {
+            let rows = bytemuck::pod_read_unaligned::<update_transform::Constants>(c).rows;
+            (22.9 + f64::from(update_transform::rounds(rows, dispatch.variant))) / (22.9 + 8.0)
+        }
+        ("linearise", _) => {
+            // What it does besides its lines counts as a number of lines, by its variant.
+            let once = [[0.3, 0.3], [0.7, 1.2]][usize::from(dispatch.variant[1])][usize::from(dispatch.variant[3])];
+            (once + f64::from(bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows)) / (once + 8.0)
+        }
+        ("exposure", shades) => {
+            // Once, for each sample of the moments, and for each of the shading's four rounds: in samples of a round.
+            let c: exposure::Constants = bytemuck::pod_read_unaligned(c);
+            let [width, height] = exposure::STAGE.workgroup;
+            let each = c.samples().div_ceil((width * height) as usize) as f64;
+            if shades {
+                (1.4 + 0.98 * each + 4.0 * (2.85 + each)) / (1.4 + 0.98 * 8.0 + 8.0 * (2.85 + 4.0))
+            } else {
+                (1.5 + 2.0 * each) / (1.5 + 2.0 * 8.0)
+            }
+        }
         ("relax", _) => f64::from(bytemuck::pod_read_unaligned::<relax::Constants>(c).rows) / 8.0,
         ("convolve", true) => f64::from(bytemuck::pod_read_unaligned::<convolve::Constants>(c).blocks) / 8.0,
         _ => 1.0,
@@ -293,13 +313,13 @@ mod tests {
         for (level, &(iterations, warps)) in pair.levels.iter().enumerate() {
             let count = |name| of(&work, name).filter(|work| work.level == level && work.waves > 0.0).count() as u32;
             assert_eq!(count("linearise"), iterations, "level {level}");
-            assert_eq!(count("update"), iterations - 1, "level {level}");
+            assert_eq!(count("relax_tiles"), iterations - 1, "level {level}");
             // A level is warped before its first iteration, except for the two coarsest.
             let first = u32::from(level + 2 < pair.levels.len());
             assert_eq!(count("warp"), first + warps.count_ones(), "level {level}");
         }
         // A level settles after an odd iteration: the rest of this iteration is executed with no workgroups.
-        let skipped = of(&work, "update").filter(|work| work.waves == 0.0);
+        let skipped = of(&work, "relax_tiles").filter(|work| work.waves == 0.0);
         assert_eq!(skipped.count(), pair.levels.len());
         assert!(work.iter().filter(|work| work.stage.is_some() && work.waves == 0.0).all(|work| work.bytes == 0.0));
     }
@@ -337,12 +357,12 @@ mod tests {
     fn rounds_of_loops_are_those_of_the_constants() {
         let work = Solve::pair(&PAIRS[1], false).work();
         let rounds = |name, level| of(&work, name).find(|work| work.level == level).unwrap().rounds;
-        // Three sweeps, and what takes as long as 2.6.
-        assert_eq!(rounds("relax_tiles", 5), (2.6 + 3.0) / 10.6);
+        // Three sweeps, and what takes as long as 7.3.
+        assert_eq!(rounds("relax_tiles", 5), (7.3 + 3.0) / 15.3);
         // Grids of 16 x 16 and 8 x 8 cells: 3 sweeps and 30.
         assert_eq!(rounds("coarsest_grids_shared", 5), (3.0 + 2.0 * 6.0 + 33.0) / (3.0 + 8.0 * 6.0 + 32.0));
-        // Lines per invocation: a quarter on small levels.
-        assert_eq!([5, 0].map(|level| rounds("linearise", level)), [2.0 / 8.0, 1.0]);
+        // Lines per invocation: one on small levels; and what takes as long as 0.3, with a warped I2 as 1.2.
+        assert_eq!([5, 0].map(|level| rounds("linearise", level)), [(0.3 + 1.0) / 8.3, 1.0]);
         assert_eq!(rounds("system", 0), 1.0);
     }
 

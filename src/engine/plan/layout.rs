@@ -190,11 +190,12 @@ impl Plan {
             },
             buffer(Slot::GridEquations, 4 * grid::FLOATS as u64 * cells, HostAccess::None),
             buffer(Slot::GridSteps, 4 * cells, HostAccess::None),
-            image(Slot::Change { color: 0 }, half, 1),
-            image(Slot::Change { color: 1 }, half, 1),
             buffer(Slot::State, size_of::<State>() as u64, HostAccess::None),
             self.photograph(0),
         ];
+        if !self.relaxes_tiles() {
+            list.extend([0, 1].map(|color| image(Slot::Change { color }, half, 1)));
+        }
         let solved = &self.pyramid[..self.solved];
         list.extend(solved.iter().map(|level| image(Slot::RelativeBlur { level: level.index }, level.size, 1)));
         let weights = 4 * convolve::WEIGHTS as u64;

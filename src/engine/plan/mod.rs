@@ -1,12 +1,12 @@
 //! The plan of a solve: levels of the pyramid, filters, and what each iteration does.
 
-use crate::base::{CPU, Channels, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
+use crate::base::{Channels, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
 use crate::engine::filter::{self, Filter};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::stack::{self, Slopes, node_count};
 use crate::engine::stages::state::MAX_LEVELS;
-use crate::engine::stages::{self, convolve, edge, linearise, shape_windows, uncertainty_terms};
+use crate::engine::stages::{self, convolve, edge, linearise, relax_tiles, shape_windows, uncertainty_terms};
 
 mod layout;
 
@@ -107,11 +107,9 @@ impl Plan {
         })
     }
 
-    /// The plan with passes shaped for a device. `PARFOCAL_SHAPE=gpu` shapes them for a GPU on any device, to test them
-    /// without one.
+    /// The plan with passes shaped for a device.
     pub(crate) fn shaped_for(self, device: &DeviceInfo) -> Self {
-        let forced = std::env::var_os("PARFOCAL_SHAPE").is_some_and(|shape| shape == "gpu");
-        if forced || device.kind != CPU { self.shaped_for_gpu() } else { self }
+        if device.is_shaped_for_gpu() { self.shaped_for_gpu() } else { self }
     }
 
     /// The plan with passes shaped for a GPU.
@@ -121,6 +119,11 @@ impl Plan {
             level.rows = linearise::rows(level.size, true);
         }
         Self { for_gpu: true, ..self }
+    }
+
+    /// Whether all relaxation sweeps on a level or a grid are one dispatch over tiles.
+    pub(crate) fn relaxes_tiles(&self) -> bool {
+        self.for_gpu && relax_tiles::takes(self.settings.relaxation_sweeps)
     }
 
     /// The levels solved, coarsest first.

@@ -6,7 +6,7 @@ use super::{Action, CpuReference, Dispatch, Entry, Hazards, Part, Script};
 use crate::base::color::LUMINANCE;
 use crate::engine::arguments::{self, Grid, Over, Place};
 use crate::engine::plan::{Level, Plan};
-use crate::engine::slot::{self, Handle, Plane, RightSides, Slot};
+use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
@@ -138,10 +138,6 @@ pub(super) struct Composer<'a> {
     pub(super) settles: bool,
     /// The place of the next pass in the method.
     pub(super) place: Place,
-    /// D and b after the window.
-    pub(super) smoothed: Handle<Plane>,
-    /// The right sides of the linear system, in another image.
-    pub(super) right_sides: Handle<RightSides>,
     /// The tiles that passes run over; `None` for all.
     wanted: Option<NeededCells>,
     /// The first tile and the number of tiles of each list, by size of the tiles and margin.
@@ -162,8 +158,6 @@ impl<'a> Composer<'a> {
             warps: vec![Vec::new(); plan.solved],
             settles: true,
             place: Place::default(),
-            smoothed: slot::NORMAL_EQUATIONS,
-            right_sides: slot::RIGHT_SIDES,
             wanted: None,
             listed: BTreeMap::new(),
             lists: Vec::new(),

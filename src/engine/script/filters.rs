@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::compose::Composer;
 use crate::engine::arguments::{Grid, Over, Place};
 use crate::engine::plan::{FilterRange, Level, SCRATCH_LAYERS, StackLayer};
-use crate::engine::slot::{self, Handle, Plane};
+use crate::engine::slot::{self, Handle, Plane, RightSides};
 use crate::engine::stages::stack::Sampling;
 use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, separable, subdivide, warp};
 
@@ -31,6 +31,15 @@ impl From<Layer> for Layers {
     fn from((image, first): Layer) -> Self {
         Self { image, first, step: 1, count: 1 }
     }
+}
+
+/// The images of the linear system for dV.
+#[derive(Clone, Copy)]
+pub(super) struct Equations {
+    /// D and b after the window.
+    pub(super) smoothed: Handle<Plane>,
+    /// The right sides, in another image.
+    pub(super) right_sides: Handle<RightSides>,
 }
 
 /// The targets of the first direction of a separable filter of `count` layers.
@@ -152,15 +161,15 @@ impl Composer<'_> {
 
     /// The means over the window around each pixel of D, of b and of a sweep's third layer: in place, or in the scratch
     /// image where one dispatch filters along both axes.
-    pub(super) fn smooth_equations(&mut self, level: &Level, count: u32) {
+    pub(super) fn smooth_equations(&mut self, level: &Level, count: u32) -> Equations {
         let (window, periods) = ([self.plan.window; 2], level.size.map(|side| 2 * (side - 1)));
         if self.plan.for_gpu && count <= SCRATCH_LAYERS && takes_both_axes(level.size, window, periods) {
             let equations = Layers { count, ..(slot::NORMAL_EQUATIONS, 0).into() };
-            (self.smoothed, self.right_sides) = (slot::SCRATCH, slot::RIGHT_SIDES_APART);
             self.both_axes([equations, scratch(count)], level.size, window, 1, periods, 1);
+            Equations { smoothed: slot::SCRATCH, right_sides: slot::RIGHT_SIDES_APART }
         } else {
-            (self.smoothed, self.right_sides) = (slot::NORMAL_EQUATIONS, slot::RIGHT_SIDES);
             self.smooth(slot::NORMAL_EQUATIONS, count, level.size);
+            Equations { smoothed: slot::NORMAL_EQUATIONS, right_sides: slot::RIGHT_SIDES }
         }
     }
 

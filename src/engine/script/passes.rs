@@ -1,10 +1,11 @@
 //! The passes of the iterations: what each binds, its push constants and what it is dispatched over.
 
 use super::compose::{BOTH, Composer};
+use super::filters::Equations;
 use crate::base::{Decode, RegistrationStep};
 use crate::engine::arguments::{self, Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
-use crate::engine::slot;
+use crate::engine::slot::{self, Handle, RightSides};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
@@ -286,13 +287,20 @@ fn transform_step(plan: &Plan, level: &Level, k: u32) -> update_transform::Const
         finds_alpha: u32::from(plan.finds_alpha(level, k)),
         share: step_share(k),
         steady: if unknowns > 0 { STEADY * unknowns as f32 } else { f32::MAX },
-        steady_by_tiles: STEADY_BY_TILES * unknowns as f32,
+        steady_by_tiles: if has_tiles(level) { STEADY_BY_TILES * unknowns as f32 } else { 0.0 },
         // V and T have measures of their own; the energy is none (section 6 of `docs/method.md`).
         flatness: f32::MAX,
         most_moving: MOST_MOVING,
         most_far: MOST_FAR,
         least_spread: (plan.settings.data_eta / linearise::BROAD) as f32,
     }
+}
+
+/// Whether a level has enough tiles for the scatter over them. By those of a processor, so that levels settle alike on
+/// all devices.
+fn has_tiles(level: &Level) -> bool {
+    let [columns, rows, _] = linearise::tiles(level.size, linearise::rows(level.size, false));
+    f64::from(columns * rows) > update_transform::TOO_FEW
 }
 
 fn descends(plan: &Plan) -> bool {
@@ -317,35 +325,36 @@ impl Composer<'_> {
     pub(super) fn step(&mut self, level: &Level, k: u32) {
         let ([width, height], settings) = (level.size, &self.plan.settings);
         let (alpha, smoothness_eta) = (self.plan.continued(level, k) as f32, settings.smoothness_eta as f32);
-        self.system(level, &system::Constants { width, height, alpha, rate: 1.0, smoothness_eta }, NO_VARIANT);
-        self.relaxation(level);
+        let constants = system::Constants { width, height, alpha, rate: 1.0, smoothness_eta };
+        let equations = self.system(level, &constants, NO_VARIANT);
         // A whole step, then an extrapolated one, and so on.
         let extrapolation = if k.is_multiple_of(2) { update::KEEP } else { update::EXTRAPOLATE };
         let (largest_step, limit, share) = (settings.largest_step as f32, level.limit as f32, step_share(k));
         let relative_step = RELATIVE_STEP;
         let constants = update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation };
-        self.update(level, &constants);
+        self.relaxation(level, equations, &constants);
     }
 
     /// The linear system for the step of the unknown: V of a pair, u of a sweep.
-    pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) {
+    pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) -> Equations {
         self.unsettled = self.settles.then_some(level.index);
-        self.smooth_equations(level, system::layers(variant));
+        let equations = self.smooth_equations(level, system::layers(variant));
         self.unsettled = None;
         let bindings = system::Bindings {
             unknown: slot::relative_blur(level.index).read(),
-            equations: self.smoothed.read(),
-            right_sides: self.right_sides.write(),
+            equations: equations.smoothed.read(),
+            right_sides: equations.right_sides.write(),
             weights: slot::WEIGHTS.write(),
             partials: slot::PARTIALS.write(),
             state: slot::STATE.read(),
             grid: slot::GRID_EQUATIONS.write(),
         };
         self.within(level, Over::Pixels, bindings, constants, variant);
+        equations
     }
 
-    /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level.
-    pub(super) fn relaxation(&mut self, level: &Level) {
+    /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level. Then V.
+    pub(super) fn relaxation(&mut self, level: &Level, equations: Equations, update: &update::Constants) {
         let grids = grid::grids(level.size);
         let is_small = |grid: &grid::Place| {
             if self.plan.for_gpu {
@@ -365,7 +374,7 @@ impl Composer<'_> {
         }
         self.coarsest_grids(level, &grids[small..]);
         for n in (0..small).rev() {
-            if self.relaxes_tiles() {
+            if self.plan.relaxes_tiles() {
                 self.relax_grid_tiles(level, n, [grids[n], grids[n + 1]]);
                 continue;
             }
@@ -374,12 +383,11 @@ impl Composer<'_> {
                 self.relax_grid(level, n, [grids[n], grids[n + 1]], BLACK, sweep);
             }
         }
-        self.relax_pixels(level);
-    }
-
-    /// Whether all relaxation sweeps on a level or a grid are one dispatch over tiles.
-    fn relaxes_tiles(&self) -> bool {
-        self.plan.for_gpu && relax_tiles::takes(self.plan.settings.relaxation_sweeps)
+        if self.plan.relaxes_tiles() {
+            return self.relax_tiles(level, equations, update);
+        }
+        self.relax_pixels(level, equations.right_sides);
+        self.update(level, equations, update);
     }
 
     /// Sums the system of the n-th grid up to the next one.
@@ -446,53 +454,54 @@ impl Composer<'_> {
         self.within(level, Over::One, bindings, &constants, NO_VARIANT);
     }
 
-    /// All relaxation sweeps on the level: one dispatch over tiles on GPUs; else two dispatches each, or one dispatch
-    /// for all on a small level.
-    fn relax_pixels(&mut self, level: &Level) {
-        if self.relaxes_tiles() {
-            return self.relax_tiles(level);
-        }
+    /// All relaxation sweeps on the level: two dispatches each, or one dispatch for all on a small level.
+    fn relax_pixels(&mut self, level: &Level, right_sides: Handle<RightSides>) {
         if relax_level::takes(level.size) {
-            return self.relax_level(level);
+            return self.relax_level(level, right_sides);
         }
         for sweep in 0..self.plan.settings.relaxation_sweeps {
-            self.relax(level, RED, sweep);
-            self.relax(level, BLACK, sweep);
+            self.relax(level, right_sides, RED, sweep);
+            self.relax(level, right_sides, BLACK, sweep);
         }
     }
 
-    fn relax_tiles(&mut self, level: &Level) {
+    /// All relaxation sweeps on the level, and the update of V.
+    fn relax_tiles(&mut self, level: &Level, equations: Equations, update: &update::Constants) {
         let bindings = relax_tiles::Bindings {
-            right_sides: self.right_sides.read(),
+            right_sides: equations.right_sides.read(),
             weights: slot::WEIGHTS.read(),
-            red: slot::change(RED).write(),
-            black: slot::change(BLACK).write(),
             coarse: slot::GRID_STEPS.read(),
+            v: slot::relative_blur(level.index).update(),
+            equations: equations.smoothed.read(),
+            state: slot::STATE.update(),
+            kept: slot::UNCERTAINTY_TERMS.update(),
         };
-        let ([width, height], settings) = (level.size, &self.plan.settings);
-        let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
-        let constants = relax_tiles::Constants { width, height, sweeps, over_relaxation };
+        let constants = relax_tiles::Constants::new(&self.sweeps(level), update);
         self.within(level, Over::RelaxTiles, bindings, &constants, NO_VARIANT);
     }
 
-    fn relax_level(&mut self, level: &Level) {
+    fn relax_level(&mut self, level: &Level, right_sides: Handle<RightSides>) {
         let bindings = relax_level::Bindings {
-            right_sides: self.right_sides.read(),
+            right_sides: right_sides.read(),
             weights: slot::WEIGHTS.read(),
             red: slot::change(RED).update(),
             black: slot::change(BLACK).update(),
             coarse: slot::GRID_STEPS.read(),
         };
+        self.within(level, Over::One, bindings, &self.sweeps(level), NO_VARIANT);
+    }
+
+    /// The relaxation sweeps on a level.
+    fn sweeps(&self, level: &Level) -> relax_level::Constants {
         let ([width, height], settings) = (level.size, &self.plan.settings);
         let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
-        let constants = relax_level::Constants { width, height, sweeps, over_relaxation };
-        self.within(level, Over::One, bindings, &constants, NO_VARIANT);
+        relax_level::Constants { width, height, sweeps, over_relaxation }
     }
 
     /// Half a relaxation sweep: one color.
-    fn relax(&mut self, level: &Level, color: usize, sweep: u32) {
+    fn relax(&mut self, level: &Level, right_sides: Handle<RightSides>, color: usize, sweep: u32) {
         let bindings = relax::Bindings {
-            right_sides: self.right_sides.read(),
+            right_sides: right_sides.read(),
             weights: slot::WEIGHTS.read(),
             other: slot::change(1 - color).read(),
             own: slot::change(color).update(),
@@ -505,12 +514,12 @@ impl Composer<'_> {
     }
 
     /// Adds a share of clamp(dV) to V.
-    pub(super) fn update(&mut self, level: &Level, constants: &update::Constants) {
+    fn update(&mut self, level: &Level, equations: Equations, constants: &update::Constants) {
         let bindings = update::Bindings {
             red: slot::change(RED).read(),
             black: slot::change(BLACK).read(),
             v: slot::relative_blur(level.index).update(),
-            equations: self.smoothed.read(),
+            equations: equations.smoothed.read(),
             state: slot::STATE.update(),
             kept: slot::UNCERTAINTY_TERMS.update(),
         };

@@ -103,8 +103,7 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold:
 /// Steps u by the linear system of all pairs, averaged over a window.
 pub(crate) fn step(plan: &Plan, level: &Level, constants: &system::Constants, update: &update::Constants) -> Script {
     script(plan, level.index, |s| {
-        s.system(level, constants, system::SWEEP);
-        s.relaxation(level);
-        s.update(level, update);
+        let equations = s.system(level, constants, system::SWEEP);
+        s.relaxation(level, equations, update);
     })
 }

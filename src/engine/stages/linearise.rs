@@ -35,10 +35,17 @@ const MOST_ROWS: u32 = 8;
 /// Levels with fewer pixels use more workgroups, so that small levels do not leave most of a device idle: on a
 /// processor and on a GPU.
 const SPREAD: [u64; 2] = [1 << 15, 1 << 19];
+/// On a GPU, levels with fewer pixels than this wait for one wave after the other of an invocation's lines.
+const ONE_LINE: u64 = 1 << 15;
 
 /// Lines per invocation on a level.
 pub(crate) fn rows([width, height]: [u32; 2], for_gpu: bool) -> u32 {
-    if pixels(width, height) < SPREAD[usize::from(for_gpu)] { MOST_ROWS / 4 } else { MOST_ROWS }
+    let pixels = pixels(width, height);
+    match () {
+        () if for_gpu && pixels < ONE_LINE => 1,
+        () if pixels < SPREAD[usize::from(for_gpu)] => MOST_ROWS / 4,
+        () => MOST_ROWS,
+    }
 }
 
 /// Layers of the equations: D, b.
@@ -466,7 +473,7 @@ mod tests {
     fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity, kernel: &Kernel, moved: Option<Similarity>) {
         let masks = [7, 8].map(|seed| mask::shares(v.width, v.height, seed));
         let (transform, moved) = (transform.into(), moved.map(Homography::from));
-        for (rows, projective) in [(2, false), (MOST_ROWS, true)] {
+        for (rows, projective) in [(1, false), (2, false), (MOST_ROWS, true)] {
             check_rows((rows, projective), [i1, i2, v], transform, kernel, moved, None);
             check_rows((rows, projective), [i1, i2, v], transform, kernel, moved, Some(&masks));
         }

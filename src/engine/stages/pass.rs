@@ -47,8 +47,12 @@ pub(crate) use push_constants;
 /// Declares the stage of a shader and its bindings, in the shader's order. Each field is
 /// [`Reads`](crate::engine::slot::Reads), [`Writes`](crate::engine::slot::Writes) or
 /// [`Updates`](crate::engine::slot::Updates) of a quantity. A test compares order and accesses with the shader's text.
+/// A workgroup other than [`WORKGROUP`](super::WORKGROUP) follows the shader.
 macro_rules! bindings {
-    ($shader:ident: $($(#[$doc:meta])* $field:ident: $access:ident<$quantity:ident>,)*) => {
+    ($shader:ident: $($fields:tt)*) => {
+        bindings! { $shader, $crate::engine::stages::WORKGROUP; $($fields)* }
+    };
+    ($shader:ident, $workgroup:expr; $($(#[$doc:meta])* $field:ident: $access:ident<$quantity:ident>,)*) => {
         /// The bindings of the shader, in its order.
         #[derive(Clone, Copy, Debug)]
         pub(crate) struct Bindings {
@@ -62,7 +66,7 @@ macro_rules! bindings {
                 <$crate::engine::slot::$access<$crate::engine::slot::$quantity> as $crate::engine::slot::Bound>::BINDING
             ),*],
             constant_bytes: size_of::<Constants>(),
-            workgroup: $crate::engine::stages::WORKGROUP,
+            workgroup: $workgroup,
         };
 
         impl $crate::engine::stages::pass::Bindings for Bindings {

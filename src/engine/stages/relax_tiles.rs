@@ -1,11 +1,12 @@
-//! All relaxation sweeps on the linear system for dV in one dispatch, on tiles with a halo.
+//! All relaxation sweeps on the linear system for dV and the [update](super::update) of V in one dispatch, on tiles with
+//! a halo.
 //!
 //! On a GPU the half-sweeps of [`relax`](super::relax) take as long as their traffic and their barriers. A tile is read
 //! once, with a halo as wide as there are half-sweeps, and is relaxed in shared memory. Workgroups compute the halo
-//! again instead of waiting for each other.
+//! again instead of waiting for each other. dV is not stored.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, WORKGROUP, pixels, relax, relax_level};
+use super::{Number, WORKGROUP, pixels, relax, relax_level, update};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -26,6 +27,35 @@ push_constants! {
     sweeps: u32,
     /// ω of successive over-relaxation.
     over_relaxation: f32,
+    /// Largest |dV|, px² of the level,
+    largest_step: f32,
+    /// or this share of |V|, if that is more.
+    relative_step: f32,
+    /// Largest |V|, px² of the level.
+    limit: f32,
+    /// Share of dV that is added.
+    share: f32,
+    /// That of [`update`].
+    extrapolation: u32,
+}
+
+impl Constants {
+    /// Those of the sweeps and of the update that follows.
+    pub(crate) fn new(relaxation: &relax_level::Constants, update: &update::Constants) -> Self {
+        let &relax_level::Constants { width, height, sweeps, over_relaxation } = relaxation;
+        let &update::Constants { largest_step, relative_step, limit, share, extrapolation, .. } = update;
+        Self { width, height, sweeps, over_relaxation, largest_step, relative_step, limit, share, extrapolation }
+    }
+
+    fn relaxation(&self) -> relax_level::Constants {
+        let &Self { width, height, sweeps, over_relaxation, .. } = self;
+        relax_level::Constants { width, height, sweeps, over_relaxation }
+    }
+
+    fn update(&self) -> update::Constants {
+        let &Self { width, height, largest_step, relative_step, limit, share, extrapolation, .. } = self;
+        update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation }
+    }
 }
 
 bindings! {
@@ -34,12 +64,16 @@ bindings! {
     right_sides: Reads<RightSides>,
     /// Weights.
     weights: Reads<Weights>,
-    /// dV of the red pixels.
-    red: Writes<Change>,
-    /// dV of the black pixels.
-    black: Writes<Change>,
     /// dV of the coarse grids.
     coarse: Reads<GridSteps>,
+    /// V.
+    v: Updates<RelativeBlur>,
+    /// D, averaged over a window.
+    equations: Reads<Plane>,
+    /// State, with the count.
+    state: Updates<State>,
+    /// The kept step.
+    kept: Updates<UncertaintyTerms>,
 }
 
 /// Whether a halo for this number of relaxation sweeps leaves enough of a tile.
@@ -69,64 +103,103 @@ pub(crate) fn pixels_with_halos(size: [u32; 2], sweeps: u32) -> u64 {
 
 impl Pass for Bindings {
     /// Compulsory traffic: for tiles with their halos, right sides, four weights, and dV of the coarse grid, a quarter
-    /// of a number per pixel; dV written once.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        13 * pixels_with_halos([c.width, c.height], c.sweeps) + 4 * pixels(c.width, c.height)
+    /// of a number per pixel; that of [`update`] without dV.
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
+        let update = update::Bindings::bytes(&c.update(), variant) - 4 * pixels(c.width, c.height);
+        13 * pixels_with_halos([c.width, c.height], c.sweeps) + update
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let &Constants { width, height, sweeps, over_relaxation } = c;
-        let start = [0, 1].map(|color| relax::start(memory.numbers(self.coarse), [width, height], color));
+        let start = [0, 1].map(|color| relax::start(memory.numbers(self.coarse), [c.width, c.height], color));
         let system = [0, 1].map(|color| memory.system(self.right_sides, self.weights, color));
-        let constants = relax_level::Constants { width, height, sweeps, over_relaxation };
-        let [red, black] = relax_level::cpu_reference(&constants, &system, start);
-        memory.set_layer(self.red, 0, red);
-        memory.set_layer(self.black, 0, black);
+        let change = relax_level::cpu_reference(&c.relaxation(), &system, start);
+        let (mut v, mut kept) = (memory.take_layer(self.v, 0), memory.take_layer(self.kept, update::KEPT));
+        let (d, variance) = (memory.layer(self.equations, 0), memory.state(self.state).variance);
+        let moving = update::cpu_reference(&c.update(), change.each_ref(), d, variance, &mut kept, &mut v);
+        memory.set_layer(self.v, 0, v);
+        memory.set_layer(self.kept, update::KEPT, kept);
+        memory.state_mut(self.state).count(moving);
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::Rig;
+    use super::super::harness::{Rig, random_field};
     use super::super::relax::{
         interleaved,
         tests::{coarse_steps, system},
     };
+    use super::super::state::{DoubleState, State};
     use super::super::{Field, NO_VARIANT};
     use super::*;
     use crate::engine::vulkan::Resource;
 
-    /// The same values as by half-sweeps of `relax`, and those of the CPU reference.
+    /// The same values as by half-sweeps of `relax` and by `update`, and those of the CPU reference.
     #[test]
     fn matches_half_sweeps_and_the_cpu_reference() {
         for (width, height, sweeps) in
             [(137usize, 121usize, 3), (64, 16, 3), (17, 18, 1), (2, 2, 3), (200, 53, 8), (53, 104, 3), (105, 52, 2)]
         {
             let (system, rig) = (system(width, height), Rig::new());
-            let c = Constants { width: width as u32, height: height as u32, sweeps, over_relaxation: 1.8 };
+            let size @ [columns, rows] = [width as u32, height as u32];
+            let relaxation = relax_level::Constants { width: columns, height: rows, sweeps, over_relaxation: 1.8 };
             let right_sides = rig.image(&system.each_ref().map(|[right_side, ..]| right_side.clone()));
             let weights = rig.weights(&interleaved(&system));
             let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
-            let [changes, by_halves] = [(); 2].map(|()| [0, 1].map(|_| rig.field(&nothing)));
+            let changes = [0, 1].map(|_| rig.field(&nothing));
             let (steps, start) = coarse_steps(&rig, width, height);
-            let mut resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image).to_vec();
-            resources.push(Resource::Buffer(&steps));
-            rig.run_groups(&STAGE, &resources, &c, tiles([c.width, c.height], sweeps));
             for half in 0..2 * sweeps {
-                let (color, rows) = (half % 2, relax::ROWS);
-                let [own, other] = [color, 1 - color].map(|color| &by_halves[color as usize]);
+                let color = half % 2;
+                let [own, other] = [color, 1 - color].map(|color| &changes[color as usize]);
                 let mut resources = [&right_sides, &weights, other, own].map(Resource::Image).to_vec();
                 resources.push(Resource::Buffer(&steps));
                 let variant = if half < 2 { relax::FIRST } else { NO_VARIANT };
-                let Constants { width, height, over_relaxation, .. } = c;
-                let constants = relax::Constants { width, height, color, rows, over_relaxation };
-                rig.run_variant(&relax::STAGE, variant, &resources, &constants, relax::tiles([width, height]));
+                let rows_at_once = relax::ROWS;
+                let constants =
+                    relax::Constants { width: columns, height: rows, color, rows: rows_at_once, over_relaxation: 1.8 };
+                rig.run_variant(&relax::STAGE, variant, &resources, &constants, relax::tiles(size));
             }
-            let constants = relax_level::Constants { width: c.width, height: c.height, sweeps, over_relaxation: 1.8 };
-            let expected = relax_level::cpu_reference(&constants, &system.each_ref().map(|p| p.each_ref()), start);
-            for color in [0, 1] {
-                rig.assert_close(&changes[color], &expected[color..=color], 1e-4);
-                rig.assert_close(&changes[color], &rig.layers(&by_halves[color]), 1e-6);
+            let change = relax_level::cpu_reference(&relaxation, &system.each_ref().map(|p| p.each_ref()), start);
+            let [v, mut d] = [1, 2].map(|seed| random_field(width, height, seed));
+            d.data.iter_mut().step_by(3).for_each(|d| *d = 0.0);
+            let kept = random_field(width.div_ceil(2), height.div_ceil(2), 4);
+            let none = Field::zeros(kept.width, kept.height);
+            let state = State { variance: 5.0, ..State::new(&DoubleState::default().registration) };
+            for extrapolation in [0, update::KEEP, update::EXTRAPOLATE] {
+                let (largest_step, relative_step, limit, share) = (0.4, 0.6, 0.9, 0.5);
+                let (width, height) = (columns, rows);
+                let update =
+                    update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation };
+                let [by_tiles, by_halves] = [(); 2].map(|()| {
+                    let layers = [&none, &none, &none, &kept].map(Field::clone);
+                    (rig.field(&v), rig.image(&layers), rig.upload(bytemuck::bytes_of(&state)))
+                });
+                let d_image = rig.field(&d);
+                let resources = [
+                    Resource::Image(&right_sides),
+                    Resource::Image(&weights),
+                    Resource::Buffer(&steps),
+                    Resource::Image(&by_tiles.0),
+                    Resource::Image(&d_image),
+                    Resource::Buffer(&by_tiles.2),
+                    Resource::Image(&by_tiles.1),
+                ];
+                let constants = Constants::new(&relaxation, &update);
+                rig.run_groups(&STAGE, &resources, &constants, tiles(size, sweeps));
+                let mut resources = [&changes[0], &changes[1], &by_halves.0, &d_image].map(Resource::Image).to_vec();
+                resources.extend([Resource::Buffer(&by_halves.2), Resource::Image(&by_halves.1)]);
+                rig.run_groups(&update::STAGE, &resources, &update, update::tiles(size));
+                let (mut v, mut kept) = (v.clone(), kept.clone());
+                update::cpu_reference(&update, change.each_ref(), &d, 5.0, &mut kept, &mut v);
+                rig.assert_close(&by_tiles.0, &[v], 1e-4);
+                rig.assert_close(&by_tiles.0, &rig.layers(&by_halves.0), 1e-6);
+                rig.assert_close(&by_tiles.1, &rig.layers(&by_halves.1), 1e-6);
+                let counts = [&by_tiles.2, &by_halves.2].map(|buffer| {
+                    let state: State = rig.value(buffer);
+                    [state.moving, state.moving_far, state.at_limit]
+                });
+                let close = counts[0].iter().zip(counts[1]).all(|(a, b)| a.abs_diff(b) <= 1 + b / 1000);
+                assert!(close, "{counts:?}");
             }
         }
     }

@@ -161,6 +161,11 @@ pub struct DoubleLevel {
 }
 
 impl DoubleState {
+    /// Adds counts of pixels that a step moved, that it moved far, and that it left at the limit.
+    pub(crate) fn count(&mut self, moving: [u32; 3]) {
+        self.moving.iter_mut().zip(moving).for_each(|(sum, count)| *sum += f64::from(count));
+    }
+
     /// The state before a solve that estimates α.
     pub fn new(start: Registration) -> Self {
         Self {

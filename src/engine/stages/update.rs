@@ -31,7 +31,7 @@ pub(crate) const KEEP: u32 = shaders::update::KEEP;
 /// [`Constants::extrapolation`]: multiplies the step by the [factor] that follows from it and from the kept one.
 pub(crate) const EXTRAPOLATE: u32 = shaders::update::EXTRAPOLATE;
 /// The layer of the kept step, after the blur-matched pair: sums over blocks of 2 x 2 pixels.
-const KEPT: usize = shaders::update::KEPT as usize;
+pub(crate) const KEPT: usize = shaders::update::KEPT as usize;
 /// Bounds of the factor. Twice and half were enough on real pairs; with three times the coarsest level took 20 instead
 /// of 16 iterations.
 const FACTORS: [f64; 2] = [shaders::update::LEAST_FACTOR, shaders::update::MOST_FACTOR];
@@ -67,7 +67,7 @@ impl Pass for Bindings {
         let moving = cpu_reference(c, change, d, variance, &mut kept, &mut v);
         memory.set_layer(self.v, 0, v);
         memory.set_layer(self.kept, KEPT, kept);
-        memory.state_mut(self.state).moving.iter_mut().zip(moving).for_each(|(sum, count)| *sum += f64::from(count));
+        memory.state_mut(self.state).count(moving);
     }
 }
 

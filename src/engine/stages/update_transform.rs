@@ -5,13 +5,18 @@
 
 use std::ops::Range;
 
-use super::Number;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
+use super::{Number, WORKGROUP};
 use crate::base::{Homography, Shading};
+#[cfg(test)]
+use crate::engine::shaders::update_transform::{AT_ONCE, MOST_CHAINS};
 use crate::engine::vulkan::Variant;
 use crate::engine::{arguments, shaders};
+
+// The shader clears the words of a level by one per invocation.
+const _: () = assert!(arguments::WORDS <= (WORKGROUP[0] * WORKGROUP[1]) as usize);
 
 push_constants! {
     /// Rows of partial sums, one per workgroup of `linearise`.
@@ -129,6 +134,13 @@ impl Pass for Bindings {
     }
 }
 
+/// How often invocations wait for rows of partial sums, one after the other.
+#[cfg(test)]
+pub(crate) fn rounds(rows: u32, variant: Variant) -> u32 {
+    let chains = (WORKGROUP[0] * WORKGROUP[1] / Layout::of_variant(variant).length as u32).min(MOST_CHAINS);
+    rows.div_ceil(chains * AT_ONCE)
+}
+
 fn range(first: u32, count: u32) -> Range<usize> {
     first as usize..(first + count) as usize
 }
@@ -184,7 +196,7 @@ pub fn cpu_reference(
 const LEAST_FREE: f64 = shaders::update_transform::LEAST_FREE;
 
 /// This many tiles or fewer are too few for a variance.
-const TOO_FEW: f64 = shaders::update_transform::TOO_FEW;
+pub(crate) const TOO_FEW: f64 = shaders::update_transform::TOO_FEW;
 
 /// The map with these displacements, in pixels of a level that are `factor` wide, with places divided by `length`.
 pub fn displacing(length: f64, factor: f64, x: [f64; UNKNOWNS]) -> Homography {

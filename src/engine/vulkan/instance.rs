@@ -12,6 +12,9 @@ const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 /// Validation messages, oldest first.
 type Messages = Mutex<Vec<String>>;
 
+/// The invocations of a workgroup that each usable device has.
+pub(super) const LEAST_WORKGROUP: u32 = 256;
+
 /// The name of the loader in errors.
 const LOADER: &str = "the Vulkan loader";
 
@@ -346,7 +349,7 @@ impl Instance {
             "eight storage images per shader"
         } else if limits.max_per_stage_descriptor_storage_buffers < 5 {
             "five storage buffers per shader"
-        } else if limits.max_compute_work_group_invocations < 256 {
+        } else if limits.max_compute_work_group_invocations < LEAST_WORKGROUP {
             "workgroups of 256"
         } else if limits.max_compute_shared_memory_size < 1 << 15 {
             "32 KiB of memory that a workgroup shares"

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::device::Device;
+use super::instance::LEAST_WORKGROUP;
 use super::memory::{Buffer, Image};
 use crate::base::Error;
 use crate::engine::shaders::Shader;
@@ -47,7 +48,8 @@ pub(crate) struct Stage {
     pub(crate) shader: &'static Shader,
     pub(crate) bindings: &'static [Binding],
     pub(crate) constant_bytes: usize,
-    /// Width and height of a workgroup, the specialization constants 0 and 1.
+    /// Width and height of a workgroup, the specialization constants 0 and 1. One of more than 256 invocations may be
+    /// less high, so that its shader must not depend on the height.
     pub(crate) workgroup: [u32; 2],
 }
 
@@ -144,6 +146,14 @@ impl Pipeline {
         Ok(())
     }
 
+    /// Width and height of a workgroup: on software devices, and devices with no more, at most 256 invocations.
+    fn workgroup(&self, stage: &Stage) -> [u32; 2] {
+        let most = self.device.physical.limits.max_compute_work_group_invocations;
+        let most = if self.device.info().is_shaped_for_gpu() { most } else { LEAST_WORKGROUP };
+        let [width, height] = stage.workgroup;
+        [width, height.min(most / width)]
+    }
+
     fn compile(&mut self, stage: &Stage, variant: Variant, flags: vk::PipelineCreateFlags) -> Result<(), Error> {
         let device = &self.device;
         let spirv: Vec<u32> = bytemuck::pod_collect_to_vec(stage.shader.spirv);
@@ -153,7 +163,7 @@ impl Pipeline {
         let module = device.check("vkCreateShaderModule", module)?;
         let entries =
             [0u32, 1, 2, 3, 4, 5].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
-        let [width, height] = stage.workgroup;
+        let [width, height] = self.workgroup(stage);
         let constants = [width, height, variant[0].into(), variant[1].into(), variant[2].into(), variant[3].into()];
         let specialization =
             vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&constants));
