@@ -87,8 +87,8 @@ pub fn text(path: &Path, most: u64) -> Result<String> {
 /// The key of a report that holds [`Hashes`].
 pub(crate) const HASHES: &str = "hashes";
 
-/// Size and hash of each file but the report, by name.
-pub(crate) type Hashes = BTreeMap<String, Hash>;
+/// Size and hash of files, by name: of a folder of results all but the report.
+pub type Hashes = BTreeMap<String, Hash>;
 
 /// Size and hash of a file.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
@@ -101,7 +101,10 @@ pub struct Hash {
 
 impl Hash {
     /// Reads a file to the end.
-    pub(crate) fn of(mut reader: impl Read) -> Result<Self> {
+    ///
+    /// # Errors
+    /// Those of the reader.
+    pub fn of(mut reader: impl Read) -> Result<Self> {
         let (mut digest, mut bytes, mut block) = (Sha256::new(), 0, vec![0; 1 << 16]);
         loop {
             match reader.read(&mut block) {
