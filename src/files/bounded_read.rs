@@ -11,6 +11,22 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
+/// The reason why a text is no path of this system: it is a network path of Windows or a URL.
+pub fn not_a_path(path: &Path) -> Option<&'static str> {
+    let text = path.to_string_lossy();
+    let scheme = text.split_once("://").map_or("", |(scheme, _)| scheme);
+    let is_url = text.starts_with("file:") || !scheme.is_empty() && scheme.bytes().all(|b| b.is_ascii_alphanumeric());
+    if path.exists() {
+        None
+    } else if !cfg!(windows) && text.starts_with(r"\\") {
+        Some("is a network path of Windows; mount it, and give the folder where it is mounted")
+    } else if is_url {
+        Some("is a URL; give the path of a file or a folder on this computer")
+    } else {
+        None
+    }
+}
+
 /// Opens a regular file for reading. Other files are refused at once.
 ///
 /// # Errors

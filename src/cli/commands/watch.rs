@@ -9,6 +9,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
 use parfocal::image_io::RawFormat;
+use parfocal::internals::bounded_read;
 use serde_json::json;
 
 use crate::cli::batch::on_done::{OnDone, Undelivered};
@@ -86,7 +87,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { folder, output: out, .. } = arguments;
     let request = arguments.options.request()?;
     if !folder.is_dir() {
-        return Err(Failure::Failed(format!("{}: there is no such folder to watch; create it", folder.display())));
+        let problem = bounded_read::not_a_path(folder).unwrap_or("there is no such folder to watch; create it");
+        return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
     }
     batch::check_output(&request, out, SUMMARY, request.page, &arguments.inspection)?;
     let judge = arguments.inspection.judge()?;
@@ -96,7 +98,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (device, on_done) = (devices.least()?, arguments.on_done.clone().map(|program| OnDone::new(program, out)));
     let context = Arc::new(Context { request, resume: true, device, judge, on_done, stop });
     let (request, stream) = (&context.request, devices.stream(&context)?);
-    let (progress, mut undelivered) = (BatchProgress::endless(&request.run), Undelivered::new(context.on_done.as_ref()));
+    let (progress, mut undelivered) =
+        (BatchProgress::endless(&request.run), Undelivered::new(context.on_done.as_ref()));
     let mut watched = WatchedFolder::new(arguments);
     let mut failed = None;
     let (mut waiting, mut in_flight, mut rows) = (VecDeque::new(), VecDeque::new(), Vec::<Row>::new());
