@@ -172,8 +172,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     written?;
     failed.map_or_else(|| devices.check(), Err)?;
     watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))?;
-    summary.check(request.run.strict)?;
-    undelivered.check()
+    let (checked, passed_on) = (summary.check(request.run.strict), undelivered.check());
+    if let (Err(_), Err(failure)) = (&checked, &passed_on) {
+        let _ = writeln!(io::stderr(), "warning: {}", failure.message());
+    }
+    checked.and(passed_on)
 }
 
 /// When something was last done that takes long, and how long it took.
