@@ -102,10 +102,11 @@ int main() try {
   parfocal::RoughnessOptions evaluation;
   evaluation.common = common.data();
   evaluation.l_filter_px = 40;
-  const auto texture = parfocal::roughness(solution->relative_blur, solution->uncertainty, solution->width, solution->height, evaluation);
-  std::cout << "Sq " << texture.sq.value << " ± " << texture.sq.standard_deviation << " px² of " << texture.measured_px << " pixels\n";
+  const auto width = solution->width, height = solution->height;
+  const auto texture = parfocal::roughness(solution->relative_blur, solution->uncertainty, width, height, evaluation);
+  std::cout << "Sq " << texture.sq.value << " ± " << texture.sq.standard_deviation << " px²\n";
   const auto repeated = parfocal::repeatability({solution->relative_blur, from_camera->relative_blur},
-                                                {solution->uncertainty, from_camera->uncertainty}, solution->width, solution->height);
+                                                {solution->uncertainty, from_camera->uncertainty}, width, height);
   std::cout << "the noise of a map is " << repeated.noise.value << " px²\n";
 
   std::cerr << engine.messages();

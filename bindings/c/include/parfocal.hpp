@@ -353,8 +353,8 @@ inline parfocal_repeatability repeatability(const std::vector<const float *> &he
     throw Error(PARFOCAL_ERROR_MISMATCH, "give the standard deviations of each height map");
   parfocal_repeatability found{};
   found.size = sizeof found;
-  detail::check(parfocal_measure_repeatability(heights.data(), deviations.data(), heights.size(), width, height, nullptr,
-                                               nullptr, form, &found));
+  detail::check(parfocal_measure_repeatability(heights.data(), deviations.data(), heights.size(), width, height,
+                                               nullptr, nullptr, form, &found));
   return found;
 }
 

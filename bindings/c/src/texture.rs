@@ -100,8 +100,8 @@ pub struct parfocal_parameter {
     pub noise_bias: f64,
 }
 
-/// Surface texture: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2. A height is in the unit of the
-/// heights.
+/// Surface texture: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2. Those that are heights are in
+/// the unit of the heights.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_roughness {
@@ -191,8 +191,8 @@ pub unsafe extern "C" fn parfocal_roughness_options_init(options: *mut parfocal_
     call(|| unsafe { write(options, parfocal_roughness_options::start()) })
 }
 
-/// Evaluates the texture of width x height heights, NaN where there is none, with their standard deviations, in any unit.
-/// Heights are positive towards the camera: give depth in mm with the opposite sign. options may be NULL.
+/// Evaluates the texture of width x height heights, NaN where there is none, with their standard deviations, in any
+/// unit. Heights are positive towards the camera: give depth in mm with the opposite sign. options may be NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_measure_roughness(
     heights: *const f32,
@@ -336,8 +336,9 @@ unsafe impl Versioned for parfocal_repeatability {
 }
 
 /// Compares count height maps of one unmoved part, 2 to 200, each of width x height heights with their standard
-/// deviations: without the part that all maps have in common, such as that of the scale of V. The form, a parfocal_form,
-/// is subtracted from their differences. region may be NULL for all of them, and mask, one byte per pixel, for all pixels.
+/// deviations: without the part that all maps have in common, such as that of the scale of V. The form, a
+/// parfocal_form, is subtracted from their differences. region may be NULL: all of the maps. mask has one byte per pixel
+/// and may be NULL: all pixels count.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_measure_repeatability(
     heights: *const *const f32,

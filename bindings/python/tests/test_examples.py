@@ -49,7 +49,8 @@ def test_verdicts_are_published_by_mqtt(tmp_path):
     with socket.socket() as free:
         free.bind(("localhost", 0))
         port = free.getsockname()[1]
-    part = {"NAME": "SN1", "TIME": "2026-01-02T03:04:05.000Z", "VERDICT": "no-go", "REASONS": "a dent", "STATUS": "solved"}
+    part = {"NAME": "SN1", "TIME": "2026-01-02T03:04:05.000Z", "VERDICT": "no-go", "REASONS": "a dent"}
+    part["STATUS"] = "solved"
     inspected = {"time": part["TIME"], "verdict": "no-go", "tolerance": 1.5, "unit": "mm", "regions": [], "more": 1}
     (tmp_path / "inspect.json").write_text(json.dumps(inspected))
     environment = os.environ | {f"PARFOCAL_{name}": text for name, text in part.items()} | {"MQTT_PORT": str(port)}
@@ -59,7 +60,8 @@ def test_verdicts_are_published_by_mqtt(tmp_path):
         return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
 
     refused = publish()
-    assert refused.returncode == 1 and refused.stderr.startswith(f"mqtt.py: the broker localhost:{port} cannot be reached")
+    assert refused.returncode == 1
+    assert refused.stderr.startswith(f"mqtt.py: the broker localhost:{port} cannot be reached")
     with subprocess.Popen([broker, "-p", str(port)], stderr=subprocess.DEVNULL) as running:
         try:
             received = queue.Queue()

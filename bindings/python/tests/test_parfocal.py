@@ -264,14 +264,17 @@ def test_roughness_of_known_waves(result):
     deviation = np.full(waves.shape, 0.02)
     found = measure.roughness(waves, deviation, pixel_size=0.5)
     assert (found.area_px, found.measured_px, found.str_is_upper_bound) == (64 * 128, 64 * 128, True)
-    for symbol, value in [("Sq", 2**0.5), ("Sa", 4 / np.pi), ("Sdq", 2**0.5 * np.pi / 8), ("Ra", 4 / np.pi), ("Sku", 1.5)]:
+    known = {"Sq": 2**0.5, "Sa": 4 / np.pi, "Sdq": 2**0.5 * np.pi / 8, "Ra": 4 / np.pi, "Sku": 1.5}
+    for symbol, value in known.items():
         assert abs(found[symbol].value / value - 1) < 0.02, (symbol, found[symbol])
     assert 0 < found["Sq"].standard_deviation < 0.02 and found["Sq"].by_scale is None
     common = 0.1 * waves
-    scaled = measure.roughness(waves, np.hypot(deviation, common), common=common, line=((0, 9), (127, 9)), realizations=5)
+    both, line = np.hypot(deviation, common), ((0, 9), (127, 9))
+    scaled = measure.roughness(waves, both, common=common, line=line, realizations=5)
     assert abs(scaled["Sq"].by_scale / scaled["Sq"].value - 0.1) < 1e-3 and scaled.profiles == 1
     assert abs(scaled["Sq"].by_noise) < 0.01 and np.isnan(scaled["Sdr"].value)
-    part = measure.roughness(waves, deviation, region=(0, 0, 64, 64), mask=waves < 9, s_filter=4, l_filter=60, form="none")
+    options = {"region": (0, 0, 64, 64), "mask": waves < 9, "s_filter": 4, "l_filter": 60, "form": "none"}
+    part = measure.roughness(waves, deviation, **options)
     assert part.area_px == 64 * 64 and 0.5 < part["Sq"].value < 1.5
     masked = np.ma.masked_less(waves, 0)
     assert measure.roughness(masked, deviation).measured_px == np.sum(waves >= 0)
@@ -298,7 +301,8 @@ def test_repeated_measurements():
     found = measure.repeated_maps(maps, sigmas)
     assert abs(found.noise.value - 0.1) < 4 * found.noise.standard_error < 0.01
     assert abs(found.seen_over_stated.value - 1) < 0.05 and abs(found.within[0].value - 0.683) < 0.02
-    assert abs(found.shift_deviation.value - 1.291) < 0.01 and found.repeatability_limit.value == 2.8 * found.noise.value
+    assert abs(found.shift_deviation.value - 1.291) < 0.01
+    assert found.repeatability_limit.value == 2.8 * found.noise.value
     part = measure.repeated_maps(maps, sigmas, form="plane", region=(0, 0, 64, 96), mask=maps[0] > -9)
     assert part.area_px == 64 * 96
     with pytest.raises(ValueError, match="cylinder"):
@@ -308,7 +312,8 @@ def test_repeated_measurements():
     values = 5 + 0.01 * rng.standard_normal(30)
     scatter = measure.readings(values, true_value=5, tolerance_width=0.5)
     assert scatter.count == 30 and np.isclose(scatter.standard_deviation.value, np.std(values, ddof=1))
-    assert scatter.standard_deviation.low < 0.01 < scatter.standard_deviation.high and scatter.bias.low < 0 < scatter.bias.high
+    assert scatter.standard_deviation.low < 0.01 < scatter.standard_deviation.high
+    assert scatter.bias.low < 0 < scatter.bias.high
     assert np.isclose(scatter.cg.value, 0.1 / (6 * scatter.standard_deviation.value))
     assert measure.readings([1, 2]).cg is None and measure.readings([1, 1], 1, 1).cg is None
     with pytest.raises(ValueError, match="both"):

@@ -177,10 +177,14 @@ impl<'a> Undelivered<'a> {
         let marked = self.program.into_iter().flat_map(OnDone::marked);
         let names: BTreeSet<String> = self.names.iter().cloned().chain(marked).map(|name| plain(&name)).collect();
         let names: Vec<String> = names.into_iter().collect();
+        let Some(marks) = self.program.map(|program| plain(&program.marks.display().to_string())) else {
+            return Ok(());
+        };
         match names.len() {
             0 => Ok(()),
             count => Err(Failure::Failed(format!(
-                "--on-done has not succeeded for {count} part{}: {}; the next start tries again",
+                "--on-done has not succeeded for {count} part{}: {}; the next start tries again if the photographs are \
+                 still there; to give up, remove {marks}",
                 if count == 1 { "" } else { "s" },
                 in_short(&names, ", ")
             ))),

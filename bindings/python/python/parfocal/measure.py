@@ -51,9 +51,9 @@ class Interval(NamedTuple):
 class Parameter(NamedTuple):
     """A parameter of a surface; NaN is not determined.
 
-    `standard_deviation` is the root of the sum of the squares of `by_noise`, by the noise of each height, and `by_scale`,
-    by the error that all heights have in common (None without one). `noise_bias` is how much noise adds to the value; it
-    is not subtracted.
+    `standard_deviation` is the root of the sum of the squares of `by_noise`, by the noise of each height, and
+    `by_scale`, by the error that all heights have in common (None without one). `noise_bias` is how much noise adds to
+    the value; it is not subtracted.
     """
 
     value: float
@@ -67,8 +67,8 @@ class Parameter(NamedTuple):
 class Roughness:
     """The texture of a surface: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2.
 
-    `found["Sa"]` is a `Parameter`. Units: Sa, Sq, Sp, Sv, Sz, Ra, Rq and Rz that of the heights; Ssk, Sku and Str none; Sdq
-    none, or that of the heights per px without a `pixel_size`; Sdr per cent, NaN without a `pixel_size`; Sal px.
+    `found["Sa"]` is a `Parameter`. Units: Sa, Sq, Sp, Sv, Sz, Ra, Rq and Rz that of the heights; Ssk, Sku and Str none;
+    Sdq none, or that of the heights per px without a `pixel_size`; Sdr per cent, NaN without a `pixel_size`; Sal px.
     """
 
     parameters: dict[str, Parameter]
@@ -109,7 +109,7 @@ class RepeatedMaps:
     seen_over_stated: Estimate
     """Differences over their stated standard deviations, root mean square: 1 if these are right."""
     within: tuple[Estimate, Estimate]
-    """Share of the differences within 1 and 2 of their stated standard deviations: 0.683 and 0.954 if these are right."""
+    """Share of the differences within 1 and 2 of their stated deviations: 0.683 and 0.954 if these are right."""
 
 
 @dataclass(frozen=True)
@@ -182,12 +182,13 @@ def roughness(
         pair `result.scale_deviation * result.relative_blur`.
     pixel_size: the size of a pixel on the surface, in the unit of the heights.
     form: what is removed first: "none" (the mean only), "plane", "quadric" or "cylinder".
-    s_filter, l_filter: cutoff wavelengths, px, of the Gaussian filters that remove shorter and longer waves (ISO 16610-61).
+    s_filter, l_filter: cutoff wavelengths, px, of the Gaussian filters that remove shorter and longer waves
+        (ISO 16610-61).
     robust: whether the L-filter is the robust one (ISO 16610-71).
     region: x, y, width, height, px. Nothing outside is used.
     mask: an array of the size of the heights; pixels that are 0 do not count.
-    line: the ends (x, y) of the profile of Ra, Rq and Rz, each value the mean over `line_width` px across it. Without one
-        they are means over the rows.
+    line: the ends (x, y) of the profile of Ra, Rq and Rz, each value the mean over `line_width` px across it. Without
+        one they are means over the rows.
     realizations: number of seeded realizations of noise from which standard deviations follow, 2 to 10000.
     noise_window: standard deviation of the window over which a solve averages noise, px: 4 for a pair, 2 for a sweep.
     """
@@ -214,8 +215,8 @@ def repeated_maps(
     """Compares height maps of one part that was measured repeatedly and not moved, as `parfocal repeat` does.
 
     heights: 2 to 200 maps in any unit, NaN where there is no height.
-    deviations: the standard deviations of each, without the part that all maps have in common, such as that of the scale
-        of V: `np.sqrt(result.uncertainty**2 - (result.scale_deviation * result.relative_blur) ** 2)`.
+    deviations: the standard deviations of each, without the part that all maps have in common, such as that of the
+        scale of V: `np.sqrt(result.uncertainty**2 - (result.scale_deviation * result.relative_blur) ** 2)`.
     form: what is subtracted from the differences: "none" (their mean), "plane" or "quadric".
     region: x, y, width, height, px.
     mask: an array of the size of the heights; pixels that are 0 do not count.
@@ -238,7 +239,7 @@ def repeated_maps(
 def readings(
     values: ArrayLike, true_value: float | None = None, tolerance_width: float | None = None
 ) -> Readings:
-    """Evaluates repeated readings of one value; with its true value and the width T of its tolerance, a type-1 study."""
+    """Evaluates repeated readings of a value; with its true value and the width T of its tolerance, a type-1 study."""
     if (true_value is None) != (tolerance_width is None):
         raise ValueError("give both true_value and tolerance_width, or neither")
     stated = None if true_value is None or tolerance_width is None else (true_value, tolerance_width)
@@ -253,8 +254,8 @@ def readings(
 def gauge_study(values: ArrayLike, tolerance_width: float | None = None) -> dict[str, Any]:
     """Analyses a gauge study (AIAG, MSA, 4th edition) of an array of operators x parts x trials, two or more of each.
 
-    Returns the fields of `gauge` in repeat.json: `anova`, `components` and `categories`. Sums of squares and variances are
-    in the square of the unit of the values. `tolerance_width` is in that unit.
+    Returns the fields of `gauge` in repeat.json: `anova`, `components` and `categories`. Sums of squares and variances
+    are in the square of the unit of the values. `tolerance_width` is in that unit.
     """
     array = np.asarray(values, np.float64)
     if array.ndim != 3:
