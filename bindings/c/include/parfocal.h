@@ -495,8 +495,8 @@ typedef struct {
   double noise_bias;
 } parfocal_parameter;
 
-// Surface texture: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2. A height is in the unit of the
-// heights.
+// Surface texture: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2. Those that are heights are in
+// the unit of the heights.
 typedef struct {
   // sizeof(parfocal_roughness).
   size_t size;
@@ -772,8 +772,8 @@ parfocal_status parfocal_measure_profile(const float *values,
 // Fills in the default options.
 parfocal_status parfocal_roughness_options_init(parfocal_roughness_options *options);
 
-// Evaluates the texture of width x height heights, NaN where there is none, with their standard deviations, in any unit.
-// Heights are positive towards the camera: give depth in mm with the opposite sign. options may be NULL.
+// Evaluates the texture of width x height heights, NaN where there is none, with their standard deviations, in any
+// unit. Heights are positive towards the camera: give depth in mm with the opposite sign. options may be NULL.
 parfocal_status parfocal_measure_roughness(const float *heights,
                                            const float *deviation,
                                            uint32_t width,
@@ -782,8 +782,9 @@ parfocal_status parfocal_measure_roughness(const float *heights,
                                            parfocal_roughness *found);
 
 // Compares count height maps of one unmoved part, 2 to 200, each of width x height heights with their standard
-// deviations: without the part that all maps have in common, such as that of the scale of V. The form, a parfocal_form,
-// is subtracted from their differences. region may be NULL for all of them, and mask, one byte per pixel, for all pixels.
+// deviations: without the part that all maps have in common, such as that of the scale of V. The form, a
+// parfocal_form, is subtracted from their differences. region may be NULL: all of the maps. mask has one byte per pixel
+// and may be NULL: all pixels count.
 parfocal_status parfocal_measure_repeatability(const float *const *heights,
                                                const float *const *deviations,
                                                size_t count,

@@ -282,7 +282,7 @@ def test_roughness_of_known_waves(result):
     assert measure.roughness(v, result.uncertainty, common=scale)["Sa"].value > 0
     for options, words in [
         ({"form": "sphere"}, "none, plane, quadric or cylinder"),
-        ({"s_filter": 1}, "at least 2"),
+        ({"s_filter": 1}, "at least 4 px"),
         ({"realizations": 1}, "give 2 to 10000"),
         ({"pixel_size": -1}, "size of a pixel"),
         ({"noise_window": np.nan}, "noise window"),
