@@ -30,8 +30,8 @@
 //!
 //! With `default-features = false` the crate needs some 30 others and only Rust to be built. The feature `serde` makes
 //! settings and lenses readable and writable; `files` adds `image_io`, `export` and `model`; `page` plots and HTML
-//! pages; `lab` scenes and experiments; `program` the command line. Each includes those before it. `compile-shaders`
-//! compiles the shaders instead of using the SPIR-V that comes with the crate.
+//! pages; `lab` scenes and experiments; `program`, the default, the command line. Each includes those before it.
+//! `compile-shaders` compiles the shaders instead of using the SPIR-V that comes with the crate.
 
 // Without the features that use them, some items of the lower rooms are dead. The default build warns.
 #![cfg_attr(not(feature = "program"), allow(dead_code, unused_imports))]

@@ -25,6 +25,26 @@ pub use table::*;
 mod tests {
     use std::collections::HashMap;
 
+    #[cfg(feature = "files")]
+    #[test]
+    fn the_compiled_shaders_are_those_of_the_sources() {
+        use crate::files::bounded_read::Hash;
+
+        let file = |name: &str| format!("{}/{name}", env!("CARGO_MANIFEST_DIR"));
+        let sources = std::fs::read_to_string(file("glsl/spirv/SOURCES")).unwrap();
+        for line in sources.lines() {
+            let (sum, name) = line.split_once("  ").unwrap();
+            let found = Hash::of(std::fs::File::open(file(name)).unwrap()).unwrap();
+            assert_eq!(found.sha256, sum, "{name} has changed: run tools/spirv");
+        }
+        let count = |folder: &str, ending: &str| {
+            let names = std::fs::read_dir(file(folder)).unwrap().map(|entry| entry.unwrap().file_name());
+            names.filter(|name| name.to_string_lossy().ends_with(ending)).count()
+        };
+        let all = count("glsl", ".comp") + count("glsl/include", "");
+        assert_eq!(sources.lines().count(), 1 + all, "a shader is new or gone: run tools/spirv");
+    }
+
     /// What a shader does to a member of a buffer or to an image that it reads and writes.
     #[derive(Clone, Debug, PartialEq)]
     enum Event {

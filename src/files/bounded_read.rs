@@ -11,6 +11,22 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
+/// The reason why a text is no path of this system: it is a network path of Windows or a URL.
+pub fn not_a_path(path: &Path) -> Option<&'static str> {
+    let text = path.to_string_lossy();
+    let scheme = text.split_once("://").map_or("", |(scheme, _)| scheme);
+    let is_url = text.starts_with("file:") || !scheme.is_empty() && scheme.bytes().all(|b| b.is_ascii_alphanumeric());
+    if path.exists() {
+        None
+    } else if !cfg!(windows) && text.starts_with(r"\\") {
+        Some("is a network path of Windows; mount it, and give the folder where it is mounted")
+    } else if is_url {
+        Some("is a URL; give the path of a file or a folder on this computer")
+    } else {
+        None
+    }
+}
+
 /// Opens a regular file for reading. Other files are refused at once.
 ///
 /// # Errors
@@ -87,8 +103,8 @@ pub fn text(path: &Path, most: u64) -> Result<String> {
 /// The key of a report that holds [`Hashes`].
 pub(crate) const HASHES: &str = "hashes";
 
-/// Size and hash of each file but the report, by name.
-pub(crate) type Hashes = BTreeMap<String, Hash>;
+/// Size and hash of files, by name: of a folder of results all but the report.
+pub type Hashes = BTreeMap<String, Hash>;
 
 /// Size and hash of a file.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
@@ -101,7 +117,10 @@ pub struct Hash {
 
 impl Hash {
     /// Reads a file to the end.
-    pub(crate) fn of(mut reader: impl Read) -> Result<Self> {
+    ///
+    /// # Errors
+    /// Those of the reader.
+    pub fn of(mut reader: impl Read) -> Result<Self> {
         let (mut digest, mut bytes, mut block) = (Sha256::new(), 0, vec![0; 1 << 16]);
         loop {
             match reader.read(&mut block) {

@@ -52,6 +52,21 @@ impl Heights {
         Ok(Self { evidence, ..self })
     }
 
+    /// Takes from the standard deviations an error of one standard deviation that all heights have in common.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if it has another size.
+    pub fn without_common(mut self, common: &[f32]) -> Result<Self, Error> {
+        if common.len() != self.values.len() {
+            let lengths = format!("errors of {} pixels for {} heights", common.len(), self.values.len());
+            return Err(Error::Mismatch(lengths));
+        }
+        let both = self.deviation.iter_mut().zip(common);
+        both.for_each(|(sigma, common)| *sigma = (*sigma * *sigma - common * common).max(0.0).sqrt());
+        self.part_deviation.clone_from(&self.deviation);
+        Ok(self)
+    }
+
     /// Sets the standard deviations of the height of one part, for a mean of several.
     ///
     /// # Errors

@@ -124,8 +124,13 @@ impl Page {
     }
 
     fn gauge(&mut self, report: &RepeatReport, gauge: &GaugeStudy) {
+        let units = match report.unit.as_str() {
+            "" => String::new(),
+            "px²" => " Standard deviations are in px², squares in px⁴.".to_string(),
+            unit => format!(" Standard deviations are in {0}, squares in ({0})².", text(unit)),
+        };
         let mut content = format!(
-            "<p>{} operators, {} parts, {} trials. Intervals are of 95 %.</p>",
+            "<p>{} operators, {} parts, {} trials. Intervals are of 95 %.{units}</p>",
             gauge.operators, gauge.parts, gauge.trials
         );
         let head = ["", "standard deviation", "% contribution", "% study variation", "% tolerance"];

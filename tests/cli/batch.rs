@@ -368,6 +368,42 @@ fn watch_fails_if_its_folder_is_gone_at_the_end() {
 
 #[cfg(unix)]
 #[test]
+fn a_pair_is_passed_on_until_the_program_succeeds() {
+    let desk = desk(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"]]);
+    let run = |idle: &str, script: &str| {
+        desk.write_script("done.sh", &format!("echo \"$PARFOCAL_NAME $PARFOCAL_STATUS\" >> told\n{script}\n"));
+        let watch = ["watch", "shots", "-o", "out", "--outer-iterations", "6", "--no-html", "--settle", "0"];
+        desk.run(&[&watch[..], &["--until-idle", idle, "--on-done", "./done.sh"]].concat())
+    };
+    let told = || {
+        let mut told: Vec<String> = desk.text("told").lines().map(String::from).collect();
+        told.sort();
+        told.dedup();
+        fs::remove_file(desk.path("told")).unwrap();
+        told
+    };
+    // Killed after the results of a pair were written, and before the program has succeeded.
+    assert_eq!(run("0.2", "kill -9 $PPID").status.code(), None);
+    assert_eq!(told().len(), 1);
+    // No broker can be reached.
+    let failed = run("0.2", "exit 7");
+    let printed = stderr_of(&failed);
+    assert_eq!(failed.status.code(), Some(1), "{printed}");
+    assert!(printed.contains("warning: --on-done ./done.sh of a: exit status: 7; it is tried again"), "{printed}");
+    assert!(printed.contains("has not succeeded for 2 parts: a, b; the next start tries again if "), "{printed}");
+    assert!(printed.ends_with("remove out/.undelivered\n"), "{printed}");
+    assert_eq!(told(), ["a solved", "b solved"]);
+    // It succeeds for one pair at once, and for the other when it is tried again.
+    let passed = run("2", "test $PARFOCAL_NAME = a -o -e again || { touch again; exit 7; }");
+    assert_eq!(passed.status.code(), Some(0), "{}", stderr_of(&passed));
+    assert_eq!(told(), ["a solved", "b solved"]);
+    assert!(!desk.has("out/.undelivered"));
+    assert_eq!(run("0.2", "exit 7").status.code(), Some(0));
+    assert!(!desk.has("told"));
+}
+
+#[cfg(unix)]
+#[test]
 fn a_second_interrupt_ends_a_program_of_on_done_that_hangs() {
     use std::io::{BufRead, BufReader, Read};
     use std::process::{Command, Stdio};
@@ -393,4 +429,9 @@ fn a_second_interrupt_ends_a_program_of_on_done_that_hangs() {
     interrupt();
     stdout.read_to_string(&mut line).unwrap();
     assert_eq!((child.wait().unwrap().code(), line.as_str()), (Some(130), "begun\n"));
+    // The next start passes the pair on.
+    desk.write_script("done.sh", "echo \"$PARFOCAL_NAME $PARFOCAL_STATUS\" >> told\n");
+    let watch = ["watch", "shots", "-o", "out", "--no-html", "--settle", "0", "--until-idle", "0.2"];
+    let summary = printed(&desk.done(&[&watch[..], &["--json", "--on-done", "./done.sh"]].concat()));
+    assert_eq!((statuses(&summary), desk.text("told").as_str()), (vec!["a kept".to_string()], "a solved\n"));
 }

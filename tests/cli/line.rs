@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use serde_json::Value;
 
@@ -71,6 +72,11 @@ fn each_part_of_a_batch_has_one_verdict_in_each_output() {
     let expected = [("SN1", "go"), ("SN2", "no-go"), ("SN3", "cannot-judge")];
     let expected = expected.map(|(serial, verdict)| (serial.to_string(), verdict.to_string())).into();
     assert_eq!(verdicts(&summary), expected);
+    for table in ["verdicts.csv", "verdicts.xml"] {
+        let sum = Command::new("sha256sum").arg(desk.path(&format!("out/{table}"))).output().unwrap().stdout;
+        let stated = summary["hashes"][table]["sha256"].as_str().unwrap();
+        assert!(String::from_utf8(sum).unwrap().starts_with(stated), "{table}");
+    }
     let counts = &summary["verdicts"];
     assert_eq!((&counts["go"], &counts["no_go"], &counts["cannot_judge"]), (&1.into(), &1.into(), &1.into()));
     assert!(counts["seconds_p50"].as_f64().unwrap() <= counts["seconds_p99"].as_f64().unwrap(), "{counts}");
@@ -157,6 +163,7 @@ fn each_part_of_a_batch_has_one_verdict_in_each_output() {
     assert!(!desk.has("out/SN1/inspect.json") && !desk.has("out/SN1/inspect.png"));
     desk.exits(&["batch", "in", "-o", "out", "--resume", "--no-html"], 1);
     assert!(!desk.has("out/verdicts.csv") && !desk.has("out/verdicts.xml"));
+    assert_eq!(desk.json("out/batch.json")["hashes"], Value::Null);
     // A failed part of a batch is not taught, though earlier results of it exist.
     let few = desk.done(&["teach", "out", "-o", "few.exr", "--tolerance", "3"]);
     assert!(stderr_of(&few).contains("out/SN2") && !stderr_of(&few).contains("out/SN1"), "{}", stderr_of(&few));

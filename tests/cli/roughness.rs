@@ -115,8 +115,15 @@ fn with_a_lens_and_a_pixel_size_heights_are_in_mm_and_lengths_in_micrometres() {
     assert!(of(&report, "Sdr", "value") > 0.0 && of(&report, "Sdr", "standard_deviation") > 0.0);
     let (wide, _) = roughness(&desk, &["--pixel-size", "500"]);
     close(of(&wide, "Sal", "value"), 500.0 * of(&px, "Sal", "value"), 1e-9);
-    // mm a pixel to mm a mm.
-    close(of(&wide, "Sdq", "value"), 2.0 * of(&px, "Sdq", "value"), 1e-9);
+    let unit = |report: &Value, name: &str| {
+        let all = report["parameters"].as_array().unwrap();
+        all.iter().find(|parameter| parameter["name"] == name).unwrap()["unit"].as_str().unwrap().to_string()
+    };
+    assert_eq!(["Sa", "Sdq"].map(|name| unit(&px, name)), ["µm", "µm/px"]);
+    assert_eq!(["Sa", "Sdq", "Rz"].map(|name| unit(&wide, name)), ["µm", "", "µm"]);
+    // A pixel is 500 µm.
+    close(of(&wide, "Sdq", "value"), of(&px, "Sdq", "value") / 500.0, 1e-9);
+    assert!((1e6..1e7).contains(&of(&wide, "Sz", "value")), "it is some metres: {wide}");
     close(of(&wide, "Sa", "value"), of(&px, "Sa", "value"), 1e-9);
 }
 

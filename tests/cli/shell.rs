@@ -68,6 +68,28 @@ fn a_misspelled_name_gets_a_suggestion() {
     refuses(&desk, &["slove"], 2, "'solve'");
 }
 
+#[cfg(unix)]
+#[test]
+fn network_paths_of_windows_and_urls_are_refused() {
+    let desk = desk();
+    let (share, url) = (r"\\server\share\a.png", "file:///photographs/a.png");
+    let [mount, path] = ["is a network path of Windows; mount it", "is a URL; give the path"];
+    desk.write("share.toml", r"golden = '\\server\share\golden.exr'");
+    for (arguments, expected) in [
+        (&["solve", share, "far.png", "-o", "out"][..], mount),
+        (&["solve", url, "far.png", "-o", "out"], path),
+        (&["solve", "near.png", "far.png", "-o", share], mount),
+        (&["solve", "near.png", "far.png", "-o", "smb://server/out"], path),
+        (&["batch", share, "-o", "out"], mount),
+        (&["watch", url, "-o", "out"], path),
+        (&["batch", ".", "-o", "out", "--config", "share.toml"], mount),
+        (&["batch", ".", "-o", "out", "--log", url], path),
+    ] {
+        refuses(&desk, arguments, 1, expected);
+    }
+    assert_eq!(std::fs::read_dir(desk.folder()).unwrap().count(), 3);
+}
+
 #[test]
 fn without_a_driver_the_list_holds_the_processor() {
     let desk = desk();

@@ -5,6 +5,7 @@ mod common;
 
 mod baseline;
 mod contrast;
+mod coverage;
 mod cpu;
 #[cfg(target_os = "linux")]
 mod fuzz;

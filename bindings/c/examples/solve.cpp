@@ -95,6 +95,20 @@ int main() try {
   std::cout << "the last frame is shifted by " << stacked.transform(4)[2] << " px to the right; resampled, its middle is "
             << stacked.apply<float>(4, frames[4])[middle] << '\n';
 
+  // The texture of V, whose scale is uncertain too, and the noise of two solves of the same part.
+  std::vector<float> common;
+  for (std::size_t i = 0; i < near.size(); i++)
+    common.push_back(static_cast<float>(solution->scale_deviation) * solution->relative_blur[i]);
+  parfocal::RoughnessOptions evaluation;
+  evaluation.common = common.data();
+  evaluation.l_filter_px = 40;
+  const auto width = solution->width, height = solution->height;
+  const auto texture = parfocal::roughness(solution->relative_blur, solution->uncertainty, width, height, evaluation);
+  std::cout << "Sq " << texture.sq.value << " ± " << texture.sq.standard_deviation << " px²\n";
+  const auto repeated = parfocal::repeatability({solution->relative_blur, from_camera->relative_blur},
+                                                {solution->uncertainty, from_camera->uncertainty}, width, height);
+  std::cout << "the noise of a map is " << repeated.noise.value << " px²\n";
+
   std::cerr << engine.messages();
   return engine.messages().empty() ? EXIT_SUCCESS : EXIT_FAILURE;
 } catch (const parfocal::Error &error) {

@@ -126,6 +126,18 @@ typedef enum {
   PARFOCAL_UNIT_STAGE = 2,
 } parfocal_position_unit;
 
+// The form that is removed from heights.
+typedef enum {
+  // The mean only.
+  PARFOCAL_FORM_NONE = 0,
+  // A plane.
+  PARFOCAL_FORM_PLANE = 1,
+  // A polynomial of second degree.
+  PARFOCAL_FORM_QUADRIC = 2,
+  // A cylinder of any direction. Not for repeated height maps.
+  PARFOCAL_FORM_CYLINDER = 3,
+} parfocal_form;
+
 // Cancels solves, from any thread. Running solves with the token end soon with PARFOCAL_ERROR_CANCELLED, later ones
 // at once. The other handles of a cancelled call stay usable.
 typedef struct parfocal_cancellation_token parfocal_cancellation_token;
@@ -437,6 +449,135 @@ typedef struct {
   double standard_error;
 } parfocal_estimate;
 
+// The evaluation of a surface. Zeros are the defaults, except for form, realizations and noise_window_px, which
+// parfocal_roughness_options_init sets to a plane, 20 and 4 px.
+typedef struct {
+  // sizeof(parfocal_roughness_options).
+  size_t size;
+  // The part of the heights that is evaluated. Width 0: all of it.
+  parfocal_region region;
+  // One byte per pixel, row by row without gaps; pixels with 0 do not count. NULL: all pixels count.
+  const uint8_t *mask;
+  // An error of each height of one standard deviation that all heights have in common, which deviation includes: for
+  // V scale_deviation times V. In the unit of the heights; NULL: none.
+  const float *common;
+  // A parfocal_form.
+  int32_t form;
+  // Not 0: the robust L-filter of ISO 16610-71.
+  int32_t robust;
+  // Cutoff wavelength of the S-filter, px. 0: no filter.
+  double s_filter_px;
+  // Cutoff wavelength of the L-filter, px. 0: no filter.
+  double l_filter_px;
+  // Ends of the line of Ra, Rq and Rz, px: x1, y1, x2, y2, and the width across it. Width 0: means over the rows.
+  double line[5];
+  // The size of a pixel on the surface, in the unit of the heights. 0: not known; sdr is then NaN.
+  double pixel_size;
+  // Standard deviation of the window over which a solve averages noise, px: 4 for a pair, 2 for a sweep.
+  double noise_window_px;
+  // The number of realizations of noise from which standard deviations follow.
+  uint32_t realizations;
+  // Always 0.
+  uint32_t reserved;
+} parfocal_roughness_options;
+
+// A parameter of a surface with its standard deviation. NaN is not determined.
+typedef struct {
+  // The value.
+  double value;
+  // The standard deviation: the root of the sum of the squares of both parts.
+  double standard_deviation;
+  // The part by the noise of each height.
+  double by_noise;
+  // The part by the error that all heights have in common; 0 if there is none.
+  double by_scale;
+  // How much noise adds to the parameter. It is not subtracted.
+  double noise_bias;
+} parfocal_parameter;
+
+// Surface texture: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2. Those that are heights are in
+// the unit of the heights.
+typedef struct {
+  // sizeof(parfocal_roughness).
+  size_t size;
+  // Number of pixels of the region that the mask counts.
+  size_t area_px;
+  // Number of measured pixels in it.
+  size_t measured_px;
+  // Number of profiles of ra, rq and rz.
+  size_t profiles;
+  // Number of section lengths of a profile.
+  size_t sections;
+  // 1 if str is an upper bound.
+  int32_t str_is_upper_bound;
+  // Always 0.
+  int32_t reserved;
+  // Arithmetical mean height.
+  parfocal_parameter sa;
+  // Root mean square height.
+  parfocal_parameter sq;
+  // Skewness, a number.
+  parfocal_parameter ssk;
+  // Kurtosis, a number.
+  parfocal_parameter sku;
+  // Maximum peak height.
+  parfocal_parameter sp;
+  // Maximum pit depth.
+  parfocal_parameter sv;
+  // Maximum height.
+  parfocal_parameter sz;
+  // Root mean square gradient: a number, or unit of the heights per px if pixel_size is 0.
+  parfocal_parameter sdq;
+  // Developed interfacial area ratio, %.
+  parfocal_parameter sdr;
+  // Autocorrelation length, px.
+  parfocal_parameter sal;
+  // Texture aspect ratio, a number.
+  parfocal_parameter str;
+  // Arithmetical mean height of the profiles.
+  parfocal_parameter ra;
+  // Root mean square height of the profiles.
+  parfocal_parameter rq;
+  // Maximum height of the profiles, per section length.
+  parfocal_parameter rz;
+} parfocal_roughness;
+
+// A value with its interval of 95 %.
+typedef struct {
+  // The value.
+  double value;
+  // The lower end.
+  double low;
+  // The upper end.
+  double high;
+} parfocal_interval;
+
+// The noise of repeated height maps of one unmoved part, in the unit of the heights.
+typedef struct {
+  // sizeof(parfocal_repeatability).
+  size_t size;
+  // Number of pixels of the region that the mask counts.
+  size_t area_px;
+  // Number of them that all maps measure.
+  size_t measured_px;
+  // Measurement noise of a map (ISO 25178-700).
+  parfocal_estimate noise;
+  // Median, least and greatest noise of a pair of maps.
+  double pair_noise[3];
+  // What two measurements of a pixel differ by in 95 of 100 cases at most.
+  parfocal_estimate repeatability_limit;
+  // Standard deviation of the mean height between maps.
+  parfocal_interval shift_deviation;
+  // Root mean square of the stated standard deviations.
+  double stated;
+  // Differences over their stated standard deviations, root mean square: 1 if these are right.
+  parfocal_estimate seen_over_stated;
+  // Share of the differences within 1 of their stated standard deviations: 0.683 if these are right.
+  parfocal_estimate within_1;
+  // Share within 2: 0.954 if these are right.
+  parfocal_estimate within_2;
+} parfocal_repeatability;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -627,6 +768,32 @@ parfocal_status parfocal_measure_profile(const float *values,
                                          double across,
                                          double *profile,
                                          size_t count);
+
+// Fills in the default options.
+parfocal_status parfocal_roughness_options_init(parfocal_roughness_options *options);
+
+// Evaluates the texture of width x height heights, NaN where there is none, with their standard deviations, in any
+// unit. Heights are positive towards the camera: give depth in mm with the opposite sign. options may be NULL.
+parfocal_status parfocal_measure_roughness(const float *heights,
+                                           const float *deviation,
+                                           uint32_t width,
+                                           uint32_t height,
+                                           const parfocal_roughness_options *options,
+                                           parfocal_roughness *found);
+
+// Compares count height maps of one unmoved part, 2 to 200, each of width x height heights with their standard
+// deviations: without the part that all maps have in common, such as that of the scale of V. The form, a
+// parfocal_form, is subtracted from their differences. region may be NULL: all of the maps. mask has one byte per pixel
+// and may be NULL: all pixels count.
+parfocal_status parfocal_measure_repeatability(const float *const *heights,
+                                               const float *const *deviations,
+                                               size_t count,
+                                               uint32_t width,
+                                               uint32_t height,
+                                               const parfocal_region *region,
+                                               const uint8_t *mask,
+                                               int32_t form,
+                                               parfocal_repeatability *found);
 
 #ifdef __cplusplus
 }  // extern "C"

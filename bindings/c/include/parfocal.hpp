@@ -328,6 +328,36 @@ inline std::vector<double> profile(const float *values, std::uint32_t width, std
   return along;
 }
 
+/// The evaluation of a surface, with its defaults.
+struct RoughnessOptions : parfocal_roughness_options {
+  RoughnessOptions() : parfocal_roughness_options() {
+    size = sizeof(parfocal_roughness_options);
+    detail::check(parfocal_roughness_options_init(this));
+  }
+};
+
+/// Evaluates the texture of heights, positive towards the camera, with their standard deviations.
+inline parfocal_roughness roughness(const float *heights, const float *deviation, std::uint32_t width,
+                                    std::uint32_t height, const RoughnessOptions &options = {}) {
+  parfocal_roughness found{};
+  found.size = sizeof found;
+  detail::check(parfocal_measure_roughness(heights, deviation, width, height, &options, &found));
+  return found;
+}
+
+/// Compares repeated height maps of one unmoved part, each with its standard deviations.
+inline parfocal_repeatability repeatability(const std::vector<const float *> &heights,
+                                            const std::vector<const float *> &deviations, std::uint32_t width,
+                                            std::uint32_t height, parfocal_form form = PARFOCAL_FORM_NONE) {
+  if (heights.size() != deviations.size())
+    throw Error(PARFOCAL_ERROR_MISMATCH, "give the standard deviations of each height map");
+  parfocal_repeatability found{};
+  found.size = sizeof found;
+  detail::check(parfocal_measure_repeatability(heights.data(), deviations.data(), heights.size(), width, height,
+                                               nullptr, nullptr, form, &found));
+  return found;
+}
+
 }  // namespace parfocal
 
 #endif

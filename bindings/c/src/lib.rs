@@ -21,6 +21,7 @@ mod solution;
 mod solver;
 mod stream;
 mod sweep;
+mod texture;
 mod vulkan;
 
 pub use cancel::{
@@ -36,4 +37,5 @@ pub use solution::*;
 pub use solver::*;
 pub use stream::*;
 pub use sweep::*;
+pub use texture::*;
 pub use vulkan::{parfocal_engine_from_vulkan, parfocal_vulkan};

@@ -73,12 +73,15 @@ pub unsafe extern "C" fn parfocal_measure_profile(
     })
 }
 
+/// Returns the number of pixels of a field.
+pub(crate) fn pixels(width: u32, height: u32) -> Result<usize, Fault> {
+    let count = (width as usize).checked_mul(height as usize).filter(|&count| count > 0);
+    count.ok_or_else(|| Fault::argument(format!("a field of {width}x{height} values is empty or too large")))
+}
+
 /// # Safety
 /// `values` is NULL, or points to width x height floats.
 unsafe fn field<'a>(values: *const f32, width: u32, height: u32) -> Result<Values<'a>, Fault> {
-    let count = (width as usize).checked_mul(height as usize).filter(|&count| count > 0);
-    let count =
-        count.ok_or_else(|| Fault::argument(format!("a field of {width}x{height} values is empty or too large")))?;
     // SAFETY: by the C contract.
-    Ok(Values { width, values: unsafe { slice(values, count, "values") }? })
+    Ok(Values { width, values: unsafe { slice(values, pixels(width, height)?, "values") }? })
 }

@@ -83,18 +83,24 @@ pub(crate) unsafe fn solve_options(from: *const parfocal_solve_options, i1: &Fra
     // SAFETY: by the C contract, a handle or NULL, and a function that may be called with `context`.
     let control = unsafe { control(stated.progress, stated.context, stated.cancel) }?;
     let region = Some(stated.region).filter(|region| region.width != 0).map(Region::from);
-    let mask = match stated.mask.is_null() {
-        true => None,
-        false => {
-            let pixels = i1.width() as usize * i1.height() as usize;
-            // SAFETY: by the C contract the mask has one byte per pixel.
-            let counts = unsafe { slice(stated.mask, pixels, "mask") }?;
-            let white = counts.iter().map(|&counts| if counts == 0 { 0 } else { 255 }).collect();
-            let picture = Frame::new(i1.width(), i1.height(), Channels::Gray, Samples::U8(white));
-            Some(Mask::from_image(&picture.map_err(Fault::argument)?))
-        }
-    };
+    // SAFETY: by the C contract the mask has one byte per pixel.
+    let mask = unsafe { mask(stated.mask, [i1.width(), i1.height()]) }?;
     Ok(SolveOptions { region, mask, crop_valid: stated.crop_valid != 0, ..control })
+}
+
+/// Converts a mask of this size.
+///
+/// # Safety
+/// `from` is NULL, or points to one byte per pixel.
+pub(crate) unsafe fn mask(from: *const u8, [width, height]: [u32; 2]) -> Result<Option<Mask>, Fault> {
+    if from.is_null() {
+        return Ok(None);
+    }
+    // SAFETY: guaranteed by the caller.
+    let counts = unsafe { slice(from, width as usize * height as usize, "mask") }?;
+    let white = counts.iter().map(|&counts| if counts == 0 { 0 } else { 255 }).collect();
+    let picture = Frame::new(width, height, Channels::Gray, Samples::U8(white)).map_err(Fault::argument)?;
+    Ok(Some(Mask::from_image(&picture)))
 }
 
 /// Makes a solver. settings may be NULL.

@@ -12,6 +12,7 @@ fn the_header_matches_the_sources() {
     config.after_includes = Some(version_macros());
     let sources = [
         "fault", "image", "engine", "vulkan", "settings", "cancel", "solver", "solution", "stream", "sweep", "measure",
+        "texture",
     ];
     let builder = sources.iter().fold(cbindgen::Builder::new().with_config(config), |builder, name| {
         builder.with_src(here.join(format!("src/{name}.rs")))

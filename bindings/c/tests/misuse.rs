@@ -40,7 +40,7 @@ fn null_is_reported_or_ignored() {
         assert_eq!(CStr::from_ptr(parfocal_engine_messages(null())), c"");
         assert!(parfocal_solution_warning(null(), 0).is_null() && parfocal_sweep_warning(null(), 0).is_null());
         let (mut solver, mut solution, mut sweep) = (null_mut(), null_mut(), null_mut());
-        let (mut stream, nothing) = (null_mut(), null());
+        let (mut stream, nothing, field) = (null_mut(), null(), null());
         let region = parfocal_region { x: 0, y: 0, width: 1, height: 1 };
         for status in [
             parfocal_engine_new(null(), null_mut()),
@@ -67,6 +67,10 @@ fn null_is_reported_or_ignored() {
             parfocal_sweep_apply(null(), 0, null(), 0, null_mut(), 0),
             parfocal_measure_step(null(), 4, 4, region, region, null_mut()),
             parfocal_measure_profile(null(), 4, 4, 0.0, 0.0, 3.0, 0.0, 1.0, null_mut(), 4),
+            parfocal_roughness_options_init(null_mut()),
+            parfocal_measure_roughness(null(), null(), 4, 4, null(), null_mut()),
+            parfocal_measure_repeatability(null(), null(), 2, 4, 4, null(), null(), 0, null_mut()),
+            parfocal_measure_repeatability(&raw const field, &raw const field, 1, 4, 4, null(), null(), 0, null_mut()),
         ] {
             assert_eq!(status, PARFOCAL_ERROR_INVALID_ARGUMENT);
             assert!(last_error().contains("NULL"), "{}", last_error());

@@ -88,6 +88,8 @@ fn cpp_solves_registers_streams_and_stacks() {
         "9 of 9 pairs",
         "at 1.99",
         "px to the right",
+        "Sq 0.",
+        "the noise of a map is 0.",
     ];
     assert!(parts.iter().all(|part| output.contains(part)), "{output}");
 }

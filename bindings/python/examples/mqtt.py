@@ -5,9 +5,9 @@ Needs Python 3.10 and paho-mqtt 2 (`pip install paho-mqtt`). The broker is MQTT_
 
     MQTT_HOST=plc.local parfocal watch incoming -o results --config line.toml --on-done ./mqtt.py
 
-Each run of this program is one message of quality 1, so the broker may get it more than once. `watch` runs it once at
-most for each solve: if the broker cannot be reached, or `watch` ends between the results and this program, there is no
-message, and kept parts are not published later. Their verdicts are in batch.json.
+Each run of this program is one message of quality 1. If the broker cannot be reached, or does not confirm the message,
+this program fails and `watch` runs it again later, also after a restart. So each verdict arrives at least once. A
+receiver recognizes one that arrives twice by its `serial` and `time`.
 """
 
 import json
@@ -39,7 +39,11 @@ def message(folder: Path) -> dict:
 def publish(payload: str) -> None:
     """Publishes a message, and waits until the broker has confirmed it."""
     client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
-    client.connect(os.environ.get("MQTT_HOST", "localhost"), int(os.environ.get("MQTT_PORT", "1883")))
+    host, port = os.environ.get("MQTT_HOST", "localhost"), int(os.environ.get("MQTT_PORT", "1883"))
+    try:
+        client.connect(host, port)
+    except OSError as problem:
+        sys.exit(f"mqtt.py: the broker {host}:{port} cannot be reached ({problem})")
     client.loop_start()
     sent = client.publish(os.environ.get("MQTT_TOPIC", "parfocal/verdict"), payload, qos=1)
     sent.wait_for_publish(timeout=10)

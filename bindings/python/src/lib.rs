@@ -46,7 +46,7 @@ mod _native {
         Cancelled, DeviceError, Engine,
         engine::{apply, check_lens, depth, devices},
         files::{format_name, read, unpack},
-        measure::{level, profile, step},
+        measure::{gauge, level, profile, readings, repeated, step, texture},
         settings::setting_table,
         stream::Stream,
         watch::CancellationToken,

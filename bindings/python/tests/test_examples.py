@@ -1,9 +1,16 @@
-"""Tests of the examples: the notebook and the napari plugin."""
+"""Tests of the examples: the notebook, verdicts by MQTT, and the napari plugin."""
 
 import ast
 import importlib
 import json
+import os
+import queue
 import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -32,6 +39,52 @@ def test_the_notebook_runs(monkeypatch):
             outputs.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
     assert names["result"].converged and names["step"].value > 5 * names["step"].standard_error
     assert sum("data:image/png" in one._repr_html_() for one in outputs if isinstance(one, type(names["result"]))) == 1
+
+
+def test_verdicts_are_published_by_mqtt(tmp_path):
+    client = pytest.importorskip("paho.mqtt.client")
+    broker = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
+    if not broker:
+        pytest.skip("mosquitto is missing")
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        port = free.getsockname()[1]
+    part = {"NAME": "SN1", "TIME": "2026-01-02T03:04:05.000Z", "VERDICT": "no-go", "REASONS": "a dent"}
+    part["STATUS"] = "solved"
+    inspected = {"time": part["TIME"], "verdict": "no-go", "tolerance": 1.5, "unit": "mm", "regions": [], "more": 1}
+    (tmp_path / "inspect.json").write_text(json.dumps(inspected))
+    environment = os.environ | {f"PARFOCAL_{name}": text for name, text in part.items()} | {"MQTT_PORT": str(port)}
+
+    def publish():
+        command = [sys.executable, EXAMPLES / "mqtt.py", tmp_path]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+
+    refused = publish()
+    assert refused.returncode == 1
+    assert refused.stderr.startswith(f"mqtt.py: the broker localhost:{port} cannot be reached")
+    with subprocess.Popen([broker, "-p", str(port)], stderr=subprocess.DEVNULL) as running:
+        try:
+            received = queue.Queue()
+            receiver = client.Client(client.CallbackAPIVersion.VERSION2)
+            receiver.on_message = lambda *message: received.put(json.loads(message[2].payload))
+            receiver.on_subscribe = lambda *_: received.put("subscribed")
+            for _ in range(100):
+                try:
+                    receiver.connect("localhost", port)
+                    break
+                except OSError:
+                    time.sleep(0.1)
+            receiver.subscribe("parfocal/verdict", 1)
+            receiver.loop_start()
+            assert received.get(timeout=20) == "subscribed"
+            published = publish()
+            assert published.returncode == 0, published.stderr
+            message = received.get(timeout=20)
+            receiver.loop_stop()
+        finally:
+            running.terminate()
+    expected = {"serial": "SN1", "time": part["TIME"], "verdict": "no-go", "reasons": "a dent"}
+    assert message == expected | {"tolerance": 1.5, "unit": "mm", "regions": []}
 
 
 @pytest.fixture

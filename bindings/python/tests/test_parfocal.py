@@ -258,6 +258,74 @@ def test_depth_and_measures(result):
     assert "did you mean a pixel pitch of 0.0075 mm" in result.depth(parfocal.Lens(50, 4, 7.5, (300, 310))).warning
 
 
+def test_roughness_of_known_waves(result):
+    # Waves of amplitude 2 mm and 32 px, of pixels of 0.5 mm: Sq is 2 / sqrt(2), Sa 4 / pi, Sdq 2 pi / 16 times Sq.
+    waves = np.fromfunction(lambda y, x: 2 * np.cos((x + 0.5) * np.pi / 16) + 0.01 * x, (64, 128))
+    deviation = np.full(waves.shape, 0.02)
+    found = measure.roughness(waves, deviation, pixel_size=0.5)
+    assert (found.area_px, found.measured_px, found.str_is_upper_bound) == (64 * 128, 64 * 128, True)
+    known = {"Sq": 2**0.5, "Sa": 4 / np.pi, "Sdq": 2**0.5 * np.pi / 8, "Ra": 4 / np.pi, "Sku": 1.5}
+    for symbol, value in known.items():
+        assert abs(found[symbol].value / value - 1) < 0.02, (symbol, found[symbol])
+    assert 0 < found["Sq"].standard_deviation < 0.02 and found["Sq"].by_scale is None
+    common = 0.1 * waves
+    both, line = np.hypot(deviation, common), ((0, 9), (127, 9))
+    scaled = measure.roughness(waves, both, common=common, line=line, realizations=5)
+    assert abs(scaled["Sq"].by_scale / scaled["Sq"].value - 0.1) < 1e-3 and scaled.profiles == 1
+    assert abs(scaled["Sq"].by_noise) < 0.01 and np.isnan(scaled["Sdr"].value)
+    options = {"region": (0, 0, 64, 64), "mask": waves < 9, "s_filter": 4, "l_filter": 60, "form": "none"}
+    part = measure.roughness(waves, deviation, **options)
+    assert part.area_px == 64 * 64 and 0.5 < part["Sq"].value < 1.5
+    masked = np.ma.masked_less(waves, 0)
+    assert measure.roughness(masked, deviation).measured_px == np.sum(waves >= 0)
+    v, scale = result.relative_blur, result.scale_deviation * result.relative_blur
+    assert measure.roughness(v, result.uncertainty, common=scale)["Sa"].value > 0
+    for options, words in [
+        ({"form": "sphere"}, "none, plane, quadric or cylinder"),
+        ({"s_filter": 1}, "at least 4 px"),
+        ({"realizations": 1}, "give 2 to 10000"),
+        ({"pixel_size": -1}, "size of a pixel"),
+        ({"noise_window": np.nan}, "noise window"),
+        ({"common": waves[1:]}, "8064 pixels for 8192"),
+        ({"region": (0, 0, 999, 9)}, "not within"),
+    ]:
+        with pytest.raises(ValueError, match=words):
+            measure.roughness(waves, deviation, **options)
+
+
+def test_repeated_measurements():
+    rng = np.random.default_rng(3)
+    part = np.fromfunction(lambda y, x: np.sin(x / 9) + y / 50, (96, 128))
+    maps = [part + 0.1 * rng.standard_normal(part.shape) + n for n in range(4)]
+    sigmas = [np.full(part.shape, 0.1)] * 4
+    found = measure.repeated_maps(maps, sigmas)
+    assert abs(found.noise.value - 0.1) < 4 * found.noise.standard_error < 0.01
+    assert abs(found.seen_over_stated.value - 1) < 0.05 and abs(found.within[0].value - 0.683) < 0.02
+    assert abs(found.shift_deviation.value - 1.291) < 0.01
+    assert found.repeatability_limit.value == 2.8 * found.noise.value
+    part = measure.repeated_maps(maps, sigmas, form="plane", region=(0, 0, 64, 96), mask=maps[0] > -9)
+    assert part.area_px == 64 * 96
+    with pytest.raises(ValueError, match="cylinder"):
+        measure.repeated_maps(maps, sigmas, form="cylinder")
+    with pytest.raises(ValueError):
+        measure.repeated_maps(maps, sigmas[1:])
+    values = 5 + 0.01 * rng.standard_normal(30)
+    scatter = measure.readings(values, true_value=5, tolerance_width=0.5)
+    assert scatter.count == 30 and np.isclose(scatter.standard_deviation.value, np.std(values, ddof=1))
+    assert scatter.standard_deviation.low < 0.01 < scatter.standard_deviation.high
+    assert scatter.bias.low < 0 < scatter.bias.high
+    assert np.isclose(scatter.cg.value, 0.1 / (6 * scatter.standard_deviation.value))
+    assert measure.readings([1, 2]).cg is None and measure.readings([1, 1], 1, 1).cg is None
+    with pytest.raises(ValueError, match="both"):
+        measure.readings(values, 5)
+    study = rng.standard_normal((1, 10, 1)) + 0.1 * rng.standard_normal((3, 10, 3))
+    found = measure.gauge_study(study, tolerance_width=6)
+    by_name = {row["name"]: row for row in found["components"]}
+    assert 0.05 < by_name["gauge R&R"]["standard_deviation"]["value"] < 0.2 and found["categories"]["value"] > 5
+    with pytest.raises(ValueError, match="operators x parts x trials"):
+        measure.gauge_study(values)
+
+
 def test_a_result_has_html_and_can_be_pickled(result):
     page = result._repr_html_()
     assert page.count("data:image/png;base64,") == 2 and "converged" in page

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use parfocal::image_io::RawFormat;
+use parfocal::internals::bounded_read;
 
 use crate::cli::batch::manifest;
 use crate::cli::batch::summary::is_of_batch;
@@ -63,7 +64,8 @@ pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>, is_judged:
         settled(of_manifest(source, raw)?, Vec::new(), raw).map_err(failed)?
     } else {
         let hint = crate::cli::output::failure::did_you_mean(source);
-        return Err(failed(format!("there is no such folder or manifest{hint}")));
+        let missing = || format!("there is no such folder or manifest{hint}");
+        return Err(failed(bounded_read::not_a_path(source).map_or_else(missing, String::from)));
     };
     if found.groups.is_empty() {
         let problem = "holds no pair of photographs; see `parfocal batch --help` for how they are named";

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use parfocal::export::{Destination, FileKind, Header, Kind, PAGE_FILE, to_json, write_named};
+use parfocal::export::{Destination, FileKind, Hash, Hashes, Header, Kind, PAGE_FILE, to_json, write_named};
 use parfocal::internals::bounded_read;
 use parfocal::metric::inspect::Verdict;
 use parfocal::page::batch_html::{Entry, batch_page};
@@ -186,6 +186,9 @@ pub(crate) struct BatchSummary {
     /// The number of each verdict, with golden parts.
     #[serde(skip_serializing_if = "Option::is_none")]
     verdicts: Option<VerdictCounts>,
+    /// Size and hash of the tables of verdicts that belong to this summary, by name.
+    #[serde(skip_serializing_if = "Hashes::is_empty")]
+    hashes: Hashes,
     /// Photographs that belong to no pair or sweep, and the reasons, one line each.
     left_over: Vec<String>,
     pairs: Vec<Row>,
@@ -212,6 +215,7 @@ impl BatchSummary {
             interrupted: interrupted && count("not done") > 0,
             seconds: took.as_secs_f64(),
             verdicts: None,
+            hashes: Hashes::new(),
             left_over,
             pairs,
         }
@@ -239,26 +243,34 @@ impl BatchSummary {
         self.pairs
     }
 
-    /// Writes the summary to a file in the folder `out`, the tables of verdicts, and the index page.
-    pub(crate) fn write(&self, request: &Request, out: &Path, file: &str, has_page: bool) -> Result<(), Failure> {
-        let json = to_json(self).map_err(|e| Failure::Failed(e.to_string()))?;
-        let out_named = |name: &str, kind, bytes: &[u8]| write_named(request.force.to(out), name, kind, bytes);
+    /// Writes the tables of verdicts into the folder `out`, then the summary to a file, with the hashes of the tables,
+    /// and the index page.
+    pub(crate) fn write(&mut self, request: &Request, out: &Path, file: &str, has_page: bool) -> Result<(), Failure> {
+        let [table, cases] = verdict_files(file);
+        let (csv, junit);
+        let mut files: Vec<(&str, FileKind, &[u8])> = Vec::new();
         if self.verdicts.is_none() {
             // Those of an earlier run with golden parts hold no longer.
-            let own = verdict_files(file).into_iter().zip([FileKind::VerdictTable, FileKind::Junit]);
-            for (name, _) in own.filter(|(name, kind)| Destination::from(out).check_named(*kind, &[name]).is_ok()) {
-                // A file that stays is no reason to fail.
-                let _ = std::fs::remove_file(out.join(name));
+            for (name, kind) in [(&table, FileKind::VerdictTable), (&cases, FileKind::Junit)] {
+                if Destination::from(out).check_named(kind, &[name]).is_ok() {
+                    // A file that stays is no reason to fail.
+                    let _ = std::fs::remove_file(out.join(name));
+                }
             }
         } else {
-            let [table, cases] = verdict_files(file);
             let rows = self.pairs.iter().filter_map(|row| Some((row.inspection.as_ref()?, row.output.as_str())));
-            out_named(&table, FileKind::VerdictTable, &verdict::csv(rows)?)?;
-            out_named(&cases, FileKind::Junit, verdict::junit(&self.source, self.judged()).as_bytes())?;
+            csv = verdict::csv(rows)?;
+            junit = verdict::junit(&self.source, self.judged()).into_bytes();
+            files.extend([(&*table, FileKind::VerdictTable, &*csv), (&*cases, FileKind::Junit, &*junit)]);
         }
-        out_named(file, FileKind::Batch, format!("{json}\n").as_bytes())?;
+        // Reading memory does not fail.
+        let hashes = files.iter().filter_map(|(name, _, bytes)| Some((name.to_string(), Hash::of(*bytes).ok()?)));
+        self.hashes = hashes.collect();
+        let json = to_json(self).map_err(|e| Failure::Failed(e.to_string()))? + "\n";
+        files.push((file, FileKind::Batch, json.as_bytes()));
+        write_named(request.force.to(out), &files)?;
         if has_page {
-            out_named(INDEX, FileKind::BatchPage, self.page(out).as_bytes())?;
+            write_named(request.force.to(out), &[(INDEX, FileKind::BatchPage, self.page(out).as_bytes())])?;
         }
         Ok(())
     }

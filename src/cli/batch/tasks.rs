@@ -16,6 +16,7 @@ use parfocal::sweep::Positions;
 use parfocal::{Engine, Error, PairSolver, Solution, Stream};
 use serde_json::json;
 
+use crate::cli::batch::on_done::OnDone;
 use crate::cli::batch::outcome::Outcome;
 use crate::cli::batch::pairs::Group;
 use crate::cli::batch::summary::Row;
@@ -40,6 +41,8 @@ pub(crate) struct Context {
     pub(crate) device: DeviceInfo,
     /// The golden parts that each part is judged by.
     pub(crate) judge: Option<Judge>,
+    /// The program that each part is passed on to.
+    pub(crate) on_done: Option<OnDone>,
     /// Set by Ctrl-C.
     pub(crate) stop: Arc<AtomicBool>,
 }
@@ -288,6 +291,7 @@ impl Task {
         let (request, first) = (&context.request, &self.job.files()[0]);
         let is_current = |inputs: &[Input]| self.job.is_current(context, inputs);
         let info = || Ok(context.device.clone());
+        let mark = || context.on_done.as_ref().map_or(Ok(()), |program| program.mark(&self.name));
         match &self.job {
             Job::Pair(job) => {
                 let Some(read) = job.read(request, is_current, info)? else {
@@ -295,6 +299,7 @@ impl Task {
                 };
                 let (solution, device) =
                     lock(device).solve(context, first, |engine, cached| solve_pair(engine, cached, &read))?;
+                mark()?;
                 Ok(Outcome::solved(&job.write(request, &device, &read, &solution)?)?)
             }
             Job::Sweep(job) => {
@@ -302,6 +307,7 @@ impl Task {
                     return Ok(Outcome::kept(&job.out)?);
                 };
                 let (solved, device) = lock(device).solve(context, first, |engine, _| read.solve(engine, None))?;
+                mark()?;
                 Ok(Outcome::solved(&job.write(request, &device, &read, &solved)?)?)
             }
         }

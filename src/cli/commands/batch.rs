@@ -79,7 +79,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let log = arguments.log.start(source, out, start_of(judge.as_ref()))?;
     let end = |request: &Request, judge: Option<&Judge>, rows, is_interrupted| {
         let summary = BatchSummary::new(source, rows, found.left_over.clone(), is_interrupted, started.elapsed());
-        let summary = if judge.is_some() { summary.with_verdicts() } else { summary };
+        let mut summary = if judge.is_some() { summary.with_verdicts() } else { summary };
         log.write("end", summary.end());
         summary.write(request, out, &file, has_page)?;
         request.run.report.print(&summary.table(&out.join(&file)), &summary)?;
@@ -93,7 +93,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let stop = stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
-    let context = Arc::new(Context { request, resume: arguments.resume, device: devices.least()?, judge, stop });
+    let (resume, device) = (arguments.resume, devices.least()?);
+    let context = Arc::new(Context { request, resume, device, judge, on_done: None, stop });
     let (request, mut stream) = (&context.request, devices.stream(&context)?);
     let progress = BatchProgress::new(tasks.len(), &request.run);
     let rows = tasks.iter().zip(stream.map(tasks.iter().cloned())).map(|(task, result)| {

@@ -66,7 +66,8 @@ Heights are depth in mm where it is known, else V in px², or the focus of a swe
 towards the camera. The form is removed first, then the S-filter and the L-filter are applied (Gaussian, ISO 16610-61;
 with --robust ISO 16610-71 of order 0; along profiles ISO 16610-21). Missing pixels are not filled in: filters weight
 the measured pixels, and parameters are over measured pixels. The size of a pixel is that of the results unless
---pixel-size states another. Sdr needs it, and heights in mm. Sal and Str are at the autocorrelation 0.2.
+--pixel-size states another. Sdr needs it, and heights in mm. Parameters of heights in mm are in µm. Sal and Str are at
+the autocorrelation 0.2.
 
 Each ± is a standard deviation. \"noise\" is the scatter of the parameter when noise with the standard deviations of the
 results is added, in seeded realizations. \"scale\" is the part by the scale of V of a pair, which is the same everywhere.
@@ -178,14 +179,16 @@ impl Arguments {
     ) -> RoughnessReport {
         let lateral = if pixel.is_some() { "µm" } else { "px" };
         let is_slope = evaluation.pixel_size.is_some();
+        // Surface texture is stated in µm, as in ISO 25178.
+        let (height, of_height) = if quantity.unit == "mm" { ("µm", 1000.0) } else { (quantity.unit, 1.0) };
         let parameter = |found: &Parameter| {
             let (unit, factor) = match found.dimension {
-                Dimension::Height => (quantity.unit.to_string(), 1.0),
+                Dimension::Height => (height.to_string(), of_height),
                 Dimension::Number => (String::new(), 1.0),
                 Dimension::Percent => ("%".to_string(), 1.0),
                 Dimension::Length => (lateral.to_string(), pixel.unwrap_or(1.0)),
                 Dimension::Gradient if is_slope => (String::new(), 1.0),
-                Dimension::Gradient => (gradient(quantity.unit, lateral), 1.0 / pixel.unwrap_or(1.0)),
+                Dimension::Gradient => (gradient(height, lateral), of_height / pixel.unwrap_or(1.0)),
             };
             ParameterReport {
                 name: found.name,

@@ -232,7 +232,7 @@ pub(crate) fn manual(arguments: &Manual) -> Result<(), Failure> {
     let names: Vec<&String> = all.iter().map(|(name, _)| name).collect();
     out.check_named(FileKind::Manual, &names)?;
     for (name, command) in &all {
-        write_named(out, name, FileKind::Manual, &page(command.clone())?)?;
+        write_named(out, &[(name, FileKind::Manual, &page(command.clone())?)])?;
     }
     print(&all.iter().map(|(name, _)| folder.join(name).display().to_string()).collect::<Vec<_>>().join("\n"))
 }

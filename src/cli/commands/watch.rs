@@ -9,9 +9,10 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
 use parfocal::image_io::RawFormat;
+use parfocal::internals::bounded_read;
 use serde_json::json;
 
-use crate::cli::batch::on_done::OnDone;
+use crate::cli::batch::on_done::{OnDone, Undelivered};
 use crate::cli::batch::outcome::Outcome;
 use crate::cli::batch::pairs::{self, Group};
 use crate::cli::batch::summary::{BatchSummary, Row, SUMMARY};
@@ -50,7 +51,8 @@ pub(crate) struct Arguments {
     ///
     /// The environment holds PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed); with --golden also
     /// PARFOCAL_VERDICT (go, no-go or cannot-judge), PARFOCAL_REASONS and PARFOCAL_TIME. No shell is involved. One
-    /// program runs at a time. If it fails, a warning is printed and the pairs go on.
+    /// program runs at a time. If it fails, a warning is printed and the pairs go on. It is run for the pair again
+    /// after a pause of 1 s to 60 s, and by the next start, until it succeeds.
     #[arg(long, value_name = "PROGRAM", help_heading = OUTPUT)]
     on_done: Option<OsString>,
 }
@@ -65,9 +67,9 @@ fn after_help() -> String {
          Complete results of the same photographs and options are kept; a pair whose files change is solved again.\n\
          A pair that fails is reported, and tried again when its files change. Ctrl-C finishes the current pairs and\n\
          the program of --on-done; a second Ctrl-C ends both at once.\n\n\
-         Exit status: 0 all that arrived was solved, 1 a pair failed or FOLDER is gone, 2 wrong usage,\n\
-         130 ended at once. With --golden: 3 a part is no-go, else 4 a part cannot be judged. A pair that fails\n\
-         cannot be judged.\n\n\
+         Exit status: 0 all that arrived was solved, 1 a pair failed, FOLDER is gone, or the program of --on-done\n\
+         has not succeeded for a pair, 2 wrong usage, 130 ended at once. With --golden: 3 a part is no-go, else 4 a\n\
+         part cannot be judged. A pair that fails cannot be judged.\n\n\
          Examples:\n  parfocal watch incoming -o results\n  parfocal watch incoming -o results --on-done ./judge.sh --until-idle 600",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
@@ -85,16 +87,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { folder, output: out, .. } = arguments;
     let request = arguments.options.request()?;
     if !folder.is_dir() {
-        return Err(Failure::Failed(format!("{}: there is no such folder to watch; create it", folder.display())));
+        let problem = bounded_read::not_a_path(folder).unwrap_or("there is no such folder to watch; create it");
+        return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
     }
     batch::check_output(&request, out, SUMMARY, request.page, &arguments.inspection)?;
     let judge = arguments.inspection.judge()?;
     let log = arguments.log.start(folder, out, batch::start_of(judge.as_ref()))?;
     let stop = batch::stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
-    let context = Arc::new(Context { request, resume: true, device: devices.least()?, judge, stop });
+    let (device, on_done) = (devices.least()?, arguments.on_done.clone().map(|program| OnDone::new(program, out)));
+    let context = Arc::new(Context { request, resume: true, device, judge, on_done, stop });
     let (request, stream) = (&context.request, devices.stream(&context)?);
-    let (progress, on_done) = (BatchProgress::endless(&request.run), arguments.on_done.clone().map(OnDone));
+    let (progress, mut undelivered) =
+        (BatchProgress::endless(&request.run), Undelivered::new(context.on_done.as_ref()));
     let mut watched = WatchedFolder::new(arguments);
     let mut failed = None;
     let (mut waiting, mut in_flight, mut rows) = (VecDeque::new(), VecDeque::new(), Vec::<Row>::new());
@@ -121,7 +126,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             break;
         }
         // Reads all other available results, after the first.
-        let (mut new, mut limit) = (Vec::new(), interval);
+        let (mut new, mut limit) = (Vec::new(), if undelivered.is_due() { Duration::ZERO } else { interval });
         while let Some(result) = stream.next(limit).transpose() {
             in_flight.pop_front();
             match result {
@@ -138,15 +143,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         for row in &new {
             progress.show(row);
             log.write("part", json!(row));
-            on_done.iter().for_each(|program| program.run(row));
+            undelivered.pass_on(row);
         }
         if !new.is_empty() {
             rows.retain(|old| new.iter().all(|row| row.name != old.name));
             rows.extend(new);
             (is_written, watched.changed) = (false, Instant::now());
         }
+        if undelivered.is_due() {
+            undelivered.retry(&rows);
+        }
         if !is_written && (last_write.is_due(9) || in_flight.is_empty() && waiting.is_empty()) {
-            let so_far = summary(rows, &watched);
+            let mut so_far = summary(rows, &watched);
             let written = last_write.run(|| so_far.write(request, out, SUMMARY, request.page));
             (rows, is_written) = (so_far.into_rows(), written.is_ok());
             // It is written again, and the parts go on. At the end it is an error.
@@ -157,14 +165,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             write_problem = problem;
         }
     }
-    let summary = summary(rows, &watched);
+    let mut summary = summary(rows, &watched);
     let written = summary.write(request, out, SUMMARY, request.page);
     log.write("end", summary.end());
     request.run.report.print(&summary.table(&out.join(SUMMARY)), &summary)?;
     written?;
     failed.map_or_else(|| devices.check(), Err)?;
     watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))?;
-    summary.check(request.run.strict)
+    let (checked, passed_on) = (summary.check(request.run.strict), undelivered.check());
+    if let (Err(_), Err(failure)) = (&checked, &passed_on) {
+        let _ = writeln!(io::stderr(), "warning: {}", failure.message());
+    }
+    checked.and(passed_on)
 }
 
 /// When something was last done that takes long, and how long it took.

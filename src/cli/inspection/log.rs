@@ -6,6 +6,7 @@ use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use parfocal::internals::bounded_read::not_a_path;
 use serde_json::{Value, json};
 
 use crate::cli::batch::summary::is_of_batch;
@@ -43,6 +44,9 @@ impl LogArgument {
         let log = Log { file: self.log.clone(), is_torn: Cell::new(false), problem: RefCell::default() };
         if let Some(file) = &self.log {
             let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+            if let Some(problem) = not_a_path(file) {
+                return Err(failed(problem.to_string()));
+            }
             if file == Path::new("-") {
                 return Err(Failure::Usage("--log -: lines are appended to a file; give one".to_string()));
             }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use parfocal::export::{Nearer, SIMULATED_FILES, result_files};
 use parfocal::image_io::{Input, Photograph, RawFormat};
+use parfocal::internals::bounded_read;
 use parfocal::sweep::Positions;
 use parfocal::{Engine, PairSolver, Settings, settings::DeviceInfo};
 
@@ -166,7 +167,9 @@ fn of_folder(folder: &Path, mut files: Vec<PathBuf>) -> Result<SweepFiles, Failu
 pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
     let failed = |e: std::io::Error| {
         let problem = match e.kind() {
-            ErrorKind::NotFound => "there is no such folder; check the path".to_string(),
+            ErrorKind::NotFound => {
+                bounded_read::not_a_path(folder).unwrap_or("there is no such folder; check the path").to_string()
+            }
             _ => format!("cannot be listed ({e}); check its permissions"),
         };
         Failure::Failed(format!("{}: {problem}", folder.display()))

@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::journal::{Unfinished, metadata};
 use super::report::{Kind, PROGRAM, REPORT_FILE, is_plain, read_json, strings};
 use crate::base::Error;
-use crate::files::bounded_read;
+use crate::files::bounded_read::{self, not_a_path};
 
 /// Names of the files of a synthetic pair. `depth.exr` exists only if the scene has a lens.
 pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr", "depth.exr", "truth.json"];
@@ -92,6 +92,9 @@ impl<'a> Destination<'a> {
 /// # Errors
 /// [`Error::File`].
 pub fn check_writable(out: &Path) -> Result<(), Error> {
+    if let Some(problem) = not_a_path(out) {
+        return Err(Error::file(out, problem));
+    }
     // The folder, or the nearest existing folder above it, must accept a file.
     let above = out.ancestors().find(|p| p.is_dir()).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     tempfile::tempfile_in(above)

@@ -24,7 +24,7 @@ mod topography;
 mod write;
 mod zip;
 
-pub use crate::files::bounded_read::{Hash, is_whole};
+pub use crate::files::bounded_read::{Hash, Hashes, is_whole};
 pub(crate) use arrays::write_tiff;
 pub use arrays::{ArrayKind, Depth16};
 pub use destination::{Destination, FileKind, INSPECT_FILES, REPEAT_FILES, SIMULATED_FILES, check_writable, listed_in};

@@ -157,8 +157,9 @@ impl RepeatReport {
     }
 
     /// The analysis of variance as CSV.
-    fn write_anova(gauge: &GaugeStudy, writer: &mut dyn Write) -> io::Result<()> {
-        row(writer, &["source", "degrees_of_freedom", "sum_of_squares", "mean_square", "f", "probability"])?;
+    fn write_anova(&self, gauge: &GaugeStudy, writer: &mut dyn Write) -> io::Result<()> {
+        let [sum, square] = ["sum_of_squares", "mean_square"].map(|name| self.with_squared_unit(name));
+        row(writer, &["source", "degrees_of_freedom", &sum, &square, "f", "probability"])?;
         for of in &gauge.anova {
             let [f, probability] = [of.f, of.probability].map(|v| v.map_or(String::new(), number));
             let cells = [of.source.to_string(), of.degrees.to_string(), number(of.sum), number(of.mean_square)];
@@ -169,7 +170,7 @@ impl RepeatReport {
 
     /// The components as CSV.
     fn write_components(&self, gauge: &GaugeStudy, writer: &mut dyn Write) -> io::Result<()> {
-        let plain = ["component", "variance"].map(String::from);
+        let plain = ["component".to_string(), self.with_squared_unit("variance")];
         let deviation = with_ends("standard_deviation").map(|name| self.with_unit(&name));
         let [contribution, study, tolerance] = ["contribution", "study", "tolerance"].map(|of| {
             let percent = |name: String| column(&name, "percent");
@@ -193,6 +194,16 @@ impl RepeatReport {
     /// The name of a column with its unit, in ASCII.
     fn with_unit(&self, name: &str) -> String {
         column(name, &self.unit)
+    }
+
+    /// The name of a column with the square of its unit, in ASCII: `variance_mm2`, `variance_px4`.
+    fn with_squared_unit(&self, name: &str) -> String {
+        let squared = match self.unit.as_str() {
+            "" => String::new(),
+            "px²" => "px4".to_string(),
+            unit => format!("{unit}2"),
+        };
+        column(name, &squared)
     }
 }
 
@@ -242,7 +253,7 @@ pub fn write_repeat<'d>(out: impl Into<Destination<'d>>, report: &RepeatReport, 
         staging.add(pairs, |w| report.write_pairs(maps, w).map_err(text))?;
     }
     if let Some(found) = &report.gauge {
-        staging.add(anova, |w| RepeatReport::write_anova(found, w).map_err(text))?;
+        staging.add(anova, |w| report.write_anova(found, w).map_err(text))?;
         staging.add(components, |w| report.write_components(found, w).map_err(text))?;
         staging.add(categories, |w| RepeatReport::write_categories(found, w).map_err(text))?;
     }
@@ -255,6 +266,16 @@ pub fn write_repeat<'d>(out: impl Into<Destination<'d>>, report: &RepeatReport, 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn columns_of_squares_state_the_square_of_the_unit() {
+        let name =
+            |unit: &str| RepeatReport::new(Vec::new(), String::new(), unit.to_string()).with_squared_unit("variance");
+        assert_eq!(
+            ["", "mm", "px²", "1/m", "settings"].map(name),
+            ["variance", "variance_mm2", "variance_px4", "variance_per_m2", "variance_settings2"]
+        );
+    }
 
     #[test]
     fn cells_with_commas_and_quotes_are_quoted() {

@@ -142,10 +142,15 @@ impl Staging {
         self.hashes.clone()
     }
 
+    /// Checks that all files may get their names.
+    fn check(&self) -> Result<(), Error> {
+        self.written.iter().try_for_each(|(_, path)| self.guard.check(path))
+    }
+
     /// Renames all files and removes stale ones. On failure the earlier results stay: a mixture of two runs would be
     /// worse than none.
     pub(crate) fn place(mut self) -> Result<(), Error> {
-        self.written.iter().try_for_each(|(_, path)| self.guard.check(path))?;
+        self.check()?;
         let _uninterrupted = naming();
         match self.report.clone().filter(|report| self.written.iter().any(|(_, path)| path.ends_with(report))) {
             Some(report) => self.exchange(&report)?,
@@ -250,14 +255,21 @@ impl Staging {
     }
 }
 
-/// Writes one file into a folder atomically; the folder is created if it is missing.
+/// Writes files into a folder, each atomically; the folder is created if it is missing. All are complete under
+/// temporary names before the first one gets its name. They get their names in the given order, one directly after the
+/// other.
 ///
 /// # Errors
 /// [`Error::File`].
-pub fn write_named(out: Destination<'_>, name: &str, kind: FileKind, bytes: &[u8]) -> Result<(), Error> {
-    let mut staging = Staging::of_kind(out, kind)?;
-    staging.add(name, |w| w.write_all(bytes).map_err(|e| e.to_string()))?;
-    staging.place()
+pub fn write_named(out: Destination<'_>, files: &[(&str, FileKind, &[u8])]) -> Result<(), Error> {
+    let staged = files.iter().map(|&(name, kind, bytes)| {
+        let mut staging = Staging::of_kind(out, kind)?;
+        staging.add(name, |w| w.write_all(bytes).map_err(|e| e.to_string()))?;
+        staging.check()?;
+        Ok(staging)
+    });
+    let staged: Vec<Staging> = staged.collect::<Result<_, Error>>()?;
+    staged.into_iter().try_for_each(Staging::place)
 }
 
 #[cfg(test)]
@@ -270,6 +282,22 @@ mod tests {
 
     fn replacing(out: &Path) -> Result<Staging, Error> {
         Staging::replacing(out.into(), "report.json")
+    }
+
+    #[test]
+    fn named_files_are_replaced_together_or_not_at_all() {
+        let base = TempDir::new().unwrap();
+        let out = base.path();
+        let (first, last) = (br#"{"program": "parfocal", "kind": "batch"}"#, b"serial,time,judged,verdict,seconds");
+        let write = |batch: &[u8], table: &[u8]| {
+            let files = [("batch.json", FileKind::Batch, batch), ("verdicts.csv", FileKind::VerdictTable, table)];
+            write_named(out.into(), &files)
+        };
+        write(first, last).unwrap();
+        fs::write(out.join("verdicts.csv"), "mine").unwrap();
+        assert!(write(b"new", last).unwrap_err().to_string().contains("verdicts.csv: is there already"));
+        assert_eq!(fs::read(out.join("batch.json")).unwrap(), first);
+        assert_eq!(fs::read_dir(out).unwrap().count(), 2);
     }
 
     #[test]

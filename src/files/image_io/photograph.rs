@@ -215,6 +215,7 @@ fn read_bytes(selected: &Selected) -> Result<Vec<u8>, String> {
     let path = selected.file.as_path();
     let file = bounded_read::open(path).map_err(|e| match e.kind() {
         ErrorKind::NotFound => match similar_file(path) {
+            _ if let Some(problem) = bounded_read::not_a_path(path) => problem.to_string(),
             Some(other) => format!("there is no such file; did you mean '{}'?", other.display()),
             None => "there is no such file; check the path".to_string(),
         },

@@ -90,7 +90,7 @@ struct Tile {
 /// first map is subtracted too, so that neither a shift nor a drift counts as noise.
 ///
 /// Standard errors are by the scatter between 64 tiles of the rectangle around the pixels that all maps measure: they
-/// allow for noise that is alike at adjacent pixels. Where noise differs from place to place they are too wide. With
+/// allow for noise that is alike at adjacent pixels, up to those of the next tile. Where noise differs from place to place they are too wide. With
 /// fewer than 8 tiles that have pixels they are NaN.
 ///
 /// # Errors
@@ -241,12 +241,18 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 /// Returns a sum over all pixels per pixel. Its standard error is by the scatter between tiles: the ratio estimator
-/// (Cochran 1977, *Sampling Techniques*, 6.3). It is NaN for too few tiles.
+/// (Cochran 1977, *Sampling Techniques*, 6.3), with the products of adjacent tiles if they add to it, since noise may be
+/// alike across the edge of a tile. It is NaN for too few tiles.
 fn ratio_of_sums(tiles: &[Tile], n: usize) -> Estimate {
     let filled: Vec<&Tile> = tiles.iter().filter(|tile| tile.count > 0.0).collect();
     let count = filled.iter().map(|tile| tile.count).sum::<f64>();
     let value = filled.iter().map(|tile| tile.sums[n]).sum::<f64>() / count;
-    let scatter = filled.iter().map(|tile| (tile.sums[n] - value * tile.count).powi(2)).sum::<f64>();
+    let off = |tile: usize| tiles[tile].sums[n] - value * tiles[tile].count;
+    let scatter = (0..tiles.len()).map(|tile| off(tile).powi(2)).sum::<f64>();
+    let beside = |tile: &usize| tile % TILES + 1 < TILES;
+    let right = (0..tiles.len()).filter(beside).map(|tile| off(tile) * off(tile + 1)).sum::<f64>();
+    let below = (TILES..tiles.len()).map(|tile| off(tile - TILES) * off(tile)).sum::<f64>();
+    let scatter = scatter + 2.0 * (right + below).max(0.0);
     let many = filled.len() as f64;
     let standard_error = (scatter * many / (many - 1.0)).sqrt() / count;
     Estimate { value, standard_error: if filled.len() < LEAST_TILES { f64::NAN } else { standard_error } }

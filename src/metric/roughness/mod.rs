@@ -22,6 +22,11 @@ pub use self::form::Form;
 
 /// The smallest number of measured pixels of a surface.
 const LEAST_PIXELS: usize = 256;
+/// Bounds of the number of realizations: one has no scatter.
+const LEAST_REALIZATIONS: usize = 2;
+const MOST_REALIZATIONS: usize = 10_000;
+/// The largest standard deviation of the window of noise, px.
+const MOST_WINDOW: f64 = 100.0;
 /// The largest number of pixels of the realizations that are evaluated at a time, for memory: some 1 GB.
 const MAX_IN_FLIGHT: usize = 1 << 24;
 
@@ -135,13 +140,25 @@ struct Filters {
 }
 
 impl Evaluation {
-    /// Checks the cutoffs, the area and the line against the size of the results.
+    /// Checks the cutoffs, the area and the line against the size of the results, and the other numbers.
     ///
     /// # Errors
-    /// [`Error::Region`], or [`Error::Mismatch`] for cutoffs.
+    /// [`Error::Region`], or [`Error::Mismatch`] for numbers.
     pub fn check(&self, region: Region, [width, height]: [u32; 2]) -> Result<(), Error> {
         region.check((width, height))?;
         self.line.iter().try_for_each(|line| line.check((width, height)))?;
+        let wrong =
+            |what: &str, value: f64, range: &str| Err(Error::Mismatch(format!("{what} is {value}: give {range}")));
+        if !(LEAST_REALIZATIONS..=MOST_REALIZATIONS).contains(&self.realizations) {
+            let range = format!("{LEAST_REALIZATIONS} to {MOST_REALIZATIONS}");
+            return wrong("the number of realizations", self.realizations as f64, &range);
+        }
+        if !(0.0..=MOST_WINDOW).contains(&self.noise_window_px) {
+            return wrong("the noise window", self.noise_window_px, &format!("0 to {MOST_WINDOW} px"));
+        }
+        if let Some(size) = self.pixel_size.filter(|size| !(*size > 0.0 && size.is_finite())) {
+            return wrong("the size of a pixel", size, "one above 0");
+        }
         let shorter = f64::from(region.width.min(region.height));
         let reach = self.line.map_or(shorter, |line| shorter.min(line.length()));
         for (name, cutoff) in [("S-filter", self.s_filter_px), ("L-filter", self.l_filter_px)] {
