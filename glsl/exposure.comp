@@ -153,12 +153,15 @@ void add_up(Registration r, float constant, bool first) {
             if (subgroupElect()) shares[gl_SubgroupID][k] = sum;
         }
         barrier();
-        for (uint k = gl_SubgroupID; k < BATCH && batch + k < FITTED; k += gl_NumSubgroups) {
+        uint lanes = subgroupAdd(1u), lane = subgroupExclusiveAdd(1u);
+        for (uint first = 0; first < BATCH; first += gl_NumSubgroups) {
+            uint k = first + gl_SubgroupID;
+            bool counts = k < BATCH && batch + k < FITTED;
             float own = 0.0;
-            for (uint group = gl_SubgroupInvocationID; group < gl_NumSubgroups; group += gl_SubgroupSize)
-                own += shares[group][k];
+            if (counts)
+                for (uint group = lane; group < gl_NumSubgroups; group += lanes) own += shares[group][k];
             float sum = subgroupAdd(own);
-            if (subgroupElect()) fitted[batch + k] = sum;
+            if (counts && subgroupElect()) fitted[batch + k] = sum;
         }
         barrier();
     }

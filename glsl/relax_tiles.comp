@@ -54,7 +54,11 @@ void main() {
     start(0, size);
     relax_tile(sweeps, over_relaxation);
     Block blocks[ROWS / 2];
-    [[unroll]] for (int row = 0; row < ROWS; row += 2) blocks[row / 2] = load_block(ivec2(2 * own.x, own.y + row));
+    // The blocks of the halo are written by other workgroups, and must not be read.
+    [[unroll]] for (int row = 0; row < ROWS; row += 2) {
+        blocks[row / 2] = Block(float[4](0.0, 0.0, 0.0, 0.0), float[4](0.0, 0.0, 0.0, 0.0), 0.0);
+        if (is_written(row, size, sweeps)) blocks[row / 2] = load_block(ivec2(2 * own.x, own.y + row));
+    }
     uvec3 moving = uvec3(0);
     [[unroll]] for (int row = 0; row < ROWS; row += 2) {
         // By rows; a row begins with a red pixel, the next one with a black one.

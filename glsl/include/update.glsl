@@ -21,7 +21,7 @@ float factor(float change, float before) {
     return before == 0.0 ? 1.0 : max(1.0 / max(1.0 - change / before, 1.0 / MOST_FACTOR), LEAST_FACTOR);
 }
 
-// What the update of a block reads, pixels row by row. Beyond the border it only has to exist.
+// What the update of a block reads, pixels row by row; 0 beyond the border.
 struct Block {
     float before[4], d[4];
     float kept;
@@ -29,13 +29,16 @@ struct Block {
 
 Block load_block(ivec2 first) {
     Block block;
-    ivec2 last = ivec2(width, height) - 1;
+    ivec2 size = ivec2(width, height);
+    // Reading a pixel that is not the block's own would race with the invocation that writes it.
     [[unroll]] for (int n = 0; n < 4; n++) {
-        ivec3 x = ivec3(clamp(first + ivec2(n % 2, n / 2), ivec2(0), last), 0);
-        block.before[n] = imageLoad(relative_blur, x).r;
-        block.d[n] = imageLoad(normal_equations, x).r;
+        ivec3 x = ivec3(first + ivec2(n % 2, n / 2), 0);
+        bool exists = all(lessThan(x.xy, size));
+        block.before[n] = exists ? imageLoad(relative_blur, x).r : 0.0;
+        block.d[n] = exists ? imageLoad(normal_equations, x).r : 0.0;
     }
-    block.kept = extrapolation == EXTRAPOLATE ? imageLoad(kept, ivec3(clamp(first, ivec2(0), last) / 2, KEPT)).r : 0.0;
+    bool extrapolates = extrapolation == EXTRAPOLATE && all(lessThan(first, size));
+    block.kept = extrapolates ? imageLoad(kept, ivec3(first / 2, KEPT)).r : 0.0;
     return block;
 }
 

@@ -429,7 +429,11 @@ mod tests {
             let engine = Engine::new(&testing::options()).unwrap();
             let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &Settings::default()).unwrap();
             let mut pending = submit(&mut solver, &frames);
-            let bits: Vec<u32> = pending.wait().unwrap().relative_blur().iter().map(|v| v.to_bits()).collect();
+            let (bits, levels) = {
+                let solution = pending.wait().unwrap();
+                let bits: Vec<u32> = solution.relative_blur().iter().map(|v| v.to_bits()).collect();
+                (bits, solution.levels.clone())
+            };
             let dispatches = pending.profile().unwrap().dispatches;
             let linearised: Vec<_> =
                 dispatches.iter().filter(|ran| ran.pass == "linearise" && ran.executed).map(|ran| ran.place).collect();
@@ -438,10 +442,10 @@ mod tests {
             let executed: Vec<bool> = warps.map(|ran| ran.executed).collect();
             assert!(executed.contains(&true) && executed.contains(&false), "{executed:?}");
             assert!(engine.validation_messages().is_empty(), "{:?}", engine.validation_messages());
-            (engine.vulkan().is_conditional(), bits, executed)
+            (engine.vulkan().is_conditional(), bits, levels, executed)
         };
-        let (is_conditional, bits, executed) = solve();
-        assert_eq!((false, bits, executed), no_conditional_rendering::run(solve));
+        let (is_conditional, bits, levels, executed) = solve();
+        assert_eq!((false, bits, levels, executed), no_conditional_rendering::run(solve));
         println!("the device has conditional rendering: {is_conditional}");
     }
 

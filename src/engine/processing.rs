@@ -80,7 +80,7 @@ pub(super) const LEAST_BLUR: f64 = 1.5;
 /// The fewest windows and pixels by which noise is judged.
 const FEWEST_WINDOWS: usize = 3;
 const FEWEST_PIXELS: f64 = 400.0;
-/// The slopes from which on noise counts as white, or as that of a sharpened photograph if it also exceeds 1 by some
+/// The slopes from which on noise counts as white, or as that of a sharpened photograph if it also exceeds 1 by three
 /// standard errors.
 ///
 /// White noise has 1; where texture remains that V does not explain, generated pictures have 0.02 to 0.9. Sharpened by
@@ -94,8 +94,8 @@ const ERRORS: f64 = 3.0;
 /// A median of 3 x 3 px at noise of 0.02 leaves 0.3 and 0.1. Texture that V does not explain lowers the slope too, but
 /// not the power. Exposures that differ by a half leave a quarter of the power, but not the slope.
 const DENOISED: [f64; 2] = [0.5, 0.25];
-/// The variance of the logarithm of a slope, times the number of pixels: each power of white noise is that of filters
-/// that cover neighbours too.
+/// The variance of the logarithm of a slope of white noise, times the number of pixels: twice the mean, over all
+/// frequencies, of the squared difference of what the two sets of filters pass.
 const VARIANCE: f64 = 5.8;
 
 /// The noise of a photograph in a window, where it is the softer of the two: sums of power over pixels, relative to the
@@ -110,7 +110,7 @@ pub(crate) struct Noise {
 }
 
 impl Noise {
-    /// Of the pixels that count, from the difference between a photograph and the other, blurred as this one is.
+    /// Sums over the pixels that count, from the difference between a photograph and the other, blurred as this one is.
     pub(super) fn of(difference: &Field, counts: impl Fn(usize, usize) -> bool) -> Self {
         let mut noise = Self::default();
         for y in 0..difference.height {
@@ -173,19 +173,15 @@ impl Spectrum {
     }
 }
 
-/// The warning if one photograph was sharpened or denoised, and the other was not or does not show whether it was.
-pub(crate) fn filtered_warning(windows: &[Vec<Noise>; 2]) -> Option<String> {
-    let [first, second] = windows.each_ref().map(|windows| Spectrum::of(windows));
-    let is_sharpened = |spectrum: &Option<Spectrum>| spectrum.as_ref().is_some_and(Spectrum::is_sharpened);
-    let is_denoised = |spectrum: &Option<Spectrum>, other: &Option<Spectrum>| {
-        spectrum.as_ref().zip(other.as_ref()).is_some_and(|(spectrum, other)| spectrum.is_denoised(other))
-    };
-    let (what, how) = match [is_sharpened(&first), is_sharpened(&second)] {
+/// The warning if one photograph was sharpened or denoised, and the other was not. Nothing is said if one of them is
+/// softer nowhere, because both may have been treated alike, which leaves V right.
+pub(crate) fn filtered_warning([first, second]: &[Vec<Noise>; 2]) -> Option<String> {
+    let [first, second] = [Spectrum::of(first)?, Spectrum::of(second)?];
+    let (what, how) = match [first.is_sharpened(), second.is_sharpened()] {
         [true, false] => ("I1 grows towards short wavelengths", "sharpened"),
         [false, true] => ("I2 grows towards short wavelengths", "sharpened"),
-        // Both alike, which leaves V right, or neither.
-        _ if is_denoised(&first, &second) => ("I1 is weaker than that of I2, at short wavelengths most", "denoised"),
-        _ if is_denoised(&second, &first) => ("I2 is weaker than that of I1, at short wavelengths most", "denoised"),
+        _ if first.is_denoised(&second) => ("I1 is weaker than that of I2, at short wavelengths most", "denoised"),
+        _ if second.is_denoised(&first) => ("I2 is weaker than that of I1, at short wavelengths most", "denoised"),
         _ => return None,
     };
     Some(format!(
@@ -254,7 +250,7 @@ mod tests {
             assert!(is_near(spectrum(&white), 1.0) && is_near(spectrum(&sharpened), 1.486));
             assert!((0.8..1.2).contains(&spectrum(&white).short));
             assert!(says(&white, &sharpened).unwrap().contains("noise of I2 grows"));
-            assert!(says(&sharpened, &[]).unwrap().contains("noise of I1 grows"));
+            assert!(says(&sharpened, &white).unwrap().contains("noise of I1 grows"));
             assert!(says(&white, &denoised).unwrap().contains("noise of I2 is weaker"));
             assert!(says(&denoised, &white).unwrap().contains("noise of I1 is weaker"));
             // Alike, or texture that V does not explain, or an exposure by half, or nothing to compare with.
@@ -263,7 +259,7 @@ mod tests {
             assert_eq!(says(&of(0.0, 1.0), &white), None);
             let half: Vec<Noise> =
                 white.iter().map(|n| Noise { short: 0.2 * n.short, long: 0.2 * n.long, ..*n }).collect();
-            assert_eq!([says(&half, &white), says(&white, &[]), says(&denoised, &[])], [None, None, None]);
+            assert_eq!([says(&half, &white), says(&sharpened, &[]), says(&[], &denoised)], [None, None, None]);
             // Too few windows.
             assert_eq!(says(&white, &sharpened[..2]), None);
         }

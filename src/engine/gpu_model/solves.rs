@@ -255,12 +255,12 @@ fn rounds(dispatch: &Dispatch) -> f64 {
             (22.9 + f64::from(update_transform::rounds(rows, dispatch.variant))) / (22.9 + 8.0)
         }
         ("linearise", _) => {
-            // What it does besides its lines counts as a number of lines, by its variant.
+            // The fixed cost of an invocation, in lines, by variant.
             let once = [[0.3, 0.3], [0.7, 1.2]][usize::from(dispatch.variant[1])][usize::from(dispatch.variant[3])];
             (once + f64::from(bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows)) / (once + 8.0)
         }
         ("exposure", shades) => {
-            // Once, for each sample of the moments, and for each of the shading's four rounds: in samples of a round.
+            // In the cost of a sample of a round: a fixed cost, the moments, and the four rounds of the shading.
             let c: exposure::Constants = bytemuck::pod_read_unaligned(c);
             let [width, height] = exposure::STAGE.workgroup;
             let each = c.samples().div_ceil((width * height) as usize) as f64;

@@ -35,7 +35,7 @@ const MOST_ROWS: u32 = 8;
 /// Levels with fewer pixels use more workgroups, so that small levels do not leave most of a device idle: on a
 /// processor and on a GPU.
 const SPREAD: [u64; 2] = [1 << 15, 1 << 19];
-/// On a GPU, levels with fewer pixels than this wait for one wave after the other of an invocation's lines.
+/// On a GPU, levels with fewer pixels have one line per invocation: there are too few waves to hide the latency of more.
 const ONE_LINE: u64 = 1 << 15;
 
 /// Lines per invocation on a level.

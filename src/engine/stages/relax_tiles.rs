@@ -190,16 +190,17 @@ mod tests {
                 resources.extend([Resource::Buffer(&by_halves.2), Resource::Image(&by_halves.1)]);
                 rig.run_groups(&update::STAGE, &resources, &update, update::tiles(size));
                 let (mut v, mut kept) = (v.clone(), kept.clone());
-                update::cpu_reference(&update, change.each_ref(), &d, 5.0, &mut kept, &mut v);
+                let moving = update::cpu_reference(&update, change.each_ref(), &d, 5.0, &mut kept, &mut v);
                 rig.assert_close(&by_tiles.0, &[v], 1e-4);
+                rig.assert_close(&by_tiles.1, &[none.clone(), none.clone(), none.clone(), kept], 1e-4);
                 rig.assert_close(&by_tiles.0, &rig.layers(&by_halves.0), 1e-6);
                 rig.assert_close(&by_tiles.1, &rig.layers(&by_halves.1), 1e-6);
                 let counts = [&by_tiles.2, &by_halves.2].map(|buffer| {
                     let state: State = rig.value(buffer);
                     [state.moving, state.moving_far, state.at_limit]
                 });
-                let close = counts[0].iter().zip(counts[1]).all(|(a, b)| a.abs_diff(b) <= 1 + b / 1000);
-                assert!(close, "{counts:?}");
+                let is_close = |a: [u32; 3]| counts[0].iter().zip(a).all(|(a, b)| a.abs_diff(b) <= 1 + b / 1000);
+                assert!(is_close(counts[1]) && is_close(moving), "{counts:?}, {moving:?}");
             }
         }
     }

@@ -143,11 +143,11 @@ impl Estimate {
     }
 }
 
-/// The steps as multiples of one step; `None` if they are not near multiples, or if half of them or fewer are single,
-/// since steps that grow along a sweep are near multiples of its shortest too.
+/// The steps as multiples of one step; `None` if they are not near multiples, if all are single, or if half of them or
+/// fewer are, since steps that grow along a sweep are near multiples of its shortest too.
 ///
-/// That one step is fitted to all, because the median of steps that lie between 0.8 and 1 of it is too short: two gaps
-/// of the machined part's 13 frames are 2.4 times the median, and 2.2 times the fitted step.
+/// That one step is fitted to all by their multiples of the median, which is too short where single steps lie between
+/// 0.8 and 1 of it: two gaps of the machined part's 13 frames are 2.4 times the median, and 2.2 times the fitted step.
 fn whole(steps: &[f64], median: f64) -> Option<Vec<f64>> {
     let multiples = |unit: f64| steps.iter().map(|step| (step / unit).round().max(1.0)).collect::<Vec<_>>();
     let rough = multiples(median);
@@ -156,7 +156,7 @@ fn whole(steps: &[f64], median: f64) -> Option<Vec<f64>> {
     let multiples = multiples(unit);
     let are_near = steps.iter().zip(&multiples).all(|(step, multiple)| (step / unit - multiple).abs() <= TOLERANCE);
     let single = multiples.iter().filter(|multiple| **multiple == 1.0).count();
-    (are_near && 2 * single > steps.len()).then_some(multiples)
+    (are_near && single < steps.len() && 2 * single > steps.len()).then_some(multiples)
 }
 
 /// Whether a step counts as different from the median.
@@ -461,6 +461,9 @@ mod tests {
         // Gaps that are found too wide: of a photographed sweep that lacks the frame at 4.
         let photographed = [0.0, 0.81, 1.68, 2.58, 4.56, 5.37, 6.17];
         assert_eq!(adopted(&photographed, 0.02), Some(vec![0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0]));
+        // A step that differs, but is no gap.
+        let longer = adopted(&[0.0, 1.0, 2.0, 3.0, 4.4], 0.02).unwrap();
+        assert!(longer.iter().zip([0.0, 1.0, 2.0, 3.0, 4.4]).all(|(a, b)| (a - b / 1.1).abs() < 1e-9), "{longer:?}");
         // Steps that grow are not whole ones, though they are near multiples of the first.
         let growing = adopted(&[0.0, 0.55, 1.14, 2.32, 3.05, 4.23, 6.0], 0.02).unwrap();
         assert!(growing.iter().zip([0.0, 0.55, 1.14, 2.32, 3.05, 4.23, 6.0]).all(|(a, b)| (a - b).abs() < 1e-9));

@@ -87,12 +87,13 @@ pub(super) fn run(runner: &mut Runner) -> (Vec<Section>, Option<Figure>) {
     (sections, figures::warned(rows))
 }
 
-/// Asks for all inputs of a kind. A row shows the last pair that does not fit and was noticed.
+/// Asks for all inputs of a kind. A row shows the last one, if it is a pair that does not fit and was noticed by word.
 fn case(runner: &mut Runner, kind: &Kind, expected: Expected, rows: &mut Vec<Row>) -> Case {
     let sides = if expected == Expected::Noticed { SIDES } else { FITTING_SIDES };
     let trials = sides.into_iter().enumerate().map(|(number, side)| Trial { number, side });
     let (mut asked, mut right, mut by_word, mut beyond, mut corner, mut wrong) = (0, 0, 0, None, None, Vec::new());
-    for trial in trials.take(if runner.quick { 1 } else { TRIALS }) {
+    let trials_of_kind = if runner.quick { 1 } else { TRIALS };
+    for trial in trials.take(trials_of_kind) {
         runner.log(&format!("judgement: {}, {} px", kind.name, trial.side));
         asked += 1;
         let solved = (kind.input)(trial).and_then(|input| input.solve(runner).map(|answer| (input, answer)));
@@ -104,7 +105,7 @@ fn case(runner: &mut Runner, kind: &Kind, expected: Expected, rows: &mut Vec<Row
             }
         };
         by_word += usize::from(answer.is_noticed_by_word(kind.words));
-        if trial.number + 1 == TRIALS
+        if trial.number + 1 == trials_of_kind
             && expected == Expected::Noticed
             && answer.is_noticed_by_word(kind.words)
             && let Input::Pair(pair) = &input
