@@ -128,8 +128,8 @@ shared float equations[8][9];
 shared float solution[8];
 
 // Gauss and Jordan's elimination of N, an element for each invocation, or a step down the gradient divided by the sum
-// of N's row. Without exchanges of rows, as N is positive definite: pivots are those of Cholesky. Unknowns that are held
-// or undetermined take no step. One invocation alone would take three times as long.
+// of N's row. Without exchanges of rows, as N is positive definite: pivots are those of Cholesky. Unknowns that are
+// held or undetermined take no step. One invocation alone would take three times as long.
 void solve() {
     int n = int(gl_LocalInvocationIndex), i = n / 9, j = n % 9;
     bool mine = i < UNKNOWNS && (j < UNKNOWNS || j == 8);

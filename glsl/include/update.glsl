@@ -16,7 +16,7 @@ bool moves(float change, float d, float share_of_deviation) {
     return d * change * change > step * WIDER * INDEPENDENT * state.variance;
 }
 
-// Aitken: if steps change in proportion to what is left, the whole way is the step by this.
+// Aitken: if steps change in proportion to what is left, the remaining distance is the step times this.
 float factor(float change, float before) {
     return before == 0.0 ? 1.0 : max(1.0 / max(1.0 - change / before, 1.0 / MOST_FACTOR), LEAST_FACTOR);
 }

@@ -35,8 +35,8 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
-    /// Whether passes are shaped for a GPU: on all devices but software ones. `PARFOCAL_SHAPE=gpu` shapes them so on any
-    /// device, to test them without a GPU.
+    /// Whether passes are shaped for a GPU: on all devices but software ones. `PARFOCAL_SHAPE=gpu` shapes them so on
+    /// any device, to test them without a GPU.
     pub(crate) fn is_shaped_for_gpu(&self) -> bool {
         self.kind != CPU || std::env::var_os("PARFOCAL_SHAPE").is_some_and(|shape| shape == "gpu")
     }

@@ -353,7 +353,8 @@ impl Composer<'_> {
         equations
     }
 
-    /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level. Then V.
+    /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level. Then
+    /// V.
     pub(super) fn relaxation(&mut self, level: &Level, equations: Equations, update: &update::Constants) {
         let grids = grid::grids(level.size);
         let is_small = |grid: &grid::Place| {

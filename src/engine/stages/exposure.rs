@@ -103,8 +103,9 @@ pub(crate) fn shows_shading([width, height]: [u32; 2]) -> bool {
     pixels(width, height) as f64 >= 4.0 * WINDOW * 60.0
 }
 
-/// Width and height of the workgroup: a GPU is idle otherwise, and the samples of an invocation follow one another. With
-/// 256 invocations of 16 samples each it takes three times as long by the model of a GPU. Software devices have 256.
+/// Width and height of the workgroup: a GPU is idle otherwise, and the samples of an invocation follow one another.
+/// With 256 invocations of 16 samples each it takes three times as long by the model of a GPU. Software devices have
+/// 256.
 const WIDE: [u32; 2] = [64, 16];
 
 bindings! {

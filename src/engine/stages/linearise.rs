@@ -1,6 +1,7 @@
 //! Computes D and b of each pixel's equation for dV, and the registration integrals.
 //!
-//! [`system`](super::system) makes the linear system of D and b. Equations 22 to 32 and 23 of the paper, sections 3 to 5 of `docs/method.md`:
+//! [`system`](super::system) makes the linear system of D and b. Equations 22 to 32 and 23 of the paper, sections 3 to
+//! 5 of `docs/method.md`:
 //!
 //! ```text
 //! S1 = G(V) * I1 - J,  S2 = G(-V) * J - I1,  w1 = H ψ'(S1²),  w2 = (1-H) ψ'(S2²)
@@ -35,7 +36,8 @@ const MOST_ROWS: u32 = 8;
 /// Levels with fewer pixels use more workgroups, so that small levels do not leave most of a device idle: on a
 /// processor and on a GPU.
 const SPREAD: [u64; 2] = [1 << 15, 1 << 19];
-/// On a GPU, levels with fewer pixels have one line per invocation: there are too few waves to hide the latency of more.
+/// On a GPU, levels with fewer pixels have one line per invocation: there are too few waves to hide the latency of
+/// more.
 const ONE_LINE: u64 = 1 << 15;
 
 /// Lines per invocation on a level.

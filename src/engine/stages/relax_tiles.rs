@@ -1,5 +1,5 @@
-//! All relaxation sweeps on the linear system for dV and the [update](super::update) of V in one dispatch, on tiles with
-//! a halo.
+//! All relaxation sweeps on the linear system for dV and the [update](super::update) of V in one dispatch, on tiles
+//! with a halo.
 //!
 //! On a GPU the half-sweeps of [`relax`](super::relax) take as long as their traffic and their barriers. A tile is read
 //! once, with a halo as wide as there are half-sweeps, and is relaxed in shared memory. Workgroups compute the halo
