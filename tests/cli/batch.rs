@@ -329,8 +329,8 @@ fn watch_solves_pairs_as_they_arrive() {
     desk.write("shots/b_2.png", &whole[..whole.len() / 2]);
     fs::copy(desk.path("shots/a_1.png"), desk.path("shots/c_1.png")).unwrap();
     // When pair b fails, the script completes its truncated file and adds the missing file of pair c.
-    let script = "echo \"$PARFOCAL_NAME $PARFOCAL_STATUS $1\" >> calls\nif [ $PARFOCAL_STATUS = failed ]; then cp whole.png shots/b_2.png; \
-                  cp whole.png shots/c_2.png; fi\n";
+    let script = "echo \"$PARFOCAL_NAME $PARFOCAL_STATUS $1\" >> calls\n\
+                  if [ $PARFOCAL_STATUS = failed ]; then cp whole.png shots/b_2.png; cp whole.png shots/c_2.png; fi\n";
     desk.write("whole.png", whole);
     desk.write_script("done.sh", script);
     let watch = |settle: &str, idle: &str| {

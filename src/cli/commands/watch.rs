@@ -70,7 +70,8 @@ fn after_help() -> String {
          Exit status: 0 all that arrived was solved, 1 a pair failed, FOLDER is gone, or the program of --on-done\n\
          has not succeeded for a pair, 2 wrong usage, 130 ended at once. With --golden: 3 a part is no-go, else 4 a\n\
          part cannot be judged. A pair that fails cannot be judged.\n\n\
-         Examples:\n  parfocal watch incoming -o results\n  parfocal watch incoming -o results --on-done ./deliver.sh --until-idle 600",
+         Examples:\n  parfocal watch incoming -o results\n  \
+         parfocal watch incoming -o results --on-done ./deliver.sh --until-idle 600",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
 }

@@ -107,8 +107,8 @@ class RepeatedMaps:
     stated: float
     """Root mean square of the stated standard deviations."""
     seen_over_stated: Estimate
-    """Differences over their stated standard deviations, root mean square: 1 if these are right. Its value is None if one
-    of these is 0."""
+    """Differences over their stated standard deviations, root mean square: 1 if these are right. Its value is None if
+    one of these is 0."""
     within: tuple[Estimate, Estimate]
     """Share of the differences within 1 and 2 of their stated deviations: 0.683 and 0.954 if these are right."""
 
