@@ -14,8 +14,11 @@ use sha2::{Digest, Sha256};
 /// The reason why a text is no path of this system: it is a network path of Windows or a URL.
 pub fn not_a_path(path: &Path) -> Option<&'static str> {
     let text = path.to_string_lossy();
-    let scheme = text.split_once("://").map_or("", |(scheme, _)| scheme);
-    let is_url = text.starts_with("file:") || !scheme.is_empty() && scheme.bytes().all(|b| b.is_ascii_alphanumeric());
+    let scheme = text.split_once("://").map_or(&b""[..], |(scheme, _)| scheme.as_bytes());
+    // A single letter is a drive of Windows.
+    let is_scheme = scheme.len() > 1 && scheme[0].is_ascii_alphabetic();
+    let is_url = text.starts_with("file:")
+        || is_scheme && scheme.iter().all(|b| b.is_ascii_alphanumeric() || b"+-.".contains(b));
     if path.exists() {
         None
     } else if !cfg!(windows) && text.starts_with(r"\\") {
@@ -162,6 +165,16 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+
+    #[test]
+    fn urls_are_no_paths_and_drives_are() {
+        for url in ["https://host/a.png", "svn+ssh://host/a", "x-a.b://c", "file:/a.png"] {
+            assert!(not_a_path(Path::new(url)).is_some_and(|problem| problem.starts_with("is a URL")), "{url}");
+        }
+        for path in ["C://out", "a/b://c", "1a://b", "://a", "a:b"] {
+            assert_eq!(not_a_path(Path::new(path)), None, "{path}");
+        }
+    }
 
     #[test]
     fn a_file_beyond_the_limit_is_refused() {

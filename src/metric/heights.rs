@@ -52,7 +52,8 @@ impl Heights {
         Ok(Self { evidence, ..self })
     }
 
-    /// Takes from the standard deviations an error of one standard deviation that all heights have in common.
+    /// Takes from the standard deviations an error of one standard deviation that all heights have in common. A height
+    /// whose error is not finite, or greater than its standard deviation, becomes a missing one.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if it has another size.
@@ -61,8 +62,14 @@ impl Heights {
             let lengths = format!("errors of {} pixels for {} heights", common.len(), self.values.len());
             return Err(Error::Mismatch(lengths));
         }
-        let both = self.deviation.iter_mut().zip(common);
-        both.for_each(|(sigma, common)| *sigma = (*sigma * *sigma - common * common).max(0.0).sqrt());
+        for ((value, sigma), common) in self.values.iter_mut().zip(&mut self.deviation).zip(common) {
+            // Both were rounded, by a few times 6e-8 of their value: an error that is all of it may exceed it by that.
+            if common.abs() <= *sigma * (1.0 + 1e-6) {
+                *sigma = (*sigma * *sigma - common * common).max(0.0).sqrt();
+            } else {
+                (*value, *sigma) = (f32::NAN, f32::NAN);
+            }
+        }
         self.part_deviation.clone_from(&self.deviation);
         Ok(self)
     }
@@ -187,5 +194,19 @@ mod tests {
         let is_valid: Vec<bool> = heights.values.iter().map(|v| v.is_finite()).collect();
         assert_eq!(is_valid, [true, false, false, false, true]);
         assert!(Heights::new([2, 2], &[1.0; 4], &[1.0; 3]).is_err());
+    }
+
+    #[test]
+    fn a_height_whose_common_error_exceeds_its_standard_deviation_is_missing() {
+        let heights = Heights::new([6, 1], &[1.0; 6], &[0.5, 0.5, 0.5, 0.5, 0.5, 0.0]).unwrap();
+        let common = [0.3, -0.3, 0.500_000_1, 0.6, f32::NAN, 0.0];
+        let found = heights.clone().without_common(&common).unwrap();
+        let is_valid: Vec<bool> = found.values.iter().map(|v| v.is_finite()).collect();
+        assert_eq!(is_valid, [true, true, true, false, false, true]);
+        assert!((found.deviation[0] - 0.4).abs() < 1e-6 && (found.deviation[1] - 0.4).abs() < 1e-6);
+        assert_eq!((found.deviation[2], found.deviation[5]), (0.0, 0.0));
+        assert!(found.deviation[3].is_nan() && found.deviation[4].is_nan());
+        assert_eq!(found.part_deviation[..3], found.deviation[..3]);
+        assert!(heights.without_common(&[0.0; 5]).is_err());
     }
 }

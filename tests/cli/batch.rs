@@ -329,8 +329,8 @@ fn watch_solves_pairs_as_they_arrive() {
     desk.write("shots/b_2.png", &whole[..whole.len() / 2]);
     fs::copy(desk.path("shots/a_1.png"), desk.path("shots/c_1.png")).unwrap();
     // When pair b fails, the script completes its truncated file and adds the missing file of pair c.
-    let script = "echo \"$PARFOCAL_NAME $PARFOCAL_STATUS $1\" >> told\nif [ $PARFOCAL_STATUS = failed ]; then cp whole.png shots/b_2.png; \
-                  cp whole.png shots/c_2.png; fi\n";
+    let script = "echo \"$PARFOCAL_NAME $PARFOCAL_STATUS $1\" >> calls\n\
+                  if [ $PARFOCAL_STATUS = failed ]; then cp whole.png shots/b_2.png; cp whole.png shots/c_2.png; fi\n";
     desk.write("whole.png", whole);
     desk.write_script("done.sh", script);
     let watch = |settle: &str, idle: &str| {
@@ -344,14 +344,14 @@ fn watch_solves_pairs_as_they_arrive() {
     let mut found = statuses(&summary);
     found.sort();
     assert_eq!(found, ["a solved", "b solved", "c solved"], "{stderr}");
-    let mut calls: Vec<String> = desk.text("told").lines().map(String::from).collect();
+    let mut calls: Vec<String> = desk.text("calls").lines().map(String::from).collect();
     calls.sort();
     assert_eq!(calls, ["a solved out/a", "b failed out/b", "b solved out/b", "c solved out/c"]);
     // A second run keeps existing results and does not call the script.
     let output = watch("0", "0.2");
     let summary = printed(&output);
     assert!(statuses(&summary).iter().all(|row| row.ends_with(" kept")), "{summary}");
-    assert_eq!(desk.text("told").lines().count(), 4);
+    assert_eq!(desk.text("calls").lines().count(), 4);
 }
 
 #[cfg(unix)]
@@ -371,20 +371,20 @@ fn watch_fails_if_its_folder_is_gone_at_the_end() {
 fn a_pair_is_passed_on_until_the_program_succeeds() {
     let desk = desk(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"]]);
     let run = |idle: &str, script: &str| {
-        desk.write_script("done.sh", &format!("echo \"$PARFOCAL_NAME $PARFOCAL_STATUS\" >> told\n{script}\n"));
+        desk.write_script("done.sh", &format!("echo \"$PARFOCAL_NAME $PARFOCAL_STATUS\" >> calls\n{script}\n"));
         let watch = ["watch", "shots", "-o", "out", "--outer-iterations", "6", "--no-html", "--settle", "0"];
         desk.run(&[&watch[..], &["--until-idle", idle, "--on-done", "./done.sh"]].concat())
     };
-    let told = || {
-        let mut told: Vec<String> = desk.text("told").lines().map(String::from).collect();
-        told.sort();
-        told.dedup();
-        fs::remove_file(desk.path("told")).unwrap();
-        told
+    let names = || {
+        let mut names: Vec<String> = desk.text("calls").lines().map(String::from).collect();
+        names.sort();
+        names.dedup();
+        fs::remove_file(desk.path("calls")).unwrap();
+        names
     };
     // Killed after the results of a pair were written, and before the program has succeeded.
     assert_eq!(run("0.2", "kill -9 $PPID").status.code(), None);
-    assert_eq!(told().len(), 1);
+    assert_eq!(names().len(), 1);
     // No broker can be reached.
     let failed = run("0.2", "exit 7");
     let printed = stderr_of(&failed);
@@ -392,14 +392,14 @@ fn a_pair_is_passed_on_until_the_program_succeeds() {
     assert!(printed.contains("warning: --on-done ./done.sh of a: exit status: 7; it is tried again"), "{printed}");
     assert!(printed.contains("has not succeeded for 2 parts: a, b; the next start tries again if "), "{printed}");
     assert!(printed.ends_with("remove out/.undelivered\n"), "{printed}");
-    assert_eq!(told(), ["a solved", "b solved"]);
+    assert_eq!(names(), ["a solved", "b solved"]);
     // It succeeds for one pair at once, and for the other when it is tried again.
     let passed = run("2", "test $PARFOCAL_NAME = a -o -e again || { touch again; exit 7; }");
     assert_eq!(passed.status.code(), Some(0), "{}", stderr_of(&passed));
-    assert_eq!(told(), ["a solved", "b solved"]);
+    assert_eq!(names(), ["a solved", "b solved"]);
     assert!(!desk.has("out/.undelivered"));
     assert_eq!(run("0.2", "exit 7").status.code(), Some(0));
-    assert!(!desk.has("told"));
+    assert!(!desk.has("calls"));
 }
 
 #[cfg(unix)]
@@ -430,8 +430,8 @@ fn a_second_interrupt_ends_a_program_of_on_done_that_hangs() {
     stdout.read_to_string(&mut line).unwrap();
     assert_eq!((child.wait().unwrap().code(), line.as_str()), (Some(130), "begun\n"));
     // The next start passes the pair on.
-    desk.write_script("done.sh", "echo \"$PARFOCAL_NAME $PARFOCAL_STATUS\" >> told\n");
+    desk.write_script("done.sh", "echo \"$PARFOCAL_NAME $PARFOCAL_STATUS\" >> calls\n");
     let watch = ["watch", "shots", "-o", "out", "--no-html", "--settle", "0", "--until-idle", "0.2"];
     let summary = printed(&desk.done(&[&watch[..], &["--json", "--on-done", "./done.sh"]].concat()));
-    assert_eq!((statuses(&summary), desk.text("told").as_str()), (vec!["a kept".to_string()], "a solved\n"));
+    assert_eq!((statuses(&summary), desk.text("calls").as_str()), (vec!["a kept".to_string()], "a solved\n"));
 }

@@ -1,4 +1,5 @@
 // Solves and registers a pair, and solves a stream of pairs and a focus sweep, from C++.
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <iostream>
@@ -105,8 +106,18 @@ int main() try {
   const auto width = solution->width, height = solution->height;
   const auto texture = parfocal::roughness(solution->relative_blur, solution->uncertainty, width, height, evaluation);
   std::cout << "Sq " << texture.sq.value << " ± " << texture.sq.standard_deviation << " px²\n";
+  // Both have the error of the scale in common: repetition does not show it.
+  const auto without_scale = [&](const parfocal::Solution &of) {
+    std::vector<float> deviation;
+    for (std::size_t i = 0; i < near.size(); i++) {
+      const double scale = of->scale_deviation * of->relative_blur[i], all = of->uncertainty[i];
+      deviation.push_back(static_cast<float>(std::sqrt(std::max(0.0, all * all - scale * scale))));
+    }
+    return deviation;
+  };
+  const auto first = without_scale(solution), second = without_scale(from_camera);
   const auto repeated = parfocal::repeatability({solution->relative_blur, from_camera->relative_blur},
-                                                {solution->uncertainty, from_camera->uncertainty}, width, height);
+                                                {first.data(), second.data()}, width, height);
   std::cout << "the noise of a map is " << repeated.noise.value << " px²\n";
 
   std::cerr << engine.messages();

@@ -459,7 +459,8 @@ typedef struct {
   // One byte per pixel, row by row without gaps; pixels with 0 do not count. NULL: all pixels count.
   const uint8_t *mask;
   // An error of each height of one standard deviation that all heights have in common, which deviation includes: for
-  // V scale_deviation times V. In the unit of the heights; NULL: none.
+  // V scale_deviation times V. In the unit of the heights; where it is NaN or greater than deviation, there is no
+  // height. NULL: none.
   const float *common;
   // A parfocal_form.
   int32_t form;
@@ -495,8 +496,8 @@ typedef struct {
   double noise_bias;
 } parfocal_parameter;
 
-// Surface texture: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2. Those that are heights are in
-// the unit of the heights.
+// Surface texture: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2. Those that are heights are
+// in the unit of the heights.
 typedef struct {
   // sizeof(parfocal_roughness).
   size_t size;
@@ -783,8 +784,8 @@ parfocal_status parfocal_measure_roughness(const float *heights,
 
 // Compares count height maps of one unmoved part, 2 to 200, each of width x height heights with their standard
 // deviations: without the part that all maps have in common, such as that of the scale of V. The form, a
-// parfocal_form, is subtracted from their differences. region may be NULL: all of the maps. mask has one byte per pixel
-// and may be NULL: all pixels count.
+// parfocal_form, is subtracted from their differences. region may be NULL: all of the maps. mask has one byte per
+// pixel and may be NULL: all pixels count.
 parfocal_status parfocal_measure_repeatability(const float *const *heights,
                                                const float *const *deviations,
                                                size_t count,

@@ -60,7 +60,7 @@ pub(crate) unsafe fn write<T: Versioned>(to: *mut T, value: T) -> Result<(), Fau
 ///
 /// # Safety
 /// `of` is NULL, or points to a `usize`.
-unsafe fn stated_size<T: Versioned>(of: *const T) -> Result<usize, Fault> {
+pub(crate) unsafe fn stated_size<T: Versioned>(of: *const T) -> Result<usize, Fault> {
     if of.is_null() {
         return Err(Fault::argument(format!("{} is NULL", T::NAME)));
     }

@@ -1,16 +1,16 @@
 //! Surface texture of a height map, and the noise of repeated height maps.
 
-use parfocal::Region;
 use parfocal::metric::Estimate;
 use parfocal::metric::inspect::Heights;
 use parfocal::metric::measure::Line;
-use parfocal::metric::repeat::{Interval, repeated_maps};
+use parfocal::metric::repeat::{Interval, MOST_MAPS, repeated_maps};
 use parfocal::metric::roughness::{Area, Evaluation, Form, Parameter, roughness};
+use parfocal::{Error, Region};
 
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::slice;
 use crate::measure::{parfocal_estimate, pixels};
-use crate::sized::{Versioned, read, write};
+use crate::sized::{Versioned, read, stated_size, write};
 use crate::solver::{mask, parfocal_region};
 
 /// The form that is removed from heights.
@@ -39,7 +39,8 @@ pub struct parfocal_roughness_options {
     /// One byte per pixel, row by row without gaps; pixels with 0 do not count. NULL: all pixels count.
     pub mask: *const u8,
     /// An error of each height of one standard deviation that all heights have in common, which deviation includes: for
-    /// V scale_deviation times V. In the unit of the heights; NULL: none.
+    /// V scale_deviation times V. In the unit of the heights; where it is NaN or greater than deviation, there is no
+    /// height. NULL: none.
     pub common: *const f32,
     /// A parfocal_form.
     pub form: i32,
@@ -100,8 +101,8 @@ pub struct parfocal_parameter {
     pub noise_bias: f64,
 }
 
-/// Surface texture: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2. Those that are heights are in
-/// the unit of the heights.
+/// Surface texture: areal parameters of ISO 25178-2 and profile parameters of ISO 21920-2. Those that are heights are
+/// in the unit of the heights.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_roughness {
@@ -203,6 +204,8 @@ pub unsafe extern "C" fn parfocal_measure_roughness(
     found: *mut parfocal_roughness,
 ) -> parfocal_status {
     call(|| {
+        // SAFETY: by the C contract.
+        unsafe { stated_size(found) }?;
         let start = parfocal_roughness_options::start();
         // SAFETY: by the C contract.
         let options = if options.is_null() { start } else { unsafe { read(options) }? };
@@ -337,8 +340,8 @@ unsafe impl Versioned for parfocal_repeatability {
 
 /// Compares count height maps of one unmoved part, 2 to 200, each of width x height heights with their standard
 /// deviations: without the part that all maps have in common, such as that of the scale of V. The form, a
-/// parfocal_form, is subtracted from their differences. region may be NULL: all of the maps. mask has one byte per pixel
-/// and may be NULL: all pixels count.
+/// parfocal_form, is subtracted from their differences. region may be NULL: all of the maps. mask has one byte per
+/// pixel and may be NULL: all pixels count.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_measure_repeatability(
     heights: *const *const f32,
@@ -352,6 +355,12 @@ pub unsafe extern "C" fn parfocal_measure_repeatability(
     found: *mut parfocal_repeatability,
 ) -> parfocal_status {
     call(|| {
+        // SAFETY: by the C contract.
+        unsafe { stated_size(found) }?;
+        if !(2..=MOST_MAPS).contains(&count) {
+            let problem = format!("{count} height maps cannot be compared: give 2 to {MOST_MAPS}");
+            return Err(Error::Mismatch(problem).into());
+        }
         let size = [width, height];
         // SAFETY: by the C contract, `count` pointers to fields of width x height values.
         let (maps, mask, part) = unsafe {

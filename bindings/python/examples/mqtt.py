@@ -5,6 +5,8 @@ Needs Python 3.10 and paho-mqtt 2 (`pip install paho-mqtt`). The broker is MQTT_
 
     MQTT_HOST=plc.local parfocal watch incoming -o results --config line.toml --on-done ./mqtt.py
 
+There is a verdict only with `--golden`, on the command line or in line.toml. Without it this program fails.
+
 Each run of this program is one message of quality 1. If the broker cannot be reached, or does not confirm the message,
 this program fails and `watch` runs it again later, also after a restart. So each verdict arrives at least once. A
 receiver recognizes one that arrives twice by its `serial` and `time`.
@@ -54,4 +56,6 @@ def publish(payload: str) -> None:
 
 
 if __name__ == "__main__":
+    if "PARFOCAL_VERDICT" not in os.environ:
+        sys.exit("mqtt.py: there is no verdict; run it by parfocal watch --on-done, with --golden")
     publish(json.dumps(message(Path(sys.argv[1]))))

@@ -158,9 +158,18 @@ pub(crate) fn repeated(
     text(to_json(&found.map_err(exception)?))
 }
 
+/// Refuses a tolerance that has no width.
+fn check_width(width: f64) -> PyResult<()> {
+    if width.is_finite() && width > 0.0 {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(format!("tolerance_width is {width}: give a number above 0")))
+}
+
 /// Returns the scatter of readings, and with a true value and the width of the tolerance their type-1 study, as JSON.
 #[pyfunction]
 pub(crate) fn readings(values: Vec<f64>, stated: Option<(f64, f64)>) -> PyResult<(String, Option<String>)> {
+    stated.map_or(Ok(()), |(_, width)| check_width(width))?;
     let found = Repeatability::of(&values)
         .ok_or_else(|| PyValueError::new_err("give two readings or more, all of them finite"))?;
     let study =
@@ -171,6 +180,7 @@ pub(crate) fn readings(values: Vec<f64>, stated: Option<(f64, f64)>) -> PyResult
 /// Returns a gauge study, as JSON.
 #[pyfunction]
 pub(crate) fn gauge(counts: [usize; 3], readings: Vec<f64>, tolerance_width: Option<f64>) -> PyResult<String> {
+    tolerance_width.map_or(Ok(()), check_width)?;
     let [operators, parts, trials] = counts;
     let found = Study { operators, parts, trials, readings }.analyse(tolerance_width);
     text(to_json(&found.map_err(exception)?))

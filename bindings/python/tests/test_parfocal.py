@@ -270,7 +270,7 @@ def test_roughness_of_known_waves(result):
     assert 0 < found["Sq"].standard_deviation < 0.02 and found["Sq"].by_scale is None
     common = 0.1 * waves
     both, line = np.hypot(deviation, common), ((0, 9), (127, 9))
-    scaled = measure.roughness(waves, both, common=common, line=line, realizations=5)
+    scaled = measure.roughness(waves, both, common=common, line=np.array(line), realizations=5)
     assert abs(scaled["Sq"].by_scale / scaled["Sq"].value - 0.1) < 1e-3 and scaled.profiles == 1
     assert abs(scaled["Sq"].by_noise) < 0.01 and np.isnan(scaled["Sdr"].value)
     options = {"region": (0, 0, 64, 64), "mask": waves < 9, "s_filter": 4, "l_filter": 60, "form": "none"}
@@ -318,6 +318,11 @@ def test_repeated_measurements():
     assert measure.readings([1, 2]).cg is None and measure.readings([1, 1], 1, 1).cg is None
     with pytest.raises(ValueError, match="both"):
         measure.readings(values, 5)
+    for width in (0, -1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="tolerance_width"):
+            measure.readings(values, 5, width)
+        with pytest.raises(ValueError, match="tolerance_width"):
+            measure.gauge_study(np.zeros((2, 2, 2)), width)
     study = rng.standard_normal((1, 10, 1)) + 0.1 * rng.standard_normal((3, 10, 3))
     found = measure.gauge_study(study, tolerance_width=6)
     by_name = {row["name"]: row for row in found["components"]}

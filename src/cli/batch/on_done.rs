@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeSet, VecDeque};
 use std::ffi::OsString;
-use std::fs::{self, File};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
@@ -67,23 +67,32 @@ impl OnDone {
     /// Marks a part as not passed on, before its results are written. If this process ends before the program has
     /// succeeded, the next one runs it.
     pub(crate) fn mark(&self, name: &str) -> Result<(), Failure> {
+        let file = self.marks.join(name);
         let marked = || {
             fs::create_dir_all(&self.marks)?;
-            File::create(self.marks.join(name))?;
-            if cfg!(unix) { File::open(&self.marks)?.sync_all() } else { Ok(()) }
+            // Does not follow a link, nor empty a file.
+            match OpenOptions::new().write(true).create_new(true).open(&file) {
+                Err(e) if e.kind() != io::ErrorKind::AlreadyExists => return Err(e),
+                _ => (),
+            }
+            // The entry of the mark, then that of the folder of marks.
+            let mut folders = self.marks.ancestors().take(if cfg!(unix) { 2 } else { 0 });
+            folders.try_for_each(|folder| File::open(folder)?.sync_all())
         };
-        let file = self.marks.join(name);
         marked().map_err(|e: io::Error| Failure::Failed(format!("{}: cannot be written ({e})", file.display())))
     }
 
-    /// Removes the mark of a part, and the folder of the last one.
+    /// Removes the mark of a part. The folder of marks stays, since another part may be about to be marked.
     fn unmark(&self, name: &str) {
         // The name of a part that failed may lead elsewhere.
         if Path::new(name).file_name().is_some_and(|own| own == name) {
             // A mark that stays makes the program run once more.
             let _ = fs::remove_file(self.marks.join(name));
-            let _ = fs::remove_dir(&self.marks);
         }
+    }
+
+    fn is_marked(&self, name: &str) -> bool {
+        self.marks.join(name).symlink_metadata().is_ok()
     }
 
     fn marked(&self) -> impl Iterator<Item = String> {
@@ -91,11 +100,12 @@ impl OnDone {
         entries.map(|entry| entry.file_name().to_string_lossy().into_owned())
     }
 
-    /// Whether the program has to run for a part: it was solved or failed, or an earlier process solved it only.
+    /// Whether the program has to run for a part: it was solved or failed, or its results were kept and it is still
+    /// marked.
     fn is_due(&self, row: &Row) -> bool {
         match row.outcome {
             Outcome::Solved(_) | Outcome::Failed { .. } => true,
-            Outcome::Kept(_) => self.marks.join(&row.name).exists(),
+            Outcome::Kept(_) => self.is_marked(&row.name),
             Outcome::NotDone => false,
         }
     }
@@ -148,7 +158,7 @@ impl<'a> Undelivered<'a> {
             let (program, name) = (plain(&program.program.to_string_lossy()), plain(&row.name));
             let _ = writeln!(io::stderr(), "warning: --on-done {program} of {name}: {problem}; it is tried again");
             if self.names.is_empty() {
-                self.next = Instant::now() + self.pause;
+                self.wait(PAUSES[0]);
             }
             self.names.push_back(row.name.clone());
         }
@@ -159,17 +169,32 @@ impl<'a> Undelivered<'a> {
         !self.names.is_empty() && Instant::now() >= self.next
     }
 
-    /// Tries one part again. After a success the others follow without a pause.
-    pub(crate) fn retry(&mut self, rows: &[Row]) {
-        let Some((program, name)) = self.program.zip(self.names.pop_front()) else { return };
+    /// Sets a pause before the next try; if that fails too, the next pause is twice as long.
+    fn wait(&mut self, pause: Duration) {
+        (self.next, self.pause) = (Instant::now() + pause, PAUSES[1].min(2 * pause));
+    }
+
+    /// Tries one part again that is not `is_busy`. After a success the others follow without a pause. While a part is
+    /// solved again, its row is of earlier results: it is passed on with its new row.
+    pub(crate) fn retry(&mut self, rows: &[Row], is_busy: impl Fn(&str) -> bool) {
+        let Some(program) = self.program else { return };
+        let Some(name) = self.names.iter().position(|name| !is_busy(name)).and_then(|at| self.names.remove(at)) else {
+            self.next = Instant::now() + PAUSES[0];
+            return;
+        };
         let Some(row) = rows.iter().find(|row| row.name == name) else { return };
         if program.run(row).is_ok() {
             (self.pause, self.next) = (PAUSES[0], Instant::now());
         } else {
             self.names.push_back(name);
-            self.next = Instant::now() + self.pause;
-            self.pause = PAUSES[1].min(2 * self.pause);
+            self.wait(self.pause);
         }
+    }
+
+    /// Removes the folder of marks if it is empty, when no part is solved any more.
+    pub(crate) fn end(&self) {
+        // It fails if a part is still marked.
+        let _ = self.program.map(|program| fs::remove_dir(&program.marks));
     }
 
     /// Fails if a part was not passed on, now or by an earlier process.
@@ -189,5 +214,73 @@ impl<'a> Undelivered<'a> {
                 in_short(&names, ", ")
             ))),
         }
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use tempfile::TempDir;
+
+    use super::*;
+
+    fn row(name: &str) -> Row {
+        Row::new(name, &[], Path::new(name), Outcome::Failed { error: String::new() })
+    }
+
+    /// The names of the marked parts; `None` without a folder of marks.
+    fn marks(out: &TempDir) -> Option<Vec<String>> {
+        let entries = fs::read_dir(out.path().join(UNDELIVERED)).ok()?;
+        Some(entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect())
+    }
+
+    #[test]
+    fn the_folder_of_marks_stays_while_parts_are_solved() {
+        let out = TempDir::new().unwrap();
+        let program = OnDone::new("true".into(), out.path());
+        let mut undelivered = Undelivered::new(Some(&program));
+        program.mark("a").unwrap();
+        program.mark("a").unwrap();
+        undelivered.pass_on(&row("a"));
+        assert_eq!(marks(&out), Some(Vec::new()));
+        program.mark("b").unwrap();
+        undelivered.end();
+        assert_eq!(marks(&out), Some(vec!["b".into()]));
+        undelivered.pass_on(&row("b"));
+        undelivered.end();
+        assert_eq!(marks(&out), None);
+    }
+
+    #[test]
+    fn a_part_that_is_solved_again_is_not_tried_with_its_earlier_row() {
+        let out = TempDir::new().unwrap();
+        let [fails, succeeds] = ["false", "true"].map(|program| OnDone::new(program.into(), out.path()));
+        let (rows, mut undelivered) = ([row("a"), row("b")], Undelivered::new(Some(&fails)));
+        for row in &rows {
+            fails.mark(&row.name).unwrap();
+            undelivered.pass_on(row);
+        }
+        undelivered.program = Some(&succeeds);
+        undelivered.retry(&rows, |name| name == "a");
+        assert_eq!((&undelivered.names, marks(&out)), (&VecDeque::from(["a".to_string()]), Some(vec!["a".into()])));
+        undelivered.retry(&rows, |_| true);
+        assert!(!undelivered.is_due() && undelivered.names.len() == 1);
+        undelivered.retry(&rows, |_| false);
+        assert_eq!((undelivered.names.len(), marks(&out)), (0, Some(Vec::new())));
+    }
+
+    #[test]
+    fn each_pause_is_twice_the_one_before_and_begins_at_the_shortest_for_a_new_failure() {
+        let out = TempDir::new().unwrap();
+        let program = OnDone::new("false".into(), out.path());
+        let (rows, mut undelivered) = ([row("a")], Undelivered::new(Some(&program)));
+        let mut pauses = Vec::new();
+        undelivered.pass_on(&rows[0]);
+        for _ in 0..7 {
+            undelivered.retry(&rows, |_| false);
+            pauses.push(undelivered.pause.as_secs());
+        }
+        assert_eq!(pauses, [4, 8, 16, 32, 60, 60, 60]);
+        undelivered.pass_on(&rows[0]);
+        assert_eq!(undelivered.pause, 2 * PAUSES[0]);
     }
 }

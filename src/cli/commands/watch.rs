@@ -70,7 +70,8 @@ fn after_help() -> String {
          Exit status: 0 all that arrived was solved, 1 a pair failed, FOLDER is gone, or the program of --on-done\n\
          has not succeeded for a pair, 2 wrong usage, 130 ended at once. With --golden: 3 a part is no-go, else 4 a\n\
          part cannot be judged. A pair that fails cannot be judged.\n\n\
-         Examples:\n  parfocal watch incoming -o results\n  parfocal watch incoming -o results --on-done ./judge.sh --until-idle 600",
+         Examples:\n  parfocal watch incoming -o results\n  \
+         parfocal watch incoming -o results --on-done ./deliver.sh --until-idle 600",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
 }
@@ -114,8 +115,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         if context.stop.load(Ordering::Relaxed) {
             waiting.clear();
         } else {
-            let is_busy = |name: &str| waiting.iter().chain(&in_flight).any(|task: &Arc<Task>| task.name() == name);
-            let settled = watched.settled(is_busy).into_iter();
+            let settled = watched.settled(|name| is_among(name, [&waiting, &in_flight])).into_iter();
             waiting.extend(settled.map(|(group, at)| Arc::new(Task::new(out, group, request).arrived(at))));
         }
         while waiting.front().is_some_and(|task| stream.push(Arc::clone(task), Duration::ZERO).is_ok()) {
@@ -151,7 +151,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             (is_written, watched.changed) = (false, Instant::now());
         }
         if undelivered.is_due() {
-            undelivered.retry(&rows);
+            undelivered.retry(&rows, |name| is_among(name, [&waiting, &in_flight]));
         }
         if !is_written && (last_write.is_due(9) || in_flight.is_empty() && waiting.is_empty()) {
             let mut so_far = summary(rows, &watched);
@@ -165,6 +165,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             write_problem = problem;
         }
     }
+    undelivered.end();
     let mut summary = summary(rows, &watched);
     let written = summary.write(request, out, SUMMARY, request.page);
     log.write("end", summary.end());
@@ -177,6 +178,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let _ = writeln!(io::stderr(), "warning: {}", failure.message());
     }
     checked.and(passed_on)
+}
+
+fn is_among(name: &str, tasks: [&VecDeque<Arc<Task>>; 2]) -> bool {
+    tasks.into_iter().flatten().any(|task| task.name() == name)
 }
 
 /// When something was last done that takes long, and how long it took.

@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn named_files_are_replaced_together_or_not_at_all() {
+    fn no_named_file_is_replaced_if_one_of_them_is_of_another_program() {
         let base = TempDir::new().unwrap();
         let out = base.path();
         let (first, last) = (br#"{"program": "parfocal", "kind": "batch"}"#, b"serial,time,judged,verdict,seconds");

@@ -90,8 +90,8 @@ struct Tile {
 /// first map is subtracted too, so that neither a shift nor a drift counts as noise.
 ///
 /// Standard errors are by the scatter between 64 tiles of the rectangle around the pixels that all maps measure: they
-/// allow for noise that is alike at adjacent pixels, up to those of the next tile. Where noise differs from place to place they are too wide. With
-/// fewer than 8 tiles that have pixels they are NaN.
+/// allow for noise that is alike at adjacent pixels, up to those of the next tile. Where noise differs from place to
+/// place they are too wide. With fewer than 8 tiles that have pixels they are NaN.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for fewer than two or more than [`MOST_MAPS`] maps, for maps of different sizes, and for
@@ -241,8 +241,8 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 /// Returns a sum over all pixels per pixel. Its standard error is by the scatter between tiles: the ratio estimator
-/// (Cochran 1977, *Sampling Techniques*, 6.3), with the products of adjacent tiles if they add to it, since noise may be
-/// alike across the edge of a tile. It is NaN for too few tiles.
+/// (Cochran 1977, *Sampling Techniques*, 6.3), with the products of adjacent tiles if they add to it, since noise may
+/// be alike across the edge of a tile. It is NaN for too few tiles.
 fn ratio_of_sums(tiles: &[Tile], n: usize) -> Estimate {
     let filled: Vec<&Tile> = tiles.iter().filter(|tile| tile.count > 0.0).collect();
     let count = filled.iter().map(|tile| tile.count).sum::<f64>();

@@ -111,3 +111,17 @@ def step(values: NDArray[np.float32], from_: Sequence[int], to: Sequence[int], /
 def profile(
     values: NDArray[np.float32], start: Sequence[float], end: Sequence[float], across: float
 ) -> NDArray[np.float64]: ...
+def texture(
+    values: NDArray[np.float32],
+    deviation: NDArray[np.float32],
+    common: NDArray[np.float32] | None,
+    options: object,
+) -> tuple[tuple[int, int, int, int], bool, list[tuple[str, float, float, float, float | None, float]]]: ...
+def repeated(
+    maps: list[tuple[NDArray[np.float32], NDArray[np.float32]]],
+    form_name: str,
+    region: Sequence[int] | None,
+    within: NDArray[np.uint8] | None,
+) -> str: ...
+def readings(values: list[float], stated: tuple[float, float] | None) -> tuple[str, str | None]: ...
+def gauge(counts: Sequence[int], readings: list[float], tolerance_width: float | None) -> str: ...

@@ -36,7 +36,7 @@ __all__ = [
 class Estimate(NamedTuple):
     """A value and its standard error, in the unit of the field; None is not determined."""
 
-    value: float
+    value: float | None
     standard_error: float | None
 
 
@@ -107,7 +107,8 @@ class RepeatedMaps:
     stated: float
     """Root mean square of the stated standard deviations."""
     seen_over_stated: Estimate
-    """Differences over their stated standard deviations, root mean square: 1 if these are right."""
+    """Differences over their stated standard deviations, root mean square: 1 if these are right. Its value is None if
+    one of these is 0."""
     within: tuple[Estimate, Estimate]
     """Share of the differences within 1 and 2 of their stated deviations: 0.683 and 0.954 if these are right."""
 
@@ -179,7 +180,8 @@ def roughness(
         camera: pass `-depth`.
     deviation: their standard deviations.
     common: an error of each height of one standard deviation that all have in common, which `deviation` includes: for a
-        pair `result.scale_deviation * result.relative_blur`.
+        pair `result.scale_deviation * result.relative_blur`. Where it is NaN or greater than `deviation`, there is no
+        height.
     pixel_size: the size of a pixel on the surface, in the unit of the heights.
     form: what is removed first: "none" (the mean only), "plane", "quadric" or "cylinder".
     s_filter, l_filter: cutoff wavelengths, px, of the Gaussian filters that remove shorter and longer waves
@@ -194,7 +196,8 @@ def roughness(
     """
     options = SimpleNamespace(
         form=form, s_filter=s_filter, l_filter=l_filter, robust=robust, region=region, mask=_mask(mask),
-        line=line and (*line, line_width), pixel_size=pixel_size, realizations=realizations, noise_window=noise_window,
+        line=None if line is None else (*line, line_width), pixel_size=pixel_size, realizations=realizations,
+        noise_window=noise_window,
     )  # fmt: skip
     shared = None if common is None else _field(common)
     (area, measured, profiles, sections), is_bound, rows = _native.texture(
