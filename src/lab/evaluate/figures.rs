@@ -1,10 +1,10 @@
 //! The figures: those of the paper, with its numbers, curves of robustness, and pairs on which the program warns.
 
-use super::Figure;
 use super::contact_sheet::{PALETTE, Panel, Row, Sheet};
 use super::pairs::PhotographedPair;
 use super::robustness::{Curve, PAPER_PX};
 use super::section::{METHODS, number};
+use super::Figure;
 use crate::base::{Frame, Method, Samples};
 use crate::engine::Solution;
 use crate::files::export::{Nearer, Scale};
@@ -23,12 +23,14 @@ pub(super) type Solved = (&'static str, Result<Solution, String>);
 const SCENES: &str = "fig4-scenes";
 const PHOTOGRAPHS: &str = "fig6-photographs";
 const ROBUSTNESS: &str = "robustness";
-const WARNED: &str = "warnings";
+/// Rows of a sheet of pairs that do not fit the model.
+const WARNED_ROWS: usize = 6;
 
-/// The names of all figures that an evaluation may have.
-pub(super) fn names() -> Vec<String> {
+/// The names of all figures that an evaluation may have. `kinds` is the number of kinds of pairs that do not fit.
+pub(super) fn names(kinds: usize) -> Vec<String> {
     let surfaces = PhotographedPair::all().map(|pair| surface_name(&pair));
-    [SCENES, PHOTOGRAPHS, ROBUSTNESS, WARNED].map(String::from).into_iter().chain(surfaces).collect()
+    let warned = (0..kinds.div_ceil(WARNED_ROWS)).map(warned_name);
+    [SCENES, PHOTOGRAPHS, ROBUSTNESS].map(String::from).into_iter().chain(surfaces).chain(warned).collect()
 }
 
 fn surface_name(pair: &PhotographedPair) -> String {
@@ -109,18 +111,25 @@ pub(super) fn warned_row(name: &str, images: [&Frame; 2], measured: &[f32], said
     Row { name: name.to_string(), panels: vec![i1, i2, Panel { caption: said, ..v }], scale: Some(scale) }
 }
 
-/// The sheet of such pairs.
-pub(super) fn warned(rows: Vec<Row>) -> Option<Figure> {
-    let columns = ["I1", "I2", "V, and what is said"].into_iter();
-    let sheet = Sheet {
-        title: String::new(),
-        columns: columns.collect(),
-        rows,
-        footer: "Grey: not measured.",
-        panel_width: 200,
-    };
-    let caption = "Pairs that do not fit the model: V where it is measured, and what the program says.".to_string();
-    (!sheet.rows.is_empty()).then(|| Figure { name: WARNED.to_string(), caption, picture: sheet.draw() })
+/// The sheets of such pairs.
+pub(super) fn warned(rows: Vec<Row>) -> Vec<Figure> {
+    let caption = "Pairs that do not fit the model: V where it is measured, and what the program says.";
+    let (mut rows, mut sheets) = (rows.into_iter().peekable(), Vec::new());
+    while rows.peek().is_some() {
+        let sheet = Sheet {
+            title: String::new(),
+            columns: vec!["I1", "I2", "V, and what is said"],
+            rows: rows.by_ref().take(WARNED_ROWS).collect(),
+            footer: "Grey: not measured.",
+            panel_width: 200,
+        };
+        sheets.push(Figure { name: warned_name(sheets.len()), caption: caption.to_string(), picture: sheet.draw() });
+    }
+    sheets
+}
+
+fn warned_name(sheet: usize) -> String {
+    format!("warnings-{}", sheet + 1)
 }
 
 const FOOTER: &str = "A row has one scale, from V of the unified method (and of the aligned pair): red is near, blue far, \

@@ -189,7 +189,7 @@ impl Evaluation {
     /// # Errors
     /// [`Error::File`].
     pub fn check<'d>(out: impl Into<Destination<'d>>) -> Result<(), Error> {
-        let figures = figures::names().into_iter().map(|name| Figure::file(&name));
+        let figures = figures::names(judgement::PAIRS).into_iter().map(|name| Figure::file(&name));
         let names: Vec<String> = figures.chain([TABLES, REPORT].map(String::from)).collect();
         out.into().check_results(REPORT, &names)
     }

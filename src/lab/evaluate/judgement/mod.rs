@@ -50,6 +50,9 @@ const FITTING_SIDES: [u32; TRIALS] = [192, 224, 256];
 /// Number of kinds in each section of a quick run, each with its first input.
 const QUICK_KINDS: usize = 2;
 
+/// Number of kinds of pairs that do not fit.
+pub(super) const PAIRS: usize = pairs::KINDS.len();
+
 /// What is known of an input before it is solved.
 #[derive(Clone, Copy, PartialEq)]
 enum Expected {
@@ -58,7 +61,7 @@ enum Expected {
 }
 
 /// Measures everything, and draws what was said of pairs that do not fit.
-pub(super) fn run(runner: &mut Runner) -> (Vec<Section>, Option<Figure>) {
+pub(super) fn run(runner: &mut Runner) -> (Vec<Section>, Vec<Figure>) {
     let mut rows = Vec::new();
     let noticed = format!(
         "An input is noticed if it is refused with an error, or not converged, or a warning names the reason (it has one \
