@@ -1,10 +1,10 @@
 //! The figures: those of the paper, with its numbers, curves of robustness, and pairs on which the program warns.
 
+use super::Figure;
 use super::contact_sheet::{PALETTE, Panel, Row, Sheet};
 use super::pairs::PhotographedPair;
 use super::robustness::{Curve, PAPER_PX};
 use super::section::{METHODS, number};
-use super::Figure;
 use crate::base::{Frame, Method, Samples};
 use crate::engine::Solution;
 use crate::files::export::{Nearer, Scale};
