@@ -183,6 +183,11 @@ fn contains(part: Region, i: usize, width: u32) -> bool {
     (part.x..part.x + part.width).contains(&x) && (part.y..part.y + part.height).contains(&y)
 }
 
+/// Whether a warning has one of the words, which are in lower case.
+fn names(words: &[&str], warning: &str) -> bool {
+    words.iter().any(|word| warning.to_lowercase().contains(word))
+}
+
 /// The answer of the program to an input.
 #[derive(Clone, Debug)]
 pub(super) enum Answer {
@@ -211,8 +216,7 @@ impl Answer {
         match self {
             Self::Refused(_) => true,
             Self::Solved { converged, warnings, .. } => {
-                let names = |warning: &String| words.iter().any(|word| warning.to_lowercase().contains(word));
-                !converged || warnings.iter().any(names)
+                !converged || warnings.iter().any(|warning| names(words, warning))
             }
         }
     }
@@ -241,8 +245,7 @@ impl Answer {
         match self {
             Self::Refused(error) => format!("Refused: {error}"),
             Self::Solved { converged, warnings, .. } => {
-                let names = |warning: &&String| words.iter().any(|word| warning.to_lowercase().contains(word));
-                let named: Vec<&str> = warnings.iter().filter(names).map(String::as_str).collect();
+                let named: Vec<&str> = warnings.iter().map(String::as_str).filter(|w| names(words, w)).collect();
                 let said = if named.is_empty() { warnings.join("; ") } else { named.join("; ") };
                 if *converged { said } else { format!("Not converged: {said}") }
             }
