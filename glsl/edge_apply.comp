@@ -8,6 +8,7 @@ layout(binding = 1, r32f) uniform image2DArray results;
 layout(push_constant) uniform Constants {
     int width, height;
     int decided;                     // first number of the decisions
+    float spread;                    // σ² of the weights of cells along the edge, px²
 };
 
 #include "edge.glsl"
@@ -19,8 +20,8 @@ const int AROUND = 4;
 const float GAIN = 0.0, ORDER = 3.0, WITHIN = 0.9, LENGTH = 4.0;
 // The farthest pixels that change, px from where V was halfway, and from where on they change less.
 const float FARTHEST = 13.0, FADING = 9.0;
-// σ² of the weights of cells: along the edge, and by the pixel's distance from it.
-const float ALONG = 4.0, AWAY = 36.0;
+// σ² of the weights of cells by the pixel's distance from the edge, px².
+const float AWAY = 36.0;
 
 const int COLUMNS = int(gl_WorkGroupSize.x) / SIDE + 2 * AROUND, LINES = int(gl_WorkGroupSize.y) / SIDE + 2 * AROUND;
 // A bit for each cell, by row: whether an outline is accepted with the near side in front, and with the far side.
@@ -72,7 +73,7 @@ void main() {
             if (abs(inside) > FARTHEST) continue;
             nearest = min(nearest, inside * inside + 4.0 * along * along);
             float near = order == 1 ? in_front(cell, OUTLINES, inside) : 1.0 - in_front(cell, REVERSED_OUTLINES, -inside);
-            float weight = exp(-along * along / (2.0 * ALONG) - inside * inside / (2.0 * AWAY));
+            float weight = exp(-along * along / (2.0 * spread) - inside * inside / (2.0 * AWAY));
             sum += weight;
             near_share += weight * near;
             if (order == 1) near_in_front += weight;

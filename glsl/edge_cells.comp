@@ -9,17 +9,20 @@ layout(push_constant) uniform Constants {
     int width, height;
     int argument_place;              // first word of the workgroups of the passes over edges
     uint tiles_x, tiles_y, cells_x, cells_y, pixels_x, pixels_y;
+    float least_jump;                // of V, or of u in a sweep
+    float share;                     // the least difference of the levels, as a share of the larger |V|
+    float largest;                   // the largest |V| of a side: the blur that the searched profile has room for
+    float widest;                    // the largest difference of the levels
+    float uncertain;                 // the least deviation at the jump, as a share of it: what is measured there is a slope
+    float left, top, right, bottom;  // what all photographs show, pixels
 };
 
 #include "edge.glsl"
 
-// The least jump of V, px²; as a share of the range over twice the distance, so that a slope is none; in least standard
-// deviations.
-const float JUMP = 1.5, STEEP = 0.75, CERTAIN = 5.0;
-// The least difference of the levels: as a share of JUMP; of the larger |V|; in standard deviations of the difference.
-const float LEVELS = 0.8, SHARE = 0.35, SURE = 2.5;
-// The largest |V| of a side, px²: the blur that the searched profile has room for.
-const float LARGEST = 16.0;
+// The least jump: as a share of the range over twice the distance, so that a slope is none; in least standard deviations.
+const float STEEP = 0.75, CERTAIN = 5.0;
+// The least difference of the levels: as a share of the least jump; in standard deviations of the difference.
+const float LEVELS = 0.8, SURE = 2.5;
 // The farthest pixels that a level is averaged over, and σ² of their weights.
 const int FARTHEST = 16;
 const float WEIGHT = 64.0;
@@ -77,7 +80,7 @@ void main() {
         }
     }
     float jump = inner_high - inner_low;
-    if (!(jump > JUMP && jump > STEEP * (high - low) && jump > CERTAIN * least)) return;
+    if (!(jump > least_jump && jump > STEEP * (high - low) && jump > CERTAIN * least)) return;
     // The point of the cell nearest to where V is halfway.
     float halfway = 0.5 * (high + low), best = 1.5;
     vec2 place, normal = vec2(0.0);
@@ -99,11 +102,16 @@ void main() {
     }
     // Each piece of an edge belongs to one cell.
     if (normal == vec2(0.0) || ivec2(floor((place + 0.5) / float(SIDE))) != cell) return;
+    if (any(lessThan(place, vec2(left, top))) || any(greaterThan(place, vec2(right, bottom)))) return;
     vec3 near = level(place, normal, halfway, 1.0), far = level(place, normal, halfway, -1.0);
     if (near.x == 0.0 || far.x == 0.0) return;
-    float largest = max(abs(near.y), abs(far.y)), difference = near.y - far.y;
-    if (!(difference > max(max(LEVELS * JUMP, SHARE * largest), SURE * length(vec2(near.z, far.z))))) return;
-    if (largest > LARGEST) return;
+    float highest = max(abs(near.y), abs(far.y)), difference = near.y - far.y;
+    if (!(difference > max(max(LEVELS * least_jump, share * highest), SURE * length(vec2(near.z, far.z))))) return;
+    if (highest > largest || difference > widest) return;
+    if (uncertain > 0.0) {
+        float most = max(between(place).y, max(between(place - normal).y, between(place + normal).y));
+        if (most < uncertain * difference) return;
+    }
     float numbers[9] = float[](1.0, place.x, place.y, normal.x, normal.y, near.y, far.y, near.z, far.z);
     for (int n = 0; n < 9; n++) imageStore(results, place_of(cell, EDGES, n), vec4(numbers[n]));
     // All invocations that get here write the same.

@@ -4,17 +4,21 @@
 // src/engine/stages/edge_costs.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(constant_id = 2) const bool SWEEP = false;   // two frames of a sweep, on one frame's pixels; costs are added to those of others
 
 #include "state.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray image2;
-layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;   // u in a sweep
 layout(binding = 3, r32f) uniform image2DArray results;
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
     float centre_x, centre_y;
+    // Of a sweep: c, px² by squared settings; of the frames, that with the larger setting first: settings and layers.
+    float rate, setting1, setting2;
+    int layer1, layer2;
 };
 
 #include "edge.glsl"
@@ -44,7 +48,13 @@ const float MEAN_VARIANCE = 4.0, TEXTURE_VARIANCE = 6.25, RIM_VARIANCE = 0.36;
 // The cells with an edge: their places in the workgroup, and the edges.
 shared int found[CELLS * CELLS];
 shared Edge edges[CELLS * CELLS];
+shared float share[CELLS * CELLS];
 shared int count;
+// How much a pair of frames says, by how far its frames are out of focus on either side of the edge: σ² of a Gaussian,
+// px² of blur, and how far they may be.
+const float FOCUSED = 1.0, FAR = 4.0;
+// The largest |V| of a side, px²: the blur that the samples have room for.
+const float LARGEST = 16.0;
 // By row: the kernels of the side that is in front in its order, and where they end.
 shared float kernels[ROWS][KERNELS][REACH + 1];
 shared int reach[ROWS][KERNELS];
@@ -72,6 +82,7 @@ vec4 row_total(vec4 value) {
 
 float at(int image, ivec2 x) {
     x = clamp(x, ivec2(0), ivec2(width, height) - 1);
+    if (SWEEP) return image == 0 ? imageLoad(image1, ivec3(x, layer1)).r : imageLoad(image2, ivec3(x, layer2)).r;
     return image == 0 ? imageLoad(image1, ivec3(x, 0)).r : imageLoad(image2, ivec3(x, 0)).r;
 }
 
@@ -79,6 +90,7 @@ vec2 centre() { return vec2(centre_x, centre_y); }
 
 // The factor on I2 around an edge, where the shading hardly changes.
 float gain_at(vec2 x) {
+    if (SWEEP) return 1.0;
     Registration r = state.registration;
     return r.gain * shading_at(state.applied_shading, (x + displacement_at(r, x, 1.0, centre()) - centre()) / centre());
 }
@@ -87,12 +99,12 @@ float gain_at(vec2 x) {
 float photograph_at(int image, float gain, vec2 x) {
     vec2 last = vec2(width, height) - 1.0;
     x = clamp(x, vec2(0.0), last);
-    if (image == 1) x = clamp(x + displacement_at(state.registration, x, 1.0, centre()), vec2(0.0), last);
+    if (image == 1 && !SWEEP) x = clamp(x + displacement_at(state.registration, x, 1.0, centre()), vec2(0.0), last);
     ivec2 i = ivec2(floor(x));
     vec2 f = x - vec2(i);
     float value = mix(mix(at(image, i), at(image, i + ivec2(1, 0)), f.x),
                       mix(at(image, i + ivec2(0, 1)), at(image, i + ivec2(1)), f.x), f.y);
-    return image == 0 ? value : gain * value + state.registration.offset;
+    return image == 0 || SWEEP ? value : gain * value + state.registration.offset;
 }
 
 // The place of a sample.
@@ -107,6 +119,11 @@ vec4 photograph_on_lines(int image, float gain, Edge edge, int k) {
     return values;
 }
 
+// V between two frames of a sweep where u is in focus.
+float relative_blur_of(float u) {
+    return SWEEP ? rate * (setting1 - setting2) * (2.0 * u - setting1 - setting2) : u;
+}
+
 float relative_blur_at(vec2 x) {
     ivec2 i = ivec2(floor(x)), last = ivec2(width, height) - 1;
     vec2 f = x - vec2(i);
@@ -114,7 +131,16 @@ float relative_blur_at(vec2 x) {
     vec2 above = vec2(imageLoad(relative_blur, ivec3(low, 0)).r, imageLoad(relative_blur, ivec3(high.x, low.y, 0)).r);
     vec2 below = vec2(imageLoad(relative_blur, ivec3(low.x, high.y, 0)).r, imageLoad(relative_blur, ivec3(high, 0)).r);
     vec2 both = mix(above, below, f.y);
-    return mix(both.x, both.y, f.x);
+    return relative_blur_of(mix(both.x, both.y, f.x));
+}
+
+// The share of a pair of frames in the costs of a cell: 0 if it has none.
+float share_of(Edge edge) {
+    if (!edge.exists || !SWEEP) return edge.exists ? 1.0 : 0.0;
+    float v_near = relative_blur_of(edge.near), v_far = relative_blur_of(edge.far);
+    float near = edge.near - setting1, far = edge.far - setting2, blur = rate * (near * near + far * far);
+    bool fits = v_near > 0.0 && v_far < 0.0 && max(v_near, -v_far) <= LARGEST && blur <= FAR;
+    return fits ? exp(-blur / (2.0 * FOCUSED)) : 0.0;
 }
 
 void set_kernel(int n, float variance) {
@@ -314,14 +340,18 @@ void main() {
         count = 0;
         for (int n = 0; n < CELLS * CELLS; n++) {
             ivec2 cell = first + ivec2(n % CELLS, n / CELLS);
-            if (any(greaterThanEqual(cell, columns_rows)) || number_of(cell, EDGES, 0) == 0.0) continue;
+            if (any(greaterThanEqual(cell, columns_rows)) || share_of(edge_of(cell)) == 0.0) continue;
             found[count] = n;
             count++;
         }
     }
     barrier();
     for (int n = int(gl_LocalInvocationIndex); n < count; n += ROWS * ROW) {
-        edges[n] = edge_of(first + ivec2(found[n] % CELLS, found[n] / CELLS));
+        Edge edge = edge_of(first + ivec2(found[n] % CELLS, found[n] / CELLS));
+        share[n] = share_of(edge);
+        edge.near = relative_blur_of(edge.near);
+        edge.far = relative_blur_of(edge.far);
+        edges[n] = edge;
     }
     barrier();
     bool reversed = row() % ORDERS == 1;
@@ -356,9 +386,11 @@ void main() {
             vec4 some;
             for (int i = 0; i < 4; i++) some[i] = m + i < DISPLACEMENTS ? shares[min(m + i, DISPLACEMENTS - 1)] : before;
             some = row_total(some);
-            if (place_in_row() < 4 && (m + place_in_row() < DISPLACEMENTS || !reversed)) {
-                int target = reversed ? REVERSED_COSTS : COSTS;
-                imageStore(results, place_of(cell, target, m + place_in_row()), vec4(some[place_in_row()]));
+            if (reversed && m + 3 == TOTAL) some.w = 1.0;
+            if (place_in_row() < 4 && start + row() / ORDERS < count) {
+                int target = reversed ? REVERSED_COSTS : COSTS, number = m + place_in_row();
+                float sum = SWEEP ? number_of(cell, target, number) + share[n] * some[place_in_row()] : some[place_in_row()];
+                imageStore(results, place_of(cell, target, number), vec4(sum));
             }
         }
     }

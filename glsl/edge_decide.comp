@@ -28,12 +28,14 @@ void main() {
         for (int x = low.x; x <= high.x; x++) {
             ivec2 other = ivec2(x, y), apart = other - cell;
             Edge neighbour = edge_of(other);
-            if (!neighbour.exists) continue;
+            float total = neighbour.exists ? number_of(other, REVERSED_COSTS, TOTAL) : 0.0;
+            if (total == 0.0) continue;
             float agree = agreement(edge, neighbour);
             length += agree;
             float weight = agree * exp(-float(apart.x * apart.x + apart.y * apart.y) / (2.0 * SPREAD));
             if (weight == 0.0) continue;
             sum += weight;
+            weight /= total;
             before += weight * number_of(other, COSTS, BEFORE);
             for (int n = 0; n < DISPLACEMENTS; n++) {
                 costs[0][n] += weight * number_of(other, COSTS, n);
@@ -41,6 +43,9 @@ void main() {
             }
         }
     }
+    // No pair of frames shows the edge: it stays as it is.
+    if (sum == 0.0) length = -1e6;
+    sum = max(sum, 1e-6);
     // By order: the least cost, and whether the outline is well within the displacements.
     float least[2];
     for (int order = 0; order < 2; order++) {

@@ -350,7 +350,7 @@ settings! {
     /// Shape of the blur.
     /// auto finds where it lies between a Gaussian and a disk.
     kernel: Kernel = Kernel::Auto;
-    /// Whether depth edges of a pair are as sharp as the scene's.
+    /// Whether depth edges are as sharp as the scene's.
     /// Where two layers explain the photographs better, V passes from one depth to the other at their outline, instead
     /// of over some 5 px around it.
     edges: bool = true, flag "Relative blur V" "on|off";

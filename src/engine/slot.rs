@@ -133,11 +133,11 @@ quantities! {
     /// The share by which each pixel counts.
     Masks: Image, Scalar;
     /// V.
-    RelativeBlur: Image;
+    RelativeBlur: Image, Scalar;
     /// Blur stacks.
     Stacks: Image, Scalar;
     /// Results, in the first layers of the stacks.
-    Results: Image;
+    Results: Image, Scalar;
     /// Spline coefficients of I2.
     Spline2: Image, Scalar;
     /// Right sides of the linear system.
@@ -228,6 +228,8 @@ pub(crate) const GRID_EQUATIONS: Handle<GridEquations> = Handle::new(Slot::GridE
 pub(crate) const GRID_STEPS: Handle<GridSteps> = Handle::new(Slot::GridSteps);
 pub(crate) const UNCERTAINTY_TERMS: Handle<UncertaintyTerms> = Handle::new(Slot::UncertaintyTerms);
 pub(crate) const ALIGNED: Handle<Plane> = Handle::new(Slot::Aligned);
+/// Frames of a sweep on one frame's pixels, in the place of I1 and of I2.
+pub(crate) const ALIGNED_AS_PAIR: (Handle<I1>, Handle<I2>) = (Handle::new(Slot::Aligned), Handle::new(Slot::Aligned));
 pub(crate) const NORMAL_EQUATIONS: Handle<Plane> = Handle::new(Slot::NormalEquations);
 pub(crate) const STATE: Handle<State> = Handle::new(Slot::State);
 pub(crate) const PARTIALS: Handle<Partials> = Handle::new(Slot::Partials);

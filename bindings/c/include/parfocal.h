@@ -250,7 +250,7 @@ typedef struct {
   uint32_t fused;
   // 1: keep the frames of a sweep that do not show the scene of the others. 0: leave them out.
   uint32_t keep_frames;
-  // 1: depth edges of a pair are as sharp as the scene's, where two layers explain the photographs better.
+  // 1: depth edges are as sharp as the scene's, where two layers explain the photographs better.
   uint32_t edges;
 } parfocal_settings;
 

@@ -126,7 +126,7 @@ pub struct parfocal_settings {
     pub fused: u32,
     /// 1: keep the frames of a sweep that do not show the scene of the others. 0: leave them out.
     pub keep_frames: u32,
-    /// 1: depth edges of a pair are as sharp as the scene's, where two layers explain the photographs better.
+    /// 1: depth edges are as sharp as the scene's, where two layers explain the photographs better.
     pub edges: u32,
 }
 

@@ -8,7 +8,7 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::state::State;
 use crate::engine::stages::sums::Layout;
 use crate::engine::stages::{
-    convolve, exposure, grid, half_pair, linearise, pixels, shape_windows, system, uncertainty_terms,
+    convolve, edge, exposure, grid, half_pair, linearise, pixels, shape_windows, system, uncertainty_terms,
 };
 use crate::engine::tiles;
 use crate::engine::vulkan::{MIB, Texel, image_limits};
@@ -156,7 +156,8 @@ impl Plan {
     pub(crate) fn sweep_layout(&self, frames: u32) -> Vec<Allocation> {
         let mut list = self.common_layout();
         list.extend([
-            image(Slot::Stacks, self.size, self.layers_of(&self.pyramid[0])),
+            // At the end the first layers are those of the passes over edges.
+            image(Slot::Stacks, self.size, self.layers_of(&self.pyramid[0]).max(edge::LAYERS)),
             image(Slot::NormalEquations, self.size, half_pair::LAYERS),
             image(Slot::Luminance { image: 0, level: 0 }, self.size, 1),
             image(Slot::Aligned, self.size, frames),
@@ -175,6 +176,7 @@ impl Plan {
             buffer(Slot::Partials, half_pairs.max(steps), HostAccess::Readback),
             buffer(Slot::Tiles, 4 * tiles::capacity(self.size, frames), HostAccess::Upload),
             buffer(Slot::Hidden, hidden, HostAccess::Upload),
+            buffer(Slot::Arguments, arguments::bytes(0), HostAccess::Upload),
         ]);
         list
     }

@@ -3,7 +3,7 @@
 use super::compose::{BOTH, Composer};
 use super::passes::single;
 use crate::engine::arguments::{self, Edges, Grid};
-use crate::engine::plan::MAP_LAYERS;
+use crate::engine::plan::{Level, MAP_LAYERS};
 use crate::engine::slot;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
@@ -97,18 +97,7 @@ impl Composer<'_> {
     /// V and its standard deviation at depth edges, by the outlines that explain the photographs best.
     pub(super) fn edges(&mut self) {
         let (plan, finest) = (self.plan, &self.plan.pyramid[0]);
-        let (size @ [width, height], levels) = (plan.size, plan.solved);
-        let over = |over| Grid::Edges { levels, over };
-        let [cells, pixels] = [edge_cells::STAGE.groups(edge::cells(size)), edge_apply::STAGE.groups(size)];
-        let groups = [edge_costs::tiles(size), [cells[0], cells[1]], [pixels[0], pixels[1]]];
-        let bindings = edge_cells::Bindings {
-            v: slot::relative_blur(0).read(),
-            results: slot::RESULTS.update(),
-            arguments: slot::ARGUMENTS.write(),
-        };
-        let argument_place = arguments::edge_place(levels) as u32;
-        let constants = edge_cells::Constants { width, height, argument_place, groups };
-        self.over(edge::cells(size), bindings, &constants, NO_VARIANT);
+        let found = edge_cells::Constants::of_pair(plan.size, arguments::edge_place(plan.solved) as u32);
         let bindings = edge_costs::Bindings {
             i1: slot::i1(0).read(),
             i2: slot::i2(0).read(),
@@ -116,8 +105,29 @@ impl Composer<'_> {
             results: slot::RESULTS.update(),
             state: slot::STATE.read(),
         };
-        let constants = edge_costs::Constants { width, height, centre: single(finest.centre) };
-        self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Tiles));
+        let costs = edge_costs::Constants::of_pair(plan.size, single(finest.centre));
+        self.outlines(finest, plan.solved, &found, edge_apply::SPREAD, |s, tiles| {
+            s.dispatch(bindings, &costs, NO_VARIANT, tiles)
+        });
+    }
+
+    /// Finds the edges of V on a level, or of u of a sweep, and moves their outlines by the costs that `costs` adds. The
+    /// words of the passes are behind those of `levels` levels. `spread`: σ² of the weights of
+    /// cells along an edge, px².
+    pub(super) fn outlines(
+        &mut self,
+        level: &Level,
+        levels: usize,
+        found: &edge_cells::Constants,
+        spread: f32,
+        costs: impl FnOnce(&mut Self, Grid),
+    ) {
+        let (size @ [width, height], v) = (level.size, slot::relative_blur(level.index));
+        let over = |over| Grid::Edges { levels, over };
+        let bindings =
+            edge_cells::Bindings { v: v.read(), results: slot::RESULTS.update(), arguments: slot::ARGUMENTS.write() };
+        self.over(edge::cells(size), bindings, found, NO_VARIANT);
+        costs(self, over(Edges::Tiles));
         let bindings = edge_decide::Bindings { results: slot::RESULTS.update() };
         self.dispatch(bindings, &edge_decide::Constants { width, height }, NO_VARIANT, over(Edges::Cells));
         for n in 0..edge_agree::PASSES {
@@ -126,9 +136,9 @@ impl Composer<'_> {
             let constants = edge_agree::Constants { width, height, from, to };
             self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Cells));
         }
-        let bindings = edge_apply::Bindings { v: slot::relative_blur(0).update(), results: slot::RESULTS.update() };
+        let bindings = edge_apply::Bindings { v: v.update(), results: slot::RESULTS.update() };
         let decided = edge_agree::place(edge_agree::PASSES);
-        let constants = edge_apply::Constants { width, height, decided };
+        let constants = edge_apply::Constants { width, height, decided, spread };
         self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Pixels));
     }
 

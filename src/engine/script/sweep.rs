@@ -6,7 +6,9 @@ use crate::base::color::LUMINANCE;
 use crate::engine::arguments::Place;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Slot};
-use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, prolong, system, update};
+use crate::engine::stages::{
+    NO_VARIANT, align, copy, edge, edge_cells, edge_costs, half_pair, prolong, system, update,
+};
 use crate::engine::tiles::NeededCells;
 
 fn script(plan: &Plan, level: usize, fill: impl FnOnce(&mut Composer)) -> Script {
@@ -35,13 +37,20 @@ pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
     })
 }
 
+impl Composer<'_> {
+    /// Resamples a frame onto the reference's pixels of a level.
+    fn aligned(&mut self, level: &Level, frame: u32, constants: &align::Constants) {
+        self.spline(level, (slot::frames(level.index), frame), (slot::SPLINE2.plane(), 0));
+        let bindings = align::Bindings { spline: slot::SPLINE2.plane().read(), aligned: slot::ALIGNED.write() };
+        self.over(level.size, bindings, constants, NO_VARIANT);
+    }
+}
+
 /// Resamples frames onto the reference's pixels of a level, and band-passes them.
 pub(crate) fn align(plan: &Plan, level: &Level, frames: &[(u32, align::Constants)]) -> Script {
     script(plan, level.index, |s| {
         for (frame, constants) in frames {
-            s.spline(level, (slot::frames(level.index), *frame), (slot::SPLINE2.plane(), 0));
-            let bindings = align::Bindings { spline: slot::SPLINE2.plane().read(), aligned: slot::ALIGNED.write() };
-            s.over(level.size, bindings, constants, NO_VARIANT);
+            s.aligned(level, *frame, constants);
             let [low, along_x, along_y] = plan.band;
             let layers = [(slot::ALIGNED, *frame); 2];
             s.separable(layers, level.size, [low; 2], 1, false);
@@ -105,5 +114,47 @@ pub(crate) fn step(plan: &Plan, level: &Level, constants: &system::Constants, up
     script(plan, level.index, |s| {
         let equations = s.system(level, constants, system::SWEEP);
         s.relaxation(level, equations, update);
+    })
+}
+
+/// Prepares the passes over edges of a level: the standard deviation of u, which is in the place of u, becomes a layer of
+/// the results, and the costs are zero.
+pub(crate) fn begin_outlines(plan: &Plan, level: &Level) -> Script {
+    script(plan, level.index, |s| {
+        s.empty(Slot::Stacks, level.size, edge::LAYERS);
+        let from = slot::relative_blur(level.index).plane().read();
+        let [width, height] = level.size;
+        let bindings = copy::Bindings { from, to: slot::RESULTS.plane().write() };
+        s.over(level.size, bindings, &copy::Constants { width, height, layer: 1 }, NO_VARIANT);
+    })
+}
+
+/// Moves the outlines of u on a level by the costs of pairs of these frames. `spread`: σ² of the weights of cells along an
+/// edge, px².
+pub(crate) fn outlines(
+    plan: &Plan,
+    level: &Level,
+    frames: &[(u32, align::Constants)],
+    pairs: &[edge_costs::Constants],
+    found: &edge_cells::Constants,
+    spread: f32,
+) -> Script {
+    script(plan, level.index, |s| {
+        for (frame, constants) in frames {
+            s.aligned(level, *frame, constants);
+        }
+        s.outlines(level, 0, found, spread, |s, tiles| {
+            for constants in pairs {
+                let (i1, i2) = slot::ALIGNED_AS_PAIR;
+                let bindings = edge_costs::Bindings {
+                    i1: i1.read(),
+                    i2: i2.read(),
+                    v: slot::relative_blur(level.index).read(),
+                    results: slot::RESULTS.update(),
+                    state: slot::STATE.read(),
+                };
+                s.dispatch(bindings, constants, edge_costs::SWEEP, tiles);
+            }
+        });
     })
 }

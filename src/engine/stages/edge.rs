@@ -30,6 +30,9 @@ pub(crate) const BACKWARD: usize = edge::BACKWARD as usize;
 /// The number of the cost of V as it is.
 pub(crate) const BEFORE: usize = DISPLACEMENTS;
 
+/// The number of the sum of the shares of all pairs of frames, in the layer of the reversed costs: 1 for a pair.
+pub(crate) const TOTAL: usize = DISPLACEMENTS;
+
 /// Columns and rows of cells of an image.
 pub(crate) fn cells([width, height]: [u32; 2]) -> [u32; 2] {
     [width / edge::SIDE, height / edge::SIDE]
@@ -125,7 +128,6 @@ pub(super) mod testing {
     use super::super::harness::smooth_field;
     use super::super::{edge_cells, edge_costs, edge_decide};
     use super::*;
-    use crate::engine::stages::state::DoubleState;
 
     /// V with an edge along a curve, the near side right of it, and a deviation. NaN in a corner of the deviation.
     pub(in super::super) fn solved(width: usize, height: usize, levels: [f64; 2]) -> [Field; 2] {
@@ -147,13 +149,12 @@ pub(super) mod testing {
         layers[0] =
             Field::from_fn(width, height, |x, y| if deviation.get(x, y).is_nan() { f64::NAN } else { v.get(x, y) });
         layers[1] = deviation.clone();
-        layers[EDGES] = edge_cells::cpu_reference(size, &v, &deviation);
+        layers[EDGES] = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(size, 0), &v, &deviation);
         if until > COSTS {
             let photographs = [1, 2].map(|seed| smooth_field(width, height, seed));
-            let c = edge_costs::constants(size);
-            let costs =
-                edge_costs::cpu_reference(&c, &DoubleState::default(), photographs.each_ref(), &v, &layers[EDGES]);
-            [layers[COSTS], layers[REVERSED_COSTS]] = costs;
+            let c = edge_costs::testing::constants(size);
+            [layers[COSTS], layers[REVERSED_COSTS]] =
+                edge_costs::testing::of_pair(&c, photographs.each_ref(), &v, &layers[EDGES]);
         }
         if until >= OUTLINES[0] {
             let [near, far, decisions] =

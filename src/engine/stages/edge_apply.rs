@@ -19,7 +19,12 @@ push_constants! {
     height: u32,
     /// First number of the decisions.
     decided: u32,
+    /// σ² of the weights of cells along the edge, px².
+    spread: f32,
 }
+
+/// σ² of the weights of cells along the edge for pairs, px².
+pub(crate) const SPREAD: f32 = 4.0;
 
 bindings! {
     EDGE_APPLY:
@@ -91,7 +96,7 @@ pub(crate) fn cpu_reference<N: Number>(
                 continue;
             }
             nearest = nearest.min(inside * inside + 4.0 * along * along);
-            let weight = (-along * along / (2.0 * shader::ALONG) - inside * inside / (2.0 * shader::AWAY)).exp();
+            let weight = (-along * along / (2.0 * f64::from(c.spread)) - inside * inside / (2.0 * shader::AWAY)).exp();
             let in_front = |inside: f64| in_front(outlines[*order], cell, inside);
             sum += weight;
             near += weight * if *order == 0 { in_front(inside) } else { 1.0 - in_front(-inside) };
@@ -175,7 +180,7 @@ mod tests {
         {
             let results = decided(size, levels);
             let [v, _] = solved(width as usize, height as usize, levels);
-            let c = Constants { width, height, decided: 0 };
+            let c = Constants { width, height, decided: 0, spread: SPREAD };
             let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&results)];
             let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(size));
             // √(p (1 - p)) of p within 6e-8 of 1, times a jump of up to 7 px².
@@ -187,7 +192,7 @@ mod tests {
 
     #[test]
     fn what_speaks_for_no_outline_changes_nothing() {
-        let (size, c) = ([67, 41], Constants { width: 67, height: 41, decided: 0 });
+        let (size, c) = ([67, 41], Constants { width: 67, height: 41, decided: 0, spread: SPREAD });
         let mut results = layers(size, [4.0, -3.0], DECISIONS);
         for cell in edge::all_cells(size) {
             edge::set(&mut results[DECISIONS], cell, 0, &[9.0, 9.0, 1.0, 1.0, shader::ORDER - 0.1, 9.0]);

@@ -6,9 +6,17 @@
 
 use super::edge::{self, EDGES, Edge, SIDE, all_cells, between};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, Raster, pixels};
+use super::{Number, Raster, edge_apply, edge_costs, pixels};
 use crate::engine::shaders::edge_cells as shader;
 use crate::engine::vulkan::Variant;
+
+/// The widest jump of u in a sweep, px of blur. Of the frames with at most 4 px² in all at a jump of D px, the two nearest
+/// to each other are D - 2.8 px apart, so that |V| is D (D - 2.8), which must not exceed [`edge_costs::LARGEST`].
+const WIDEST: f64 = 5.6;
+/// The least deviation of u at a jump of a sweep, as a share of it. Where a near surface's blur makes u pass from one side
+/// to the other it is 0.08 and more (card, bars and blocks, 11 frames), on the steepest slopes of three generated reliefs
+/// of 41 frames up to 0.04.
+const UNCERTAIN: f32 = 0.06;
 
 push_constants! {
     /// Width, pixels.
@@ -19,6 +27,38 @@ push_constants! {
     argument_place: u32,
     /// Their workgroups along x and y, if there is an edge: over tiles, over cells, over pixels.
     groups: [[u32; 2]; 3],
+    /// The least jump of V, px², or of u in a sweep.
+    least_jump: f32,
+    /// The least difference of the levels, as a share of the larger |V|.
+    share: f32,
+    /// The largest |V| of a side, px²: the blur that the searched profile has room for.
+    largest: f32,
+    /// The largest difference of the levels.
+    widest: f32,
+    /// The least deviation at the jump, as a share of it: what is measured there is a slope.
+    uncertain: f32,
+    /// What all photographs show: left, top, right, bottom, pixels.
+    shown: [f32; 4],
+}
+
+impl Constants {
+    /// Those of a pair.
+    pub(crate) fn of_pair(size @ [width, height]: [u32; 2], argument_place: u32) -> Self {
+        let cells = STAGE.groups(edge::cells(size));
+        let pixels = edge_apply::STAGE.groups(size);
+        let groups = [edge_costs::tiles(size), [cells[0], cells[1]], [pixels[0], pixels[1]]];
+        let shown = [0.0, 0.0, width as f32, height as f32];
+        let (least_jump, share, largest, widest) = (1.5, 0.35, edge_costs::LARGEST, f32::MAX);
+        Self { width, height, argument_place, groups, least_jump, share, largest, widest, uncertain: 0.0, shown }
+    }
+
+    /// Those of a sweep on a level with c px² by squared settings, for jumps of at least `blur` px²: each side's in the
+    /// focus of the other.
+    pub(crate) fn of_sweep(size: [u32; 2], rate: f64, blur: f64, shown: [f32; 4]) -> Self {
+        let pair = Self::of_pair(size, 0);
+        let [least_jump, widest] = [blur.sqrt(), WIDEST].map(|jump| (jump / rate.sqrt()) as f32);
+        Self { least_jump, uncertain: UNCERTAIN, share: 0.0, largest: f32::MAX, widest, shown, ..pair }
+    }
 }
 
 bindings! {
@@ -36,7 +76,7 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let edges = cpu_reference([c.width, c.height], memory.layer(self.v, 0), memory.layer(self.results, 1));
+        let edges = cpu_reference(c, memory.layer(self.v, 0), memory.layer(self.results, 1));
         if all_cells([c.width, c.height]).any(|cell| Edge::of(&edges, cell).is_some()) {
             let words = &mut memory.words_mut(self.arguments)[c.argument_place as usize..];
             words
@@ -49,17 +89,17 @@ impl Pass for Bindings {
 }
 
 /// The edges of all cells.
-pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], v: &Raster<N>, deviation: &Raster<N>) -> Raster<N> {
+pub(crate) fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, deviation: &Raster<N>) -> Raster<N> {
     let mut edges = Raster::zeros(v.width, v.height);
-    for cell in all_cells(size) {
-        if let Some(edge) = edge_of(v, deviation, cell) {
+    for cell in all_cells([c.width, c.height]) {
+        if let Some(edge) = edge_of(c, v, deviation, cell) {
             edge::set(&mut edges, cell, 0, &edge.numbers());
         }
     }
     edges
 }
 
-fn edge_of<N: Number>(v: &Raster<N>, deviation: &Raster<N>, cell: [usize; 2]) -> Option<Edge> {
+fn edge_of<N: Number>(c: &Constants, v: &Raster<N>, deviation: &Raster<N>, cell: [usize; 2]) -> Option<Edge> {
     let corner = cell.map(|c| (SIDE * c) as isize);
     // Ranges of V, of every other pixel.
     let (mut outer, mut inner, mut least) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN], f64::MAX);
@@ -73,7 +113,8 @@ fn edge_of<N: Number>(v: &Raster<N>, deviation: &Raster<N>, cell: [usize; 2]) ->
         }
     }
     let (jump, range) = (inner[1] - inner[0], outer[1] - outer[0]);
-    if !(jump > shader::JUMP && jump > shader::STEEP * range && jump > shader::CERTAIN * least) {
+    let least_jump = f64::from(c.least_jump);
+    if !(jump > least_jump && jump > shader::STEEP * range && jump > shader::CERTAIN * least) {
         return None;
     }
     let halfway = 0.5 * (outer[0] + outer[1]);
@@ -100,11 +141,22 @@ fn edge_of<N: Number>(v: &Raster<N>, deviation: &Raster<N>, cell: [usize; 2]) ->
     if place.map(|p| ((p + 0.5) / SIDE as f64).floor()) != cell.map(|c| c as f64) {
         return None;
     }
+    let [left, top, right, bottom] = c.shown.map(f64::from);
+    if place[0] < left || place[1] < top || place[0] > right || place[1] > bottom {
+        return None;
+    }
     let near = level(v, deviation, place, normal, halfway, 1.0)?;
     let far = level(v, deviation, place, normal, halfway, -1.0)?;
-    let (largest, difference) = (near[0].abs().max(far[0].abs()), near[0] - far[0]);
-    let least = (shader::LEVELS * shader::JUMP).max(shader::SHARE * largest).max(shader::SURE * near[1].hypot(far[1]));
-    (difference > least && largest <= shader::LARGEST).then_some(Edge {
+    let (highest, difference) = (near[0].abs().max(far[0].abs()), near[0] - far[0]);
+    let [share, largest, widest, uncertain] = [c.share, c.largest, c.widest, c.uncertain].map(f64::from);
+    let least = (shader::LEVELS * least_jump).max(share * highest).max(shader::SURE * near[1].hypot(far[1]));
+    if uncertain > 0.0 {
+        let around = [-1.0, 0.0, 1.0].map(|k| between(deviation, [0, 1].map(|i| place[i] + k * normal[i])));
+        if around.into_iter().fold(0.0, f64::max) < uncertain * difference {
+            return None;
+        }
+    }
+    (difference > least && highest <= largest && difference <= widest).then_some(Edge {
         place,
         normal,
         levels: [near[0], far[0]],
@@ -152,16 +204,22 @@ mod tests {
             let flat = Field::zeros(width, height);
             for (v, is_edge) in [(step, true), (random_field(width, height, 1), false), (flat, false)] {
                 let layers = [vec![v.clone(), deviation.clone()], vec![Field::zeros(width, height); 7]].concat();
-                let c =
-                    Constants { width: size[0], height: size[1], argument_place: 2, groups: [[3, 4], [5, 6], [7, 8]] };
-                let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&layers), Input::Words(&[9; 14])];
-                let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
-                // Places are up to 96 px, in single precision, from a quotient by the slope.
-                trial.assert_within(1e-4);
-                assert_eq!(count(&trial.layers(1)[EDGES]) > 0, is_edge, "{width} x {height}");
-                let [actual, expected] = trial.words(2);
-                let set = [9, 9, 3, 4, 1, 5, 6, 1, 7, 8, 1, 9, 9, 9];
-                assert_eq!([actual, expected], [if is_edge { set } else { [9; 14] }; 2].map(Vec::from));
+                let groups = [[3, 4], [5, 6], [7, 8]];
+                let pair = Constants { argument_place: 2, groups, ..Constants::of_pair(size, 2) };
+                let shown = [0.3 * width as f32, 3.5, 0.9 * width as f32, height as f32 - 9.0];
+                let sweep = Constants::of_sweep(size, 0.4, 2.0, shown);
+                let sweep = Constants { argument_place: 2, groups, uncertain: 0.005, ..sweep };
+                for c in [pair, sweep] {
+                    let inputs =
+                        [Input::Image(std::slice::from_ref(&v)), Input::Image(&layers), Input::Words(&[9; 14])];
+                    let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
+                    // Places are up to 96 px, in single precision, from a quotient by the slope.
+                    trial.assert_within(1e-4);
+                    assert_eq!(count(&trial.layers(1)[EDGES]) > 0, is_edge, "{width} x {height}");
+                    let [actual, expected] = trial.words(2);
+                    let set = [9, 9, 3, 4, 1, 5, 6, 1, 7, 8, 1, 9, 9, 9];
+                    assert_eq!([actual, expected], [if is_edge { set } else { [9; 14] }; 2].map(Vec::from));
+                }
             }
         }
     }
@@ -174,13 +232,22 @@ mod tests {
             share * near + (1.0 - share) * far
         });
         let deviation = Field::from_fn(64, 48, |x, _| if x > 30 { 0.2 } else { 0.1 });
-        let edge = Edge::of(&cpu_reference([64, 48], &v, &deviation), [7, 5]).unwrap();
+        let c = Constants::of_pair([64, 48], 0);
+        let edge = Edge::of(&cpu_reference(&c, &v, &deviation), [7, 5]).unwrap();
         assert!((edge.place[0] - 30.3).abs() < 0.1, "{edge:?}");
         assert!((edge.normal[0] - 1.0).abs() < 1e-12 && edge.normal[1].abs() < 1e-12);
         assert!((edge.levels[0] - near).abs() < 0.05 && (edge.levels[1] - far).abs() < 0.05, "{edge:?}");
         assert!((edge.deviations[0] - 0.2).abs() < 1e-9 && (edge.deviations[1] - 0.1).abs() < 1e-9, "{edge:?}");
         // A slope that goes on is none.
         let slope = Field::from_fn(64, 48, |x, _| 0.4 * x as f64);
-        assert_eq!(count(&cpu_reference([64, 48], &slope, &deviation)), 0);
+        assert_eq!(count(&cpu_reference(&c, &slope, &deviation)), 0);
+        // In a sweep neither is a jump on which u is certain, a jump that is too wide, or one beyond what frames show.
+        let of_sweep = |certain: f64, rate: f64, left: f32| {
+            let deviation = Field::from_fn(64, 48, |x, _| if x.abs_diff(30) < 3 { certain * 7.0 } else { 0.1 });
+            let c = Constants::of_sweep([64, 48], rate, 0.75, [left, 0.0, 63.0, 47.0]);
+            count(&cpu_reference(&c, &v, &deviation)) > 0
+        };
+        let found = [(0.07, 0.5, 0.0), (0.05, 0.5, 0.0), (0.07, 0.7, 0.0), (0.07, 0.5, 31.0)];
+        assert_eq!(found.map(|(certain, rate, left)| of_sweep(certain, rate, left)), [true, false, false, false]);
     }
 }

@@ -11,7 +11,7 @@
 //! The outline of a cell is straight and is displaced along the normal. So all filters are along the normal, after one
 //! blur across it. The other order, with the far side in front, is the same seen from the other side.
 
-use super::edge::{self, BACKWARD, BEFORE, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_COSTS, between};
+use super::edge::{self, BACKWARD, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_COSTS, between};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
 use super::{Number, Raster, pixels};
@@ -26,12 +26,48 @@ push_constants! {
     height: u32,
     /// The image centre, pixels.
     centre: [f32; 2],
+    /// c of a sweep, px² by squared settings.
+    rate: f32,
+    /// The settings of two frames, the larger first, relative to the middle setting.
+    settings: [f32; 2],
+    /// Their layers.
+    layers: [u32; 2],
+}
+
+/// Two frames of a sweep, on one frame's pixels; their costs are added to those of other frames.
+pub(crate) const SWEEP: Variant = [true, false, false, false];
+
+/// The largest |V| of a side, px²: the blur that the samples have room for.
+pub(crate) const LARGEST: f32 = shader::LARGEST as f32;
+
+impl Constants {
+    /// Those of a pair.
+    pub(crate) fn of_pair([width, height]: [u32; 2], centre: [f32; 2]) -> Self {
+        Self { width, height, centre, rate: 0.0, settings: [0.0; 2], layers: [0; 2] }
+    }
+
+    /// V between two frames of a sweep where u is in focus.
+    fn relative_blur(&self, u: f64) -> f64 {
+        let [first, second] = self.settings.map(f64::from);
+        f64::from(self.rate) * (first - second) * (2.0 * u - first - second)
+    }
+
+    /// The edge with V of its sides, and the share of two frames of a sweep in its costs; `None` if they have none.
+    fn in_frames(&self, edge: &Edge) -> Option<(Edge, f64)> {
+        let levels @ [near, far] = edge.levels.map(|u| self.relative_blur(u));
+        let away = |side: usize| (edge.levels[side] - f64::from(self.settings[side])).powi(2);
+        let blur = f64::from(self.rate) * (away(0) + away(1));
+        let fits = near > 0.0 && far < 0.0 && near.max(-far) <= shader::LARGEST && blur <= shader::FAR;
+        fits.then(|| (Edge { levels, ..*edge }, (-blur / (2.0 * shader::FOCUSED)).exp()))
+    }
 }
 
 bindings! {
     EDGE_COSTS:
+    /// Of a sweep all frames, in layers.
     i1: Reads<I1>,
     i2: Reads<I2>,
+    /// u in a sweep.
     v: Reads<RelativeBlur>,
     /// Layers: the edges; the costs.
     results: Updates<Results>,
@@ -49,10 +85,13 @@ impl Pass for Bindings {
         4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
     }
 
-    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let photographs = [memory.layer(self.i1, 0), memory.layer(self.i2, 0)];
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let mut costs = [COSTS, REVERSED_COSTS].map(|layer| memory.take_layer(self.results, layer));
+        let [first, second] = c.layers.map(|layer| layer as usize);
+        let photographs = [memory.layer(self.i1, first), memory.layer(self.i2, second)];
         let (v, edges) = (memory.layer(self.v, 0), memory.layer(self.results, EDGES));
-        let [costs, reversed] = cpu_reference(c, memory.state(self.state), photographs, v, edges);
+        cpu_reference(c, variant, memory.state(self.state), photographs, v, edges, &mut costs);
+        let [costs, reversed] = costs;
         memory.set_layer(self.results, COSTS, costs);
         memory.set_layer(self.results, REVERSED_COSTS, reversed);
     }
@@ -75,19 +114,27 @@ type Profile = [[f64; ALONG]; ROWS];
 /// The same on the lines that costs are summed over.
 type Lines = [[f64; ALONG]; LINES];
 
-/// The layers of the costs in both orders.
+/// Sets the layers of the costs in both orders, or adds to them for two frames of a sweep.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
+    variant: Variant,
     state: &DoubleState,
     [i1, i2]: [&Raster<N>; 2],
     v: &Raster<N>,
     edges: &Raster<N>,
-) -> [Raster<N>; 2] {
+    layers: &mut [Raster<N>; 2],
+) {
+    let is_sweep = variant == SWEEP;
     let found: Vec<_> = edge::all_cells([c.width, c.height])
-        .filter_map(|cell| Edge::of(edges, cell).map(|edge| (cell, edge)))
+        .filter_map(|cell| {
+            let edge = Edge::of(edges, cell)?;
+            let (edge, share) = if is_sweep { c.in_frames(&edge)? } else { (edge, 1.0) };
+            Some((cell, edge, share))
+        })
         .collect();
+    let state = (!is_sweep).then_some(state);
     let costs = |n: usize| {
-        let (_, edge) = &found[n];
+        let (_, edge, _) = &found[n];
         let profiles = profiles(c, state, [i1, i2], edge);
         let near_in = &profiles[usize::from(edge.levels[0] <= 0.0)];
         let samples = || near_in[REACH..REACH + LINES].iter().flatten();
@@ -98,14 +145,21 @@ pub(crate) fn cpu_reference<N: Number>(
         let [near, far] = edge.levels;
         let seen_from_behind = profiles.map(|profile| reversed(&profile));
         let both = [terms.costs(&profiles, [near, far]), terms.costs(&seen_from_behind, [far, near])];
-        (both, terms.cost_before(&profiles, edge, v))
+        let v_at = |x| if is_sweep { c.relative_blur(between(v, x)) } else { between(v, x) };
+        (both, terms.cost_before(&profiles, edge, v_at))
     };
-    let mut layers = [Raster::zeros(v.width, v.height), Raster::zeros(v.width, v.height)];
-    for ((both, before), (cell, _)) in workers::map(found.len(), costs).into_iter().zip(&found) {
-        both.iter().zip(&mut layers).for_each(|(costs, layer)| edge::set(layer, *cell, 0, costs));
-        edge::set(&mut layers[0], *cell, BEFORE, &[before]);
+    let size = |layer: &Raster<N>| [layer.width, layer.height];
+    if !is_sweep || size(&layers[0]) != size(v) {
+        *layers = [Raster::zeros(v.width, v.height), Raster::zeros(v.width, v.height)];
     }
-    layers
+    for ((both, before), (cell, _, share)) in workers::map(found.len(), costs).into_iter().zip(&found) {
+        for ((costs, last), layer) in both.iter().zip([before, 1.0]).zip(&mut *layers) {
+            let add = |n: usize, cost: f64| edge::number(layer, *cell, n) + share * cost;
+            let sums: Vec<f64> =
+                costs.iter().copied().chain([last]).enumerate().map(|(n, cost)| add(n, cost)).collect();
+            edge::set(layer, *cell, 0, &sums);
+        }
+    }
 }
 
 /// The place of a sample.
@@ -115,21 +169,33 @@ fn place_on(edge: &Edge, line: f64, k: usize) -> [f64; 2] {
     [edge.place[0] + along * nx - across * ny, edge.place[1] + along * ny + across * nx]
 }
 
-/// Samples of I1, and of I2 on I1's pixels with I1's brightness.
-fn profiles<N: Number>(c: &Constants, state: &DoubleState, [i1, i2]: [&Raster<N>; 2], edge: &Edge) -> [Profile; 2] {
-    let (r, centre) = (&state.registration, c.centre.map(f64::from));
+/// Samples of I1, and of I2 on I1's pixels with I1's brightness. `state`: `None` if I2 is so already.
+fn profiles<N: Number>(
+    c: &Constants,
+    state: Option<&DoubleState>,
+    [i1, i2]: [&Raster<N>; 2],
+    edge: &Edge,
+) -> [Profile; 2] {
+    let centre = c.centre.map(f64::from);
     let last = [i1.width as f64 - 1.0, i1.height as f64 - 1.0];
     let inside = |x: [f64; 2]| [0, 1].map(|i| x[i].clamp(0.0, last[i]));
     // Shading hardly changes around an edge.
-    let [dx, dy] = r.transform.displacement([edge.place[0] - centre[0], edge.place[1] - centre[1]]);
-    let shading = state.applied_shading.at(from_centre([edge.place[0] + dx, edge.place[1] + dy], centre));
+    let matched = state.map(|state| {
+        let r = &state.registration;
+        let [dx, dy] = r.transform.displacement([edge.place[0] - centre[0], edge.place[1] - centre[1]]);
+        (r, state.applied_shading.at(from_centre([edge.place[0] + dx, edge.place[1] + dy], centre)))
+    });
     let mut profiles = [[[0.0; ALONG]; ROWS]; 2];
     for (row, k) in (0..ROWS).flat_map(|row| (0..ALONG).map(move |k| (row, k))) {
         let x = inside(place_on(edge, row as f64 - REACH as f64, k));
-        let d = r.transform.displacement([x[0] - centre[0], x[1] - centre[1]]);
-        let y = inside([x[0] + d[0], x[1] + d[1]]);
         profiles[0][row][k] = between(i1, x);
-        profiles[1][row][k] = r.gain * shading * between(i2, y) + r.offset;
+        profiles[1][row][k] = matched.map_or_else(
+            || between(i2, x),
+            |(r, shading)| {
+                let d = r.transform.displacement([x[0] - centre[0], x[1] - centre[1]]);
+                r.gain * shading * between(i2, inside([x[0] + d[0], x[1] + d[1]])) + r.offset
+            },
+        );
     }
     profiles
 }
@@ -319,7 +385,7 @@ impl Terms {
     ///
     /// S is that of a Gaussian, as in the costs of outlines: that of the solve is less, since it knows the kernel better.
     /// Across the normal the blur is that of the side's V.
-    fn cost_before<N: Number>(&self, profiles: &[Profile; 2], edge: &Edge, v: &Raster<N>) -> f64 {
+    fn cost_before(&self, profiles: &[Profile; 2], edge: &Edge, v_at: impl Fn([f64; 2]) -> f64) -> f64 {
         let images = edge.levels.map(|level| usize::from(level <= 0.0));
         let opposite = images[0] != images[1];
         let sides = [0, 1].map(|side| {
@@ -330,7 +396,7 @@ impl Terms {
         let places = (0..LINES).flat_map(|line| (HALF - WINDOW..=HALF + WINDOW).map(move |k| (line, k)));
         let residuals: Vec<[f64; 2]> = places
             .map(|(line, k)| {
-                let v = between(v, place_on(edge, line as f64, k));
+                let v = v_at(place_on(edge, line as f64, k));
                 let near = if opposite { v > 0.0 } else { v > 0.5 * (edge.levels[0] + edge.levels[1]) };
                 let side = usize::from(!near);
                 let sharper = images[side];
@@ -347,11 +413,24 @@ impl Terms {
     }
 }
 
-/// The constants of an image, for tests.
+/// Costs for the tests of the passes over edges.
 #[cfg(test)]
-pub(super) fn constants([width, height]: [u32; 2]) -> Constants {
-    let centre = [width, height].map(|side| (side as f32 - 1.0) / 2.0);
-    Constants { width, height, centre }
+pub(super) mod testing {
+    use super::super::Field;
+    use super::*;
+    use crate::engine::stages::NO_VARIANT;
+
+    /// The constants of a pair.
+    pub(in super::super) fn constants(size: [u32; 2]) -> Constants {
+        Constants::of_pair(size, size.map(|side| (side as f32 - 1.0) / 2.0))
+    }
+
+    /// The layers of the costs of a pair whose photographs lie on each other.
+    pub(in super::super) fn of_pair(c: &Constants, photographs: [&Field; 2], v: &Field, edges: &Field) -> [Field; 2] {
+        let mut costs = [Field::default(), Field::default()];
+        cpu_reference(c, NO_VARIANT, &DoubleState::default(), photographs, v, edges, &mut costs);
+        costs
+    }
 }
 
 #[cfg(test)]
@@ -360,6 +439,7 @@ mod tests {
     use super::super::edge::testing::{count, layers};
     use super::super::harness::{Input, Trial, random_field, smooth_field};
     use super::super::state::{Registration, State};
+    use super::testing::{constants, of_pair};
     use super::*;
     use crate::base::{Photometric, Similarity};
     use crate::engine::stages::{NO_VARIANT, convolve, edge_cells};
@@ -390,6 +470,30 @@ mod tests {
         }
     }
 
+    /// Two frames of a sweep add their share to the costs of others, and none where they do not fit.
+    #[test]
+    fn frames_of_a_sweep_match_the_cpu_reference() {
+        let size @ [width, height] = [67usize, 41];
+        let image = size.map(|side| side as u32);
+        let mut results = layers(image, [2.0, -1.5], 0);
+        let before = [5, 6].map(|seed| random_field(width, height, seed));
+        [results[COSTS], results[REVERSED_COSTS]] = before.clone();
+        let frames = [1, 2, 3].map(|seed| smooth_field(width, height, seed));
+        let u = [results[0].clone()];
+        let state = State::new(&Registration::new(Similarity::new(0.0, 0.0, 0.0, 1.0), &Photometric::IDENTITY));
+        // The frames near both sides; the same in the wrong order; frames that are too far apart.
+        for (settings, adds) in [([2.5, -1.0], true), ([-1.0, 2.5], false), ([9.0, -8.0], false)] {
+            let c = Constants { rate: 0.8, settings, layers: [2, 0], ..constants(image) };
+            let inputs = [&frames[..], &frames, &u, &results].map(Input::Image).into_iter();
+            let inputs: Vec<_> = inputs.chain([Input::State(&state)]).collect();
+            let [columns, rows] = tiles(image);
+            let trial = Trial::run::<Bindings>(&inputs, &c, SWEEP, [columns, rows, 1]);
+            trial.assert_within(0.02);
+            let changed = [COSTS, REVERSED_COSTS].map(|layer| trial.layers(3)[layer] != before[layer - COSTS]);
+            assert_eq!(changed, [adds; 2], "{settings:?}");
+        }
+    }
+
     /// A textured front over a textured back under Gaussian blur: the costs are least at the true outline, in the true
     /// order, and less than that of V as it is.
     #[test]
@@ -417,9 +521,8 @@ mod tests {
             });
             let deviation = Field::from_fn(width, height, |_, _| 0.05);
             let image = [width as u32, height as u32];
-            let edges = edge_cells::cpu_reference(image, &v, &deviation);
-            let [costs, reversed] =
-                cpu_reference(&constants(image), &DoubleState::default(), photographs.each_ref(), &v, &edges);
+            let edges = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(image, 0), &v, &deviation);
+            let [costs, reversed] = of_pair(&constants(image), photographs.each_ref(), &v, &edges);
             let mut sums = [[0.0; DISPLACEMENTS]; 2];
             let mut place = 0.0;
             let cells: Vec<_> = edge::all_cells(image)

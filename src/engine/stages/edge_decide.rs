@@ -7,7 +7,7 @@
 //! is within the range, for both; the least cost of the other order less that of this one; and how many cells within two
 //! continue the edge.
 
-use super::edge::{self, BEFORE, COSTS, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, REVERSED_COSTS};
+use super::edge::{self, BEFORE, COSTS, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, REVERSED_COSTS, TOTAL};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, Raster, pixels};
 use crate::engine::shaders::edge_decide as shader;
@@ -50,16 +50,26 @@ pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], costs: [&Raster<N>; 2], e
         let (mut mean, mut before, mut sum, mut length) = ([[0.0; DISPLACEMENTS]; 2], 0.0, 0.0, 0.0);
         for other in edge::cells_around(cell, shader::AROUND as usize, size) {
             let Some(neighbour) = Edge::of(edges, other) else { continue };
+            let total = edge::number(costs[1], other, TOTAL);
+            if total == 0.0 {
+                continue;
+            }
             let apart: f64 = [0, 1].map(|i| (other[i] as f64 - cell[i] as f64).powi(2)).iter().sum();
             let agreement = edge.agreement(&neighbour);
             length += agreement;
             let weight = agreement * (-apart / (2.0 * shader::SPREAD)).exp();
             sum += weight;
+            let weight = weight / total;
             before += weight * edge::number(costs[0], other, BEFORE);
             for (order, n) in (0..2).flat_map(|order| (0..DISPLACEMENTS).map(move |n| (order, n))) {
                 mean[order][n] += weight * edge::number(costs[order], other, n);
             }
         }
+        // No pair of frames shows the edge: it stays as it is.
+        if sum == 0.0 {
+            length = -1e6;
+        }
+        let sum = f64::max(sum, 1e-6);
         let mut least = [0.0; 2];
         for (order, costs) in mean.iter().enumerate() {
             least[order] = costs.iter().copied().fold(f64::MAX, f64::min);
@@ -91,14 +101,21 @@ mod tests {
     #[test]
     fn matches_the_cpu_reference() {
         for (size, levels) in [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0]), ([64, 48], [-1.0, -7.0])] {
-            let results = layers(size, levels, COSTS + 1);
+            let mut results = layers(size, levels, COSTS + 1);
             assert!(count(&results[EDGES]) > 4);
+            // In a sweep frames have different shares in the cells, and none in some.
+            for cell @ [x, y] in edge::all_cells(size) {
+                let total = [1.0, 0.7, 1.9, 0.0][(x + 2 * y) % 4];
+                edge::set(&mut results[REVERSED_COSTS], cell, TOTAL, &[total]);
+            }
             let c = Constants { width: size[0], height: size[1] };
             let trial =
                 Trial::run::<Bindings>(&[Input::Image(&results)], &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
             // Costs of some 1000 in single precision, whose differences are divided by a temperature of 1.5.
             trial.assert_within(2e-3);
-            let cell = edge::all_cells(size).find(|&cell| Edge::of(&results[EDGES], cell).is_some()).unwrap();
+            let shown = |&cell: &_| edge::number(&results[REVERSED_COSTS], cell, TOTAL) > 0.0;
+            let mut cells = edge::all_cells(size).filter(shown);
+            let cell = cells.find(|&cell| Edge::of(&results[EDGES], cell).is_some()).unwrap();
             for layer in OUTLINES {
                 assert!((edge::number(&trial.layers(0)[layer], cell, DISPLACEMENTS - 1) - 1.0).abs() < 1e-9);
             }

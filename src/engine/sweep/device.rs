@@ -59,12 +59,12 @@ impl SweepDevice {
         Ok(())
     }
 
-    /// Sets which pixels do not count: a bit per pixel and frame.
-    pub(super) fn write_hidden(&mut self, words: &[u32]) -> Result<(), Error> {
+    /// Writes the words of a buffer: a bit per pixel and frame that does not count, or indirect arguments.
+    pub(super) fn write_words(&mut self, slot: Slot, words: &[u32]) -> Result<(), Error> {
         match &mut self.memory {
-            SweepMemory::Vulkan(sweep) => sweep.workspace.buffer(Slot::Hidden).write(bytemuck::cast_slice(words)),
+            SweepMemory::Vulkan(sweep) => sweep.workspace.buffer(slot).write(bytemuck::cast_slice(words)),
             SweepMemory::Cpu(sweep) => {
-                sweep.write_words(Slot::Hidden, words);
+                sweep.write_words(slot, words);
                 Ok(())
             }
         }

@@ -8,6 +8,7 @@
 mod device;
 #[cfg(test)]
 pub(super) mod model;
+mod outlines;
 mod pairs;
 mod parts;
 mod pyramid;
@@ -338,6 +339,38 @@ mod tests {
         assert!(largest < 1e-3 && median < 1e-5, "{median} {largest}");
     }
 
+    /// A near card over a far ground: with the search for outlines a tenth of the pixels around the rim are wrong that are
+    /// without it.
+    #[test]
+    fn outlines_of_a_card_are_sharp() {
+        let scene = Scene { width: 320, height: 256, noise: 0.003, ..Preset::Card.scene() };
+        let sweep = SweepScene { blur_rate: 1.5, ..SweepScene::new(scene, FRAMES) }.render().unwrap();
+        let [width, height] = [320usize, 256];
+        let at = |x: usize, y: usize| sweep.focus[y.min(height - 1) * width + x.min(width - 1)];
+        let is_rim = |x: usize, y: usize| (at(x, y) - at(x + 1, y)).abs().max((at(x, y) - at(x, y + 1)).abs()) > 0.5;
+        let rims: Vec<[usize; 2]> =
+            (0..width * height).map(|i| [i % width, i / width]).filter(|&[x, y]| is_rim(x, y)).collect();
+        let near =
+            |i: usize| rims.iter().any(|&[x, y]| x.abs_diff(i % width).pow(2) + y.abs_diff(i / width).pow(2) <= 64);
+        let around: Vec<usize> = (0..width * height).filter(|&i| near(i)).collect();
+        let wrong = |edges: bool| {
+            let solution = solve(&sweep, MEMORY, &Settings { edges, ..Settings::default() }, None);
+            let is_wrong = |&&i: &&usize| (solution.focus[i] - sweep.focus[i]).abs() > 0.3;
+            around.iter().filter(is_wrong).count() as f64 / around.len() as f64
+        };
+        let [with, without] = [true, false].map(wrong);
+        println!("wrong within 8 px of the rim: {with:.3} with the search, {without:.3} without it");
+        assert!(without > 0.2 && with < 0.25 * without, "{with} {without}");
+    }
+
+    #[test]
+    fn without_jumps_outlines_change_no_bit() {
+        let sweep = sweep(168, 126);
+        let [with, without] =
+            [true, false].map(|edges| solve(&sweep, MEMORY, &Settings { edges, ..Settings::default() }, None));
+        assert!(bits(&with) == bits(&without));
+    }
+
     #[test]
     fn a_reused_solver_gives_the_bits_of_a_new_one() {
         let engine = Engine::new(&testing::options()).unwrap();
@@ -352,7 +385,7 @@ mod tests {
             let fresh = run(&mut solver(&engine, &first, memory, &settings), &first, None).unwrap();
             let mut solver = solver(&engine, &second, memory, &settings);
             run(&mut solver, &second, Some(&mask)).unwrap();
-            assert_eq!(bits(&run(&mut solver, &first, None).unwrap()), bits(&fresh));
+            assert!(bits(&run(&mut solver, &first, None).unwrap()) == bits(&fresh));
         }
     }
 
@@ -404,7 +437,8 @@ mod tests {
             let started = Instant::now();
             (run(&mut solver, &sweep, None).map(drop), started.elapsed())
         };
-        let (solved, whole) = solve(&testing::options());
+        // The first solve may also compile pipelines.
+        let [_, (solved, whole)] = [(); 2].map(|()| solve(&testing::options()));
         solved.unwrap();
         // No script of a sweep takes as long as a third of it.
         let (solved, _) = solve(&EngineOptions { timeout: whole / 3, ..testing::options() });

@@ -4,7 +4,7 @@ use super::device::{Limits, SweepDevice};
 use super::pairs::{self, MAX_RELATIVE_BLUR, PairSums};
 use super::start::{Frames, NOISE_CORRELATION};
 use super::validity::{self, ExcludedPixels, FinalSystem, Rectangle};
-use super::{SweepInput, spacing, start};
+use super::{SweepInput, outlines, spacing, start};
 use crate::base::{Error, Frame, Homography, Photometric, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
@@ -343,7 +343,16 @@ impl PyramidSolver {
         let ends = [end(0)?, end(self.frames - 1)?];
         let unknown = || Field::from_fn(focus.width, focus.height, |_, _| f64::NAN);
         let deviation = system.map_or_else(unknown, |system: FinalSystem| system.deviation(&focus, &ends));
-        Ok([focus, deviation])
+        match self.plan.settings.edges {
+            true => {
+                let (words, per_pixel) = (excluded.words(&level, &shared.transforms), self.excluded_words as usize);
+                let counts = |i: usize| {
+                    per_pixel == 0 || validity::is_in_two_frames(&words[per_pixel * i..][..per_pixel], self.frames)
+                };
+                outlines::sharpen(&self.plan, &mut self.device, shared, [focus, deviation], counts)
+            }
+            false => Ok([focus, deviation]),
+        }
     }
 
     /// u of a level, relative to the middle setting.
@@ -365,7 +374,7 @@ impl PyramidSolver {
         self.valid_pixels = level.pixels() as f64;
         if self.excluded_words > 0 {
             self.valid_pixels = validity::count_in_two_frames(&words, self.frames) as f64;
-            self.device.write_hidden(&words)?;
+            self.device.write_words(Slot::Hidden, &words)?;
         }
         Ok(())
     }

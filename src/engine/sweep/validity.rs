@@ -186,8 +186,12 @@ impl ExcludedPixels {
 /// Counts the pixels that are valid in two frames or more, so that a pair can contribute; `words` as from
 /// [`ExcludedPixels::words`].
 pub(super) fn count_in_two_frames(words: &[u32], frames: usize) -> usize {
-    let valid = |bits: &[u32]| (0..frames).filter(|n| bits[n / 32] >> (n % 32) & 1 == 0).count();
-    words.chunks_exact(frames.div_ceil(32)).filter(|bits| valid(bits) > 1).count()
+    words.chunks_exact(frames.div_ceil(32)).filter(|bits| is_in_two_frames(bits, frames)).count()
+}
+
+/// Whether the pixel of these words is valid in two frames or more.
+pub(super) fn is_in_two_frames(bits: &[u32], frames: usize) -> bool {
+    (0..frames).filter(|n| bits[n / 32] >> (n % 32) & 1 == 0).count() > 1
 }
 
 /// Left, top, right and bottom of a rectangle, pixels of a level.
