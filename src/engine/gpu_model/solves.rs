@@ -10,7 +10,7 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::state::{LevelState, MAX_LEVELS};
 use crate::engine::stages::{
     coarsest_grids, convolve, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles,
-    subdivide, update_transform,
+    separable, subdivide, update_transform,
 };
 use crate::engine::sweep::model as sweep;
 use crate::engine::vulkan::{Stage, Variant};
@@ -272,6 +272,10 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         }
         ("relax", _) => f64::from(bytemuck::pod_read_unaligned::<relax::Constants>(c).rows) / 8.0,
         ("convolve", true) => f64::from(bytemuck::pod_read_unaligned::<convolve::Constants>(c).blocks) / 8.0,
+        ("separable", true) => {
+            let [x, y] = bytemuck::pod_read_unaligned::<separable::Constants>(c).blocks;
+            f64::from(x.max(y)) / 8.0
+        }
         _ => 1.0,
     }
 }
@@ -363,7 +367,7 @@ mod tests {
         assert_eq!(rounds("coarsest_grids_shared", 5), (3.0 + 2.0 * 6.0 + 33.0) / (3.0 + 8.0 * 6.0 + 32.0));
         // Lines per invocation: one on small levels; and what takes as long as 0.3, with a warped I2 as 1.2.
         assert_eq!([5, 0].map(|level| rounds("linearise", level)), [(0.3 + 1.0) / 8.3, 1.0]);
-        assert_eq!(rounds("system", 0), 1.0);
+        assert_eq!(rounds("system_tiles", 0), 1.0);
     }
 
     #[test]

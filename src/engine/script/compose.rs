@@ -9,9 +9,7 @@ use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
-use crate::engine::stages::{
-    convolve, grid, halve_grids, linearise, relax, relax_grid, relax_tiles, separable, system, update,
-};
+use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, relax_tiles, system, system_tiles, update};
 use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
@@ -102,12 +100,11 @@ fn groups(plan: &Plan, level: &Level, over: Over) -> [u32; 3] {
         Over::Blocks => update::tiles(level.size),
         Over::AlongX => convolve::groups([level.size[0], level.size[1]], false, linearise::LAYERS),
         Over::AlongY => convolve::groups([level.size[1], level.size[0]], true, linearise::LAYERS),
-        Over::BothAxes => separable::groups(level.size, 1, linearise::LAYERS),
+        Over::SystemTiles => system_tiles::tiles(level.size),
         Over::One => [1, 1, 1],
         // A number of sweeps without tiles has no dispatch over them.
         Over::RelaxTiles | Over::CoarseTiles(_) if !relax_tiles::takes(sweeps) => [0; 3],
         Over::RelaxTiles => relax_tiles::tiles(level.size, sweeps),
-        Over::HalveTiles => of_grid(0, &halve_grids::tiles),
         Over::Coarse(n) => of_grid(n, &relax_grid::tiles),
         Over::CoarseTiles(n) => of_grid(n, &|size| relax_tiles::tiles(size, sweeps)),
     }
