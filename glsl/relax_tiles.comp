@@ -8,7 +8,7 @@
 #include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform readonly image2DArray normal_equations; // layer 0: D, averaged over a window; RIGHT_SIDE
+layout(binding = 0, r32f) uniform readonly image2DArray normal_equations; // layer 0: D, averaged; RIGHT_SIDE
 layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // by color; right, left, down, up
 layout(binding = 2, std430) readonly buffer GridSteps { float steps[]; };   // dV of the first coarse grid
 layout(binding = 3, r32f) uniform image2DArray relative_blur;

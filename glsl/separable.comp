@@ -71,7 +71,8 @@ void main() {
     [[unroll]] for (int round = 0; round < ROUNDS; round++) {
         int line = (n + round * TOTAL) / (COLUMNS / SPAN), column = n % (COLUMNS / SPAN) * SPAN;
         if (line >= TALL) continue;
-        int y = mirrored(STRIDE * tile.y - radius_y + line, period_y, height), x = STRIDE * (tile.x + column) - radius_x;
+        int y = mirrored(STRIDE * tile.y - radius_y + line, period_y, height);
+        int x = STRIDE * (tile.x + column) - radius_x;
         float sums[SPAN] = { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 };
         for (int block = 0; block < (LONG ? blocks_x : 1); block++) {
             float values[VALUES];

@@ -1,6 +1,6 @@
 #version 460
-// Applies the kernel's shape to the nodes of Gaussians' blur stacks, in place; each workgroup along z to one. CPU reference:
-// src/engine/stages/shape.rs.
+// Applies the kernel's shape to the nodes of Gaussians' blur stacks, in place; each workgroup along z to one. CPU
+// reference: src/engine/stages/shape.rs.
 
 #include "state.glsl"
 #include "nodes.glsl"

@@ -20,8 +20,8 @@ pub(crate) enum Slot {
     /// Spline coefficients of I2.
     Spline2,
     /// The intermediate images of separable filters. Until the next filter, their left halves hold the right sides of
-    /// the linear system for dV: of the red (layer 0) and of the black pixels (layer 1). On GPUs layer 0 holds the means
-    /// of D over the window, and layer 1 the right sides at their pixels.
+    /// the linear system for dV: of the red (layer 0) and of the black pixels (layer 1). On GPUs layer 0 holds the
+    /// means of D over the window, and layer 1 the right sides at their pixels.
     Scratch,
     /// Weights of the linear system for dV, of the right, left, lower and upper neighbour, likewise.
     Weights,

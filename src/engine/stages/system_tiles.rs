@@ -2,9 +2,9 @@
 //! before it and the first coarse [grids](super::grid) behind it: for GPUs.
 //!
 //! There each dispatch takes longer than its work on small levels, and on large ones the means of D and b take as long
-//! as their traffic. A workgroup averages a tile of 32 x 32 pixels in shared memory, reading D and b beyond it, and sums
-//! its equations up to five grids. It stores the means of D, which the update of V reads, and the right sides at their
-//! pixels, instead of by color as `system` does.
+//! as their traffic. A workgroup averages a tile of 32 x 32 pixels in shared memory, reading D and b beyond it, and
+//! sums its equations up to five grids. It stores the means of D, which the update of V reads, and the right sides at
+//! their pixels, instead of by color as `system` does.
 
 use super::convolve::filtered;
 use super::grid::{FLOATS, Grid, grids};
