@@ -6,13 +6,15 @@
 //! again instead of waiting for each other. dV is not stored.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::system_tiles::RIGHT_SIDE;
 use super::{Number, WORKGROUP, pixels, relax, relax_level, update};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
 /// Width and height of a tile with its halo, pixels.
 const SIDE: u32 = shaders::relaxation_tile::SIDE;
+
+/// The layer of the right sides, as [`system_tiles`](super::system_tiles) stores them.
+const RIGHT_SIDE: usize = shaders::relax_tiles::RIGHT_SIDE as usize;
 
 /// The most relaxation sweeps: with more, less than a quarter of the tile is in its interior.
 const MOST_SWEEPS: u32 = 8;

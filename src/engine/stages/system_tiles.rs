@@ -19,7 +19,7 @@ use crate::engine::vulkan::Variant;
 pub(crate) const GRIDS: usize = shaders::system_tiles::GRIDS as usize;
 
 /// The layer of the right sides.
-pub(crate) const RIGHT_SIDE: usize = shaders::system_tiles::RIGHT_SIDE as usize;
+const RIGHT_SIDE: usize = shaders::system_tiles::RIGHT_SIDE as usize;
 
 const _: () = assert!(TOTAL == WORKGROUP[0] * WORKGROUP[1] && TOTAL == CELLS * CELLS && TILE == 2 * CELLS);
 const _: () = assert!(1 << GRIDS == TILE && LINES == TILE + TAPS - 1 && TILE.is_multiple_of(SPAN));
