@@ -21,7 +21,7 @@ const int PER_COLOR = 2;             // cells of each color that an invocation r
 const int CELLS = 1024, ALL_CELLS = 1536;
 
 shared vec4 equations[ALL_CELLS];    // of all grids, the finest first
-// dV of the grid that is being relaxed; then a place that is not read, for each surplus invocation.
+// dV of the grid that is being relaxed; then a place for each surplus invocation, which it alone reads.
 shared float steps[CELLS + TOTAL];
 #include "grid_equations.glsl"
 
@@ -81,7 +81,7 @@ void relax(int sweeps, const int count) {
 void relax_grid(int grid, int from, const int count) {
     bool is_coarsest = grid + 1 == grids;
     ivec2 size = size_of(grid);
-    int columns = halved(size).x, last = cells(size) - 1;
+    int columns = halved(size).x;
     [[unroll]] for (int n = 0; n < count; n++) {
         // Surplus invocations repeat the last cell.
         int at = min(index + n * TOTAL, columns * size.y - 1), y = at / columns;
@@ -90,17 +90,17 @@ void relax_grid(int grid, int from, const int count) {
             bool mine = index + n * TOTAL < columns * size.y && x.x < size.x;
             x.x = min(x.x, size.x - 1);
             int own = x.y * size.x + x.x;
-            // Links across the border are zero; the cell only has to exist. Another invocation may write it at the
-            // same time: any number will do.
-            ivec4 around = clamp(own + ivec4(1, -1, size.x, -size.x), 0, last);
+            // Links across the border are zero. An invocation reads its own cell there, which no other one writes.
+            bvec4 exists = bvec4(x.x + 1 < size.x, x.x > 0, x.y + 1 < size.y, x.y > 0);
+            ivec4 around = mix(ivec4(own), own + ivec4(1, -1, size.x, -size.x), exists);
             vec4 cell = equations[from + own];
             float left = equations[from + around.y].z, above = equations[from + around.w].w;
-            vec4 link = vec4(cell.z, x.x > 0 ? left : 0.0, cell.w, x.y > 0 ? above : 0.0);
+            vec4 link = vec4(cell.z, exists.y ? left : 0.0, cell.w, exists.w ? above : 0.0);
             float over = 1.0 / max(cell.x + link.x + link.y + link.z + link.w, 1e-12);
             float coarse = steps[x.y / 2 * columns + x.x / 2];
             right_side[color][n] = over * cell.y;
             links[color][n] = over * link;
-            neighbours[color][n] = around;
+            neighbours[color][n] = mine ? around : ivec4(CELLS + index);
             place[color][n] = mine ? own : CELLS + index;
             dv[color][n] = is_coarsest ? 0.0 : coarse;
         }

@@ -8,13 +8,12 @@
 #include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform readonly image2DArray right_sides; // layer 0: red, layer 1: black
-layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // likewise; right, left, down, up
+layout(binding = 0, r32f) uniform readonly image2DArray normal_equations; // layer 0: D, averaged; RIGHT_SIDE
+layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // by color; right, left, down, up
 layout(binding = 2, std430) readonly buffer GridSteps { float steps[]; };   // dV of the first coarse grid
 layout(binding = 3, r32f) uniform image2DArray relative_blur;
-layout(binding = 4, r32f) uniform readonly image2DArray normal_equations; // D, averaged over a window
-layout(binding = 5, std430) buffer StateBuffer { State state; };
-layout(binding = 6, r32f) uniform image2DArray kept; // layer KEPT: the sums of a whole step over blocks of 2 x 2 pixels
+layout(binding = 4, std430) buffer StateBuffer { State state; };
+layout(binding = 5, r32f) uniform image2DArray kept; // layer KEPT: the sums of a whole step over blocks of 2 x 2 pixels
 layout(push_constant) uniform Constants {
     int width, height;
     int sweeps;
@@ -25,6 +24,8 @@ layout(push_constant) uniform Constants {
     float share;                         // of dV that is added
     int extrapolation;                   // KEEP, EXTRAPOLATE, or 0
 };
+
+const int RIGHT_SIDE = 1;            // the layer of the right sides
 
 uvec2 halves[2][8];                  // weights as they are stored, by color and row
 
@@ -40,7 +41,8 @@ void load(ivec2 size) {
     [[unroll]] for (int row = 0; row < ROWS; row++) {
         [[unroll]] for (int color = 0; color < 2; color++) {
             ivec3 place = ivec3(clamp(own + ivec2(0, row), ivec2(0), ivec2((size.x - 1) / 2, size.y - 1)), color);
-            right_side[color][row] = imageLoad(right_sides, place).r;
+            int x = 2 * place.x + (place.y + color & 1);
+            right_side[color][row] = imageLoad(normal_equations, ivec3(min(x, size.x - 1), place.y, RIGHT_SIDE)).r;
             vec4 w = imageLoad(weights, place);
             halves[color][row] = uvec2(packHalf2x16(w.xy), packHalf2x16(w.zw));
         }

@@ -13,6 +13,7 @@ layout(binding = 0, r32f) uniform readonly image2DArray from;
 layout(binding = 1, r32f) uniform writeonly image2DArray to;
 layout(binding = 2, std140) uniform Filters { vec4 weights[VECTORS]; };
 layout(binding = 3, std430) readonly buffer Tiles { uint tiles[]; };
+layout(constant_id = 2) const bool LONG = false;    // filters of more than TAPS weights
 layout(constant_id = 5) const bool HALVING = false; // stores every other result of either axis
 layout(push_constant) uniform Constants {
     int width, height;          // before the filters
@@ -23,29 +24,42 @@ layout(push_constant) uniform Constants {
     int radius_x, radius_y;
     int period_x, period_y;     // pixels after which the mirrored image repeats
     int listed;                 // first entry of the list of tiles
+    int blocks_x, blocks_y;     // blocks of weights of the filters
 };
 
 #include "tiles.glsl"
 
 // Adjacent results per invocation: each weight and each value is loaded once for all of them.
 const int SPAN = 8;
-// The most weights of a filter. Others are zero.
+// The most weights of a filter that is not LONG. Others are zero.
 const int TAPS = 19;
+// Weights per block of a LONG filter, and its largest radius.
+const int BLOCK = 20, REACH = 24;
 // Results from one that is stored to the next.
 const int STRIDE = HALVING ? 2 : 1;
-// Columns of results of a workgroup, and lines that it filters along x.
-const int COLUMNS = 32, LINES = 64;
+const int TOTAL = 256;               // invocations
+// Columns of results of a workgroup, and lines that it filters along x, with LONG filters.
+const int COLUMNS = 32, LINES = 64, LONG_LINES = 96;
+const int TALL = LONG ? LONG_LINES : LINES;
+// Rounds in which the invocations take the spans along x.
+const int ROUNDS = TALL * COLUMNS / SPAN > TOTAL ? 2 : 1;
 // Lines of results of a workgroup.
-const int RESULTS = (LINES - TAPS + 1) / STRIDE;
-// Values for the results of an invocation.
-const int VALUES = TAPS + STRIDE * (SPAN - 1);
+const int RESULTS = (LONG ? LONG_LINES - 2 * REACH : LINES - TAPS + 1) / STRIDE;
+// Weights at once, and values for the results of an invocation.
+const int COUNT = LONG ? BLOCK : TAPS, VALUES = COUNT + STRIDE * (SPAN - 1);
 
 // Filtered along x. One column more, so that lines begin in different banks.
-shared float filtered[LINES][COLUMNS + 1];
+shared float filtered[TALL][COLUMNS + 1];
 
 int mirrored(int place, int period, int length) {
     place = abs(place);
     return clamp(min(place, period - place), 0, length - 1);
+}
+
+void add(inout float sums[SPAN], float values[VALUES], int offset) {
+    [[unroll]] for (int j = 0; j < SPAN; j++) {
+        [[unroll]] for (int m = 0; m < COUNT; m++) sums[j] += weights[offset + m / 4][m % 4] * values[STRIDE * j + m];
+    }
 }
 
 void main() {
@@ -53,29 +67,35 @@ void main() {
     ivec2 tile = ivec2(COLUMNS, RESULTS) * ivec2(tile_at(listed));
     ivec2 size = (ivec2(width, height) + STRIDE - 1) / STRIDE;
     int n = int(gl_LocalInvocationIndex);
-    {   // A span along x for each invocation.
-        int line = n / (COLUMNS / SPAN), column = n % (COLUMNS / SPAN) * SPAN;
-        int y = mirrored(STRIDE * tile.y - radius_y + line, period_y, height), x = STRIDE * (tile.x + column) - radius_x;
-        float values[VALUES];
-        [[unroll]] for (int m = 0; m < VALUES; m++)
-            values[m] = imageLoad(from, ivec3(mirrored(x + m, period_x, width), y, source)).r;
-        [[unroll]] for (int j = 0; j < SPAN; j++) {
-            float sum = 0.0;
-            [[unroll]] for (int m = 0; m < TAPS; m++) sum += weights[offset_x + m / 4][m % 4] * values[STRIDE * j + m];
-            filtered[line][column + j] = sum;
+    // Spans along x.
+    [[unroll]] for (int round = 0; round < ROUNDS; round++) {
+        int line = (n + round * TOTAL) / (COLUMNS / SPAN), column = n % (COLUMNS / SPAN) * SPAN;
+        if (line >= TALL) continue;
+        int y = mirrored(STRIDE * tile.y - radius_y + line, period_y, height);
+        int x = STRIDE * (tile.x + column) - radius_x;
+        float sums[SPAN] = { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 };
+        for (int block = 0; block < (LONG ? blocks_x : 1); block++) {
+            float values[VALUES];
+            [[unroll]] for (int m = 0; m < VALUES; m++)
+                values[m] = imageLoad(from, ivec3(mirrored(x + BLOCK * block + m, period_x, width), y, source)).r;
+            add(sums, values, offset_x + BLOCK / 4 * block);
         }
+        [[unroll]] for (int j = 0; j < SPAN; j++) filtered[line][column + j] = sums[j];
     }
     barrier();
     if (n < (RESULTS + SPAN - 1) / SPAN * COLUMNS) {
         int line = n / COLUMNS * SPAN, column = n % COLUMNS;
         ivec2 x = tile + ivec2(column, line);
-        float values[VALUES];
-        [[unroll]] for (int m = 0; m < VALUES; m++) values[m] = filtered[min(STRIDE * line + m, LINES - 1)][column];
+        float sums[SPAN] = { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 };
+        for (int block = 0; block < (LONG ? blocks_y : 1); block++) {
+            float values[VALUES];
+            [[unroll]] for (int m = 0; m < VALUES; m++)
+                values[m] = filtered[min(STRIDE * line + BLOCK * block + m, TALL - 1)][column];
+            add(sums, values, offset_y + BLOCK / 4 * block);
+        }
         [[unroll]] for (int j = 0; j < SPAN; j++) {
-            float sum = 0.0;
-            [[unroll]] for (int m = 0; m < TAPS; m++) sum += weights[offset_y + m / 4][m % 4] * values[STRIDE * j + m];
             if (line + j < RESULTS && x.x < size.x && x.y + j < size.y)
-                imageStore(to, ivec3(x.x, x.y + j, target), vec4(sum));
+                imageStore(to, ivec3(x.x, x.y + j, target), vec4(sums[j]));
         }
     }
 }

@@ -1,6 +1,6 @@
 #version 460
-// Applies the kernel's shape to the nodes of a Gaussian's blur stack, in place. CPU reference:
-// src/engine/stages/shape.rs.
+// Applies the kernel's shape to the nodes of Gaussians' blur stacks, in place; each workgroup along z to one. CPU
+// reference: src/engine/stages/shape.rs.
 
 #include "state.glsl"
 #include "nodes.glsl"
@@ -11,10 +11,12 @@ layout(binding = 1, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
-    int first;                       // layer of the stack
+    int first, step;                 // layer of the first stack, and from a stack to the next
 };
 
-float node(ivec2 x, int k) { return imageLoad(stacks, ivec3(x, first + k)).r; }
+ivec3 place(ivec2 x, int k) { return ivec3(x, first + int(gl_WorkGroupID.z) * step + k); }
+
+float node(ivec2 x, int k) { return imageLoad(stacks, place(x, k)).r; }
 
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
@@ -29,6 +31,6 @@ void main() {
         }
         bool last = k + 1 == nodes;
         float v = last ? variances.z : variances.y, value = last ? values.z : values.y;
-        imageStore(stacks, ivec3(x, first + k), vec4(value + shape * departure(v, variances, values)));
+        imageStore(stacks, place(x, k), vec4(value + shape * departure(v, variances, values)));
     }
 }

@@ -14,7 +14,7 @@ use super::stages::state::{LevelState, MAX_LEVELS};
 /// The most coarse grids that have workgroups of their own: those of a level of 65536 x 65536 pixels.
 const COARSE: usize = 11;
 /// The number of [`Over`] without those of coarse grids.
-const FIRST: usize = 10;
+const FIRST: usize = 9;
 /// The number of all [`Over`]: each coarse grid has one, and one for its tiles.
 const GRIDS: usize = FIRST + 2 * COARSE;
 /// Words of all grids of a level.
@@ -68,14 +68,12 @@ pub(crate) enum Over {
     AlongX,
     /// The same along y.
     AlongY,
-    /// The tiles of a filter along both axes, of D and of b.
-    BothAxes,
+    /// The tiles of `system_tiles`.
+    SystemTiles,
     /// One workgroup.
     One,
     /// The tiles of `relax_tiles`.
     RelaxTiles,
-    /// The tiles of `halve_grids`.
-    HalveTiles,
     /// The n-th coarse grid.
     Coarse(usize),
     /// The tiles of `relax_grid_tiles` on the n-th coarse grid.
@@ -110,8 +108,8 @@ impl Grid {
 impl Over {
     /// All, in the order of their words.
     pub(crate) fn all() -> [Over; GRIDS] {
-        use Over::{AlongX, AlongY, Blocks, BothAxes, Half, HalveTiles, One, Pixels, RelaxTiles, Tiles};
-        let first = [Tiles, Half, Pixels, Blocks, AlongX, AlongY, BothAxes, One, RelaxTiles, HalveTiles].into_iter();
+        use Over::{AlongX, AlongY, Blocks, Half, One, Pixels, RelaxTiles, SystemTiles, Tiles};
+        let first = [Tiles, Half, Pixels, Blocks, AlongX, AlongY, SystemTiles, One, RelaxTiles].into_iter();
         let mut all = first.chain((0..COARSE).map(Over::Coarse)).chain((0..COARSE).map(Over::CoarseTiles));
         std::array::from_fn(|_| all.next().unwrap_or(One))
     }
@@ -124,10 +122,9 @@ impl Over {
             Over::Blocks => 3,
             Over::AlongX => 4,
             Over::AlongY => 5,
-            Over::BothAxes => 6,
+            Over::SystemTiles => 6,
             Over::One => 7,
             Over::RelaxTiles => 8,
-            Over::HalveTiles => 9,
             Over::Coarse(n) => FIRST + n,
             Over::CoarseTiles(n) => FIRST + COARSE + n,
         }

@@ -38,7 +38,7 @@ impl Costs {
     fn on_host(pass: &str) -> f64 {
         match pass {
             "relax" | "relax_tiles" | "shape" => 0.2,
-            "relax_grid" | "relax_grid_tiles" | "halve_grid" | "halve_grids" => 0.3,
+            "relax_grid" | "relax_grid_tiles" | "halve_grid" => 0.3,
             "convolve" | "subdivide" => 0.6,
             "linearise" => 2.6,
             "warp" | "uncertainty" => 2.0,

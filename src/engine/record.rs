@@ -112,7 +112,9 @@ pub(crate) fn record_with(
         }
         record_entries(&mut recorder, pipelines, workspace, &part.entries)?;
     }
-    recorder.finish()
+    let mut recording = recorder.finish()?;
+    recording.join_batches(script.parts.iter().map(|part| part.ends_batch));
+    Ok(recording)
 }
 
 /// Records the entries of a part, with a barrier before each that waits. The device skips those that warp I2 again as a

@@ -20,7 +20,8 @@ pub(crate) enum Slot {
     /// Spline coefficients of I2.
     Spline2,
     /// The intermediate images of separable filters. Until the next filter, their left halves hold the right sides of
-    /// the linear system for dV: of the red (layer 0) and of the black pixels (layer 1).
+    /// the linear system for dV: of the red (layer 0) and of the black pixels (layer 1). On GPUs layer 0 holds the
+    /// means of D over the window, and layer 1 the right sides at their pixels.
     Scratch,
     /// Weights of the linear system for dV, of the right, left, lower and upper neighbour, likewise.
     Weights,
@@ -37,8 +38,7 @@ pub(crate) enum Slot {
     Frames { level: usize },
     /// All frames of a sweep on the reference's pixels, band-passed, a layer each.
     Aligned,
-    /// Coefficients of each pixel's equation: D and b; of a sweep the sums over all pairs, and q. Where their means are
-    /// in `Scratch`, also the right sides of the linear system.
+    /// Coefficients of each pixel's equation: D and b; of a sweep the sums over all pairs, and q.
     NormalEquations,
     /// A bank of filter weights.
     Filters { bank: usize },
@@ -221,8 +221,6 @@ pub(crate) const RESULTS: Handle<Results> = Handle::new(Slot::Stacks);
 pub(crate) const SPLINE2: Handle<Spline2> = Handle::new(Slot::Spline2);
 pub(crate) const SCRATCH: Handle<Plane> = Handle::new(Slot::Scratch);
 pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::Scratch);
-/// The right sides in the image of D and b, while the means of these are in the scratch image.
-pub(crate) const RIGHT_SIDES_APART: Handle<RightSides> = Handle::new(Slot::NormalEquations);
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
 pub(crate) const GRID_EQUATIONS: Handle<GridEquations> = Handle::new(Slot::GridEquations);
 pub(crate) const GRID_STEPS: Handle<GridSteps> = Handle::new(Slot::GridSteps);

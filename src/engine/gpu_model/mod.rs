@@ -153,14 +153,14 @@ const COLUMNS: usize = 3 + CARDS.len();
 /// A row of the table in the documentation.
 struct Totals {
     title: String,
-    /// Parts, dispatches, kB per pixel, and ms on each card; `None` for a card of another chip.
+    /// Batches, dispatches, kB per pixel, and ms on each card; `None` for a card of another chip.
     numbers: [Option<String>; COLUMNS],
 }
 
 impl Totals {
-    fn new(title: String, parts: usize, pixels: f64, sums: &[Option<Sum>; CARDS.len()]) -> Self {
+    fn new(title: String, batches: usize, pixels: f64, sums: &[Option<Sum>; CARDS.len()]) -> Self {
         let any = sums.iter().flatten().next().copied().unwrap_or_default();
-        let counts = [parts.to_string(), any.dispatches.to_string(), format!("{:.2}", 1e-3 * any.bytes / pixels)];
+        let counts = [batches.to_string(), any.dispatches.to_string(), format!("{:.2}", 1e-3 * any.bytes / pixels)];
         let times = sums.map(|sum| sum.map(|sum| format!("{:.2}", 1e3 * sum.time)));
         let numbers: Vec<_> = counts.map(Some).into_iter().chain(times).collect();
         Self { title, numbers: numbers.try_into().unwrap() }
@@ -206,7 +206,7 @@ fn totals(chip: &str, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Com
         CARDS.each_ref().map(|card| (card.chip == chip).then(|| sum(card)))
     };
     let pixels = f64::from(solve.size[0]) * f64::from(solve.size[1]);
-    let mut rows = vec![Totals::new(solve.title.clone(), solve.parts(), pixels, &sums(|_| true))];
+    let mut rows = vec![Totals::new(solve.title.clone(), solve.batches(), pixels, &sums(|_| true))];
     if work.iter().any(is_at_edges) {
         rows.push(Totals::new(format!("edges of the {}", solve.title), 0, pixels, &sums(is_at_edges)));
     }
@@ -236,7 +236,7 @@ fn totals_are_within_those_of_the_documentation() {
     let (mut compiled, mut documentation, mut worse) = (HashMap::new(), before.clone(), String::new());
     let columns = CARDS.map(|card| format!("{}, ms", card.name)).join(" | ");
     let mut report = format!("{chip} by {driver}; other chips as documented\n");
-    report += &format!("| solve | parts | dispatches | kB per pixel | {columns} |\n");
+    report += &format!("| solve | batches | dispatches | kB per pixel | {columns} |\n");
     let mut details = String::new();
     for solve in Solve::all() {
         let work = solve.work();

@@ -10,7 +10,7 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::state::{LevelState, MAX_LEVELS};
 use crate::engine::stages::{
     coarsest_grids, convolve, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles,
-    subdivide, update_transform,
+    separable, subdivide, update_transform,
 };
 use crate::engine::sweep::model as sweep;
 use crate::engine::vulkan::{Stage, Variant};
@@ -134,9 +134,9 @@ impl Solve {
         pairs.into_iter().flatten().chain(sweeps).collect()
     }
 
-    /// The command buffers that are submitted.
-    pub(super) fn parts(&self) -> usize {
-        self.scripts.iter().map(|script| script.parts.len()).sum()
+    /// The batches of command buffers that are submitted.
+    pub(super) fn batches(&self) -> usize {
+        self.scripts.iter().flat_map(|script| &script.parts).filter(|part| part.ends_batch).count()
     }
 
     /// What the GPU executes. Parts in which no dispatch is needed are skipped by conditional rendering, and so are
@@ -272,6 +272,10 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         }
         ("relax", _) => f64::from(bytemuck::pod_read_unaligned::<relax::Constants>(c).rows) / 8.0,
         ("convolve", true) => f64::from(bytemuck::pod_read_unaligned::<convolve::Constants>(c).blocks) / 8.0,
+        ("separable", true) => {
+            let [x, y] = bytemuck::pod_read_unaligned::<separable::Constants>(c).blocks;
+            f64::from(x.max(y)) / 8.0
+        }
         _ => 1.0,
     }
 }
@@ -327,7 +331,7 @@ mod tests {
     #[test]
     fn a_registration_ends_before_the_results() {
         let [solve, registration] = [false, true].map(|registers| Solve::pair(&PAIRS[1], registers));
-        assert_eq!(registration.parts() + 1, solve.parts());
+        assert_eq!(registration.scripts[0].parts.len() + 1, solve.scripts[0].parts.len());
         let passes = ["linearise", "uncertainty", "edge_costs", "fuse"];
         let counts = |solve: &Solve| passes.map(|name| of(&solve.work(), name).count());
         let ([all, uncertainty, edges, fused], [registering, rest @ ..]) = (counts(&solve), counts(&registration));
@@ -363,7 +367,7 @@ mod tests {
         assert_eq!(rounds("coarsest_grids_shared", 5), (3.0 + 2.0 * 6.0 + 33.0) / (3.0 + 8.0 * 6.0 + 32.0));
         // Lines per invocation: one on small levels; and what takes as long as 0.3, with a warped I2 as 1.2.
         assert_eq!([5, 0].map(|level| rounds("linearise", level)), [(0.3 + 1.0) / 8.3, 1.0]);
-        assert_eq!(rounds("system", 0), 1.0);
+        assert_eq!(rounds("system_tiles", 0), 1.0);
     }
 
     #[test]

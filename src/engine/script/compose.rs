@@ -9,9 +9,7 @@ use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
-use crate::engine::stages::{
-    convolve, grid, halve_grids, linearise, relax, relax_grid, relax_tiles, separable, system, update,
-};
+use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, relax_tiles, system, system_tiles, update};
 use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
@@ -21,6 +19,9 @@ pub(super) const BOTH: [usize; 2] = [0, 1];
 /// The most pixels times outer iterations in one part: some 8 s on lavapipe, and an estimated 1 s (0.7 kB per pixel and
 /// iteration) on a GPU of 50 GB/s. Windows allows a submission 2 s.
 const PART_BUDGET: u64 = 1 << 26;
+/// The bytes that the dispatches of a batch move on a GPU: some 80 ms of one of 50 GB/s. Drivers take some microseconds
+/// for a batch.
+const BATCH_BYTES: u64 = 4 << 30;
 /// Separable filters that take as long as an outer iteration, measured on lavapipe with the blur stacks of a disk.
 const FILTERS_AN_ITERATION: u64 = 5;
 
@@ -102,12 +103,11 @@ fn groups(plan: &Plan, level: &Level, over: Over) -> [u32; 3] {
         Over::Blocks => update::tiles(level.size),
         Over::AlongX => convolve::groups([level.size[0], level.size[1]], false, linearise::LAYERS),
         Over::AlongY => convolve::groups([level.size[1], level.size[0]], true, linearise::LAYERS),
-        Over::BothAxes => separable::groups(level.size, 1, linearise::LAYERS),
+        Over::SystemTiles => system_tiles::tiles(level.size),
         Over::One => [1, 1, 1],
         // A number of sweeps without tiles has no dispatch over them.
         Over::RelaxTiles | Over::CoarseTiles(_) if !relax_tiles::takes(sweeps) => [0; 3],
         Over::RelaxTiles => relax_tiles::tiles(level.size, sweeps),
-        Over::HalveTiles => of_grid(0, &halve_grids::tiles),
         Over::Coarse(n) => of_grid(n, &relax_grid::tiles),
         Over::CoarseTiles(n) => of_grid(n, &|size| relax_tiles::tiles(size, sweeps)),
     }
@@ -166,12 +166,25 @@ impl<'a> Composer<'a> {
         }
     }
 
-    pub(super) fn finish(self, registered: usize) -> Script {
+    pub(super) fn finish(mut self, registered: usize) -> Script {
+        self.end_batches(registered);
         let grids = self.plan.pyramid[..self.plan.solved]
             .iter()
             .map(|level| Over::all().map(|over| groups(self.plan, level, over)));
         let arguments = arguments::initial_words(&grids.collect::<Vec<_>>(), &self.warps);
         Script { parts: self.parts, registered, arguments, tiles: self.lists }
+    }
+
+    /// Joins parts to batches. On a processor each part is one.
+    fn end_batches(&mut self, registered: usize) {
+        let (mut bytes, count) = (0, self.parts.len());
+        for (n, part) in self.parts.iter_mut().enumerate() {
+            bytes += part.bytes();
+            part.ends_batch = !self.plan.for_gpu || bytes >= BATCH_BYTES || [registered, count].contains(&(n + 1));
+            if part.ends_batch {
+                bytes = 0;
+            }
+        }
     }
 
     /// Adds an entry.

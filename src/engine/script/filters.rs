@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::compose::Composer;
 use crate::engine::arguments::{Grid, Over, Place};
 use crate::engine::plan::{FilterRange, Level, SCRATCH_LAYERS, StackLayer};
-use crate::engine::slot::{self, Handle, Plane, RightSides};
+use crate::engine::slot::{self, Handle, Plane};
 use crate::engine::stages::stack::Sampling;
 use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, separable, subdivide, warp};
 
@@ -31,15 +31,6 @@ impl From<Layer> for Layers {
     fn from((image, first): Layer) -> Self {
         Self { image, first, step: 1, count: 1 }
     }
-}
-
-/// The images of the linear system for dV.
-#[derive(Clone, Copy)]
-pub(super) struct Equations {
-    /// D and b after the window.
-    pub(super) smoothed: Handle<Plane>,
-    /// The right sides, in another image.
-    pub(super) right_sides: Handle<RightSides>,
 }
 
 /// The targets of the first direction of a separable filter of `count` layers.
@@ -159,20 +150,6 @@ impl Composer<'_> {
         self.separable([layers; 2], size, [self.plan.window; 2], 1, false);
     }
 
-    /// The means over the window around each pixel of D, of b and of a sweep's third layer: in place, or in the scratch
-    /// image where one dispatch filters along both axes.
-    pub(super) fn smooth_equations(&mut self, level: &Level, count: u32) -> Equations {
-        let (window, periods) = ([self.plan.window; 2], level.size.map(|side| 2 * (side - 1)));
-        if self.plan.for_gpu && count <= SCRATCH_LAYERS && takes_both_axes(level.size, window, periods) {
-            let equations = Layers { count, ..(slot::NORMAL_EQUATIONS, 0).into() };
-            self.both_axes([equations, scratch(count)], level.size, window, 1, periods, 1);
-            Equations { smoothed: slot::SCRATCH, right_sides: slot::RIGHT_SIDES_APART }
-        } else {
-            self.smooth(slot::NORMAL_EQUATIONS, count, level.size);
-            Equations { smoothed: slot::NORMAL_EQUATIONS, right_sides: slot::RIGHT_SIDES }
-        }
-    }
-
     /// The first layer of I2's blur stack: I2 warped onto I1's pixels. The second layer holds its samples in between.
     fn warp(&mut self, level: &Level) {
         let base = self.plan.first_layer(1);
@@ -194,7 +171,7 @@ impl Composer<'_> {
             self.stack_layer(level, 1..2, layer);
         }
         if self.plan.finds_shape(level) {
-            self.shape(level, 1);
+            self.shape(level, 1..2);
         }
         self.warping_again = None;
     }
@@ -309,9 +286,10 @@ impl Composer<'_> {
         periods: [u32; 2],
         spacing: u32,
     ) {
-        let tile = separable::tile(stride).map(|side| side * stride * spacing);
-        let (grid, list) = self.extent(tile, separable::groups(size, stride, from.count));
-        let grid = self.unsettled.map_or(grid, |level| Grid::Level { level, over: Over::BothAxes });
+        let radii = filters.map(|filter| filter.radius);
+        let long = separable::is_long(radii);
+        let tile = separable::tile(stride, long).map(|side| side * stride * spacing);
+        let (grid, list) = self.extent(tile, separable::groups(size, stride, long, from.count));
         let constants = separable::Constants {
             width,
             height,
@@ -321,9 +299,10 @@ impl Composer<'_> {
             to_step: to.step,
             planes: from.count,
             offsets: filters.map(|filter| filter.offset),
-            radii: filters.map(|filter| filter.radius),
+            radii,
             periods,
             listed: list.unwrap_or(0),
+            blocks: filters.map(|filter| filter.blocks),
         };
         let bindings = separable::Bindings {
             from: from.image.read(),
@@ -331,7 +310,7 @@ impl Composer<'_> {
             filters: slot::filters(filters[0].bank).read(),
             tiles: slot::TILES.read(),
         };
-        self.dispatch(bindings, &constants, separable::variant(stride, list.is_some()), grid);
+        self.dispatch(bindings, &constants, separable::variant(stride, long, list.is_some()), grid);
     }
 
     /// A filter along one axis.

@@ -32,7 +32,7 @@ pub(crate) struct Script {
     pub(crate) tiles: Vec<u32>,
 }
 
-/// A command buffer that the host can wait for or skip. It begins when all parts before are complete.
+/// A command buffer that the host can skip. It begins when all parts before are complete.
 #[derive(Debug, Default)]
 pub(crate) struct Part {
     pub(crate) entries: Vec<Entry>,
@@ -43,6 +43,16 @@ pub(crate) struct Part {
     /// The level that it begins. Devices that skip parts by themselves skip it once that level has settled: all levels
     /// do in a solve that is cancelled.
     pub(crate) begins: Option<usize>,
+    /// Whether it ends a batch: the host sees that it is complete. Parts that end none are complete with a later one.
+    pub(crate) ends_batch: bool,
+}
+
+impl Part {
+    /// The compulsory traffic of its dispatches.
+    fn bytes(&self) -> u64 {
+        let bytes = |entry: &Entry| if let Action::Dispatch(dispatch) = &entry.action { dispatch.bytes } else { 0 };
+        self.entries.iter().map(bytes).sum()
+    }
 }
 
 /// An action of a part.
@@ -225,6 +235,17 @@ mod tests {
         let weights = |script: &Script| script.dispatches().any(|dispatch| dispatch.variant[2]);
         assert!(!weights(&plain) && weights(&masked));
         assert_eq!(plain.arguments, masked.arguments);
+    }
+
+    #[test]
+    fn a_gpu_is_submitted_few_batches() {
+        let batches = |plan: &Plan| compose(plan, false).parts.iter().filter(|part| part.ends_batch).count();
+        let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
+        let plan = Plan::new(1000, 1000, [gray; 2], &Settings::default()).unwrap();
+        let all = compose(&plan, false).parts.len();
+        assert!(all > 300 && batches(&plan) == all, "of a processor each part is one, for the progress");
+        let batches = batches(&plan.shaped_for_gpu());
+        assert!(batches <= 10, "{batches}");
     }
 
     #[test]

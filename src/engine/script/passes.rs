@@ -1,18 +1,19 @@
 //! The passes of the iterations: what each binds, its push constants and what it is dispatched over.
 
-use super::compose::{BOTH, Composer};
-use super::filters::Equations;
+use std::ops::Range;
+
+use super::compose::Composer;
 use crate::base::{Decode, RegistrationStep};
 use crate::engine::arguments::{self, Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
-use crate::engine::slot::{self, Handle, RightSides};
+use crate::engine::slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
     NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, coarsest_grids_shared, exposure, grid, halve_grid,
-    halve_grids, ingest, linearise, mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles,
-    relax_level, relax_tiles, shape, shape_median, shape_windows, sums, system, uncertainty_terms, unpack, update,
+    ingest, linearise, mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles, relax_level,
+    relax_tiles, shape, shape_median, shape_windows, sums, system, system_tiles, uncertainty_terms, unpack, update,
     update_transform,
 };
 use crate::engine::vulkan::Variant;
@@ -157,18 +158,18 @@ impl Composer<'_> {
         let bindings = shape_median::Bindings { windows: slot::PARTIALS.read(), state: slot::STATE.update() };
         let constants = shape_median::Constants { windows: columns * rows };
         self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1, 1, 1]));
-        for image in BOTH {
-            self.shape(level, image);
-        }
+        self.shape(level, 0..2);
     }
 
-    /// Applies the kernel's shape to the blur stack of an image.
-    pub(super) fn shape(&mut self, level: &Level, image: usize) {
+    /// Applies the kernel's shape to the blur stacks of some images.
+    pub(super) fn shape(&mut self, level: &Level, images: Range<usize>) {
         let bindings = shape::Bindings { stacks: slot::STACKS.update(), state: slot::STATE.read() };
         let [width, height] = level.size;
-        let (nodes, first) = (level.nodes as u32, self.plan.first_layer(image));
-        let grid = self.grid(shape::STAGE.groups(level.size));
-        self.dispatch(bindings, &shape::Constants { width, height, nodes, first }, NO_VARIANT, grid);
+        let (nodes, first, step) = (level.nodes as u32, self.plan.first_layer(images.start), self.plan.first_layer(1));
+        let planes = images.len() as u32;
+        let grid = self.grid(shape::groups(level.size, planes));
+        let constants = shape::Constants { width, height, nodes, first, step, planes };
+        self.dispatch(bindings, &constants, NO_VARIANT, grid);
     }
 }
 
@@ -326,37 +327,39 @@ impl Composer<'_> {
         let ([width, height], settings) = (level.size, &self.plan.settings);
         let (alpha, smoothness_eta) = (self.plan.continued(level, k) as f32, settings.smoothness_eta as f32);
         let constants = system::Constants { width, height, alpha, rate: 1.0, smoothness_eta };
-        let equations = self.system(level, &constants, NO_VARIANT);
+        self.system(level, &constants, NO_VARIANT);
         // A whole step, then an extrapolated one, and so on.
         let extrapolation = if k.is_multiple_of(2) { update::KEEP } else { update::EXTRAPOLATE };
         let (largest_step, limit, share) = (settings.largest_step as f32, level.limit as f32, step_share(k));
         let relative_step = RELATIVE_STEP;
         let constants = update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation };
-        self.relaxation(level, equations, &constants);
+        self.relaxation(level, &constants);
     }
 
     /// The linear system for the step of the unknown: V of a pair, u of a sweep.
-    pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) -> Equations {
+    pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) {
+        let (unknown, weights) = (slot::relative_blur(level.index).read(), slot::WEIGHTS.write());
+        let (partials, state, grid) = (slot::PARTIALS.write(), slot::STATE.read(), slot::GRID_EQUATIONS.write());
+        let equations = slot::NORMAL_EQUATIONS.read();
+        if self.plan.relaxes_tiles() {
+            let window = self.plan.window;
+            let (smoothed, filters) = (slot::SCRATCH.write(), slot::filters(window.bank).read());
+            let bindings =
+                system_tiles::Bindings { unknown, equations, smoothed, weights, partials, state, grid, filters };
+            let grids = self.first_small_grid(&grid::grids(level.size)) + 1;
+            let constants = system_tiles::Constants::new(constants, window, grids);
+            return self.within(level, Over::SystemTiles, bindings, &constants, variant);
+        }
         self.unsettled = self.settles.then_some(level.index);
-        let equations = self.smooth_equations(level, system::layers(variant));
+        self.smooth(slot::NORMAL_EQUATIONS, system::layers(variant), level.size);
         self.unsettled = None;
-        let bindings = system::Bindings {
-            unknown: slot::relative_blur(level.index).read(),
-            equations: equations.smoothed.read(),
-            right_sides: equations.right_sides.write(),
-            weights: slot::WEIGHTS.write(),
-            partials: slot::PARTIALS.write(),
-            state: slot::STATE.read(),
-            grid: slot::GRID_EQUATIONS.write(),
-        };
+        let right_sides = slot::RIGHT_SIDES.write();
+        let bindings = system::Bindings { unknown, equations, right_sides, weights, partials, state, grid };
         self.within(level, Over::Pixels, bindings, constants, variant);
-        equations
     }
 
-    /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level. Then
-    /// V.
-    pub(super) fn relaxation(&mut self, level: &Level, equations: Equations, update: &update::Constants) {
-        let grids = grid::grids(level.size);
+    /// The finest grid that one workgroup takes with all coarser ones.
+    fn first_small_grid(&self, grids: &[grid::Place]) -> usize {
         let is_small = |grid: &grid::Place| {
             if self.plan.for_gpu {
                 coarsest_grids_shared::takes(grid.size)
@@ -364,13 +367,16 @@ impl Composer<'_> {
                 pixels(grid.size[0], grid.size[1]) <= coarsest_grids::MOST_CELLS
             }
         };
-        let small = grids.iter().position(is_small).unwrap_or(grids.len() - 1);
-        let mut halved = 0;
-        if self.plan.for_gpu && small > 0 {
-            halved = small.min(halve_grids::GRIDS);
-            self.halve_grids(level, grids[0], halved);
-        }
-        for n in halved..small {
+        grids.iter().position(is_small).unwrap_or(grids.len() - 1)
+    }
+
+    /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level. Then
+    /// V.
+    pub(super) fn relaxation(&mut self, level: &Level, update: &update::Constants) {
+        let grids = grid::grids(level.size);
+        let small = self.first_small_grid(&grids);
+        let last_of_system = if self.plan.relaxes_tiles() { system_tiles::GRIDS - 1 } else { 0 };
+        for n in last_of_system..small {
             self.halve_grid(level, n, [grids[n], grids[n + 1]]);
         }
         self.coarsest_grids(level, &grids[small..]);
@@ -385,10 +391,10 @@ impl Composer<'_> {
             }
         }
         if self.plan.relaxes_tiles() {
-            return self.relax_tiles(level, equations, update);
+            return self.relax_tiles(level, update);
         }
-        self.relax_pixels(level, equations.right_sides);
-        self.update(level, equations, update);
+        self.relax_pixels(level);
+        self.update(level, update);
     }
 
     /// Sums the system of the n-th grid up to the next one.
@@ -397,15 +403,6 @@ impl Composer<'_> {
         let constants = halve_grid::Constants { width, height, first: grid.first, next: next.first };
         let bindings = halve_grid::Bindings { equations: slot::GRID_EQUATIONS.update() };
         self.within(level, Over::Coarse(n), bindings, &constants, NO_VARIANT);
-    }
-
-    /// Sums the system of the first grid up to `count` coarser ones.
-    fn halve_grids(&mut self, level: &Level, grid: grid::Place, count: usize) {
-        let ([width, height], first, grids) = (grid.size, grid.first, count as u32);
-        let constants = halve_grids::Constants { width, height, first, grids };
-        let (finest, coarser) = (slot::GRID_EQUATIONS.read(), slot::GRID_EQUATIONS.write());
-        let bindings = halve_grids::Bindings { finest, coarser };
-        self.within(level, Over::HalveTiles, bindings, &constants, NO_VARIANT);
     }
 
     /// Half a relaxation sweep on the n-th grid: one color.
@@ -456,24 +453,23 @@ impl Composer<'_> {
     }
 
     /// All relaxation sweeps on the level: two dispatches each, or one dispatch for all on a small level.
-    fn relax_pixels(&mut self, level: &Level, right_sides: Handle<RightSides>) {
+    fn relax_pixels(&mut self, level: &Level) {
         if relax_level::takes(level.size) {
-            return self.relax_level(level, right_sides);
+            return self.relax_level(level);
         }
         for sweep in 0..self.plan.settings.relaxation_sweeps {
-            self.relax(level, right_sides, RED, sweep);
-            self.relax(level, right_sides, BLACK, sweep);
+            self.relax(level, RED, sweep);
+            self.relax(level, BLACK, sweep);
         }
     }
 
     /// All relaxation sweeps on the level, and the update of V.
-    fn relax_tiles(&mut self, level: &Level, equations: Equations, update: &update::Constants) {
+    fn relax_tiles(&mut self, level: &Level, update: &update::Constants) {
         let bindings = relax_tiles::Bindings {
-            right_sides: equations.right_sides.read(),
+            smoothed: slot::SCRATCH.read(),
             weights: slot::WEIGHTS.read(),
             coarse: slot::GRID_STEPS.read(),
             v: slot::relative_blur(level.index).update(),
-            equations: equations.smoothed.read(),
             state: slot::STATE.update(),
             kept: slot::UNCERTAINTY_TERMS.update(),
         };
@@ -481,9 +477,9 @@ impl Composer<'_> {
         self.within(level, Over::RelaxTiles, bindings, &constants, NO_VARIANT);
     }
 
-    fn relax_level(&mut self, level: &Level, right_sides: Handle<RightSides>) {
+    fn relax_level(&mut self, level: &Level) {
         let bindings = relax_level::Bindings {
-            right_sides: right_sides.read(),
+            right_sides: slot::RIGHT_SIDES.read(),
             weights: slot::WEIGHTS.read(),
             red: slot::change(RED).update(),
             black: slot::change(BLACK).update(),
@@ -500,9 +496,9 @@ impl Composer<'_> {
     }
 
     /// Half a relaxation sweep: one color.
-    fn relax(&mut self, level: &Level, right_sides: Handle<RightSides>, color: usize, sweep: u32) {
+    fn relax(&mut self, level: &Level, color: usize, sweep: u32) {
         let bindings = relax::Bindings {
-            right_sides: right_sides.read(),
+            right_sides: slot::RIGHT_SIDES.read(),
             weights: slot::WEIGHTS.read(),
             other: slot::change(1 - color).read(),
             own: slot::change(color).update(),
@@ -515,12 +511,12 @@ impl Composer<'_> {
     }
 
     /// Adds a share of clamp(dV) to V.
-    fn update(&mut self, level: &Level, equations: Equations, constants: &update::Constants) {
+    fn update(&mut self, level: &Level, constants: &update::Constants) {
         let bindings = update::Bindings {
             red: slot::change(RED).read(),
             black: slot::change(BLACK).read(),
             v: slot::relative_blur(level.index).update(),
-            equations: equations.smoothed.read(),
+            equations: slot::NORMAL_EQUATIONS.read(),
             state: slot::STATE.update(),
             kept: slot::UNCERTAINTY_TERMS.update(),
         };

@@ -112,8 +112,8 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold:
 /// Steps u by the linear system of all pairs, averaged over a window.
 pub(crate) fn step(plan: &Plan, level: &Level, constants: &system::Constants, update: &update::Constants) -> Script {
     script(plan, level.index, |s| {
-        let equations = s.system(level, constants, system::SWEEP);
-        s.relaxation(level, equations, update);
+        s.system(level, constants, system::SWEEP);
+        s.relaxation(level, update);
     })
 }
 

@@ -23,7 +23,7 @@ use super::state::{DoubleState, from_centre};
 use super::{Number, pixels};
 use crate::base::{Shading, brightness};
 use crate::engine::shaders;
-use crate::engine::vulkan::Variant;
+use crate::engine::vulkan::{LEAST_WORKGROUP, Variant};
 
 push_constants! {
     /// Width of the level, pixels.
@@ -107,6 +107,9 @@ pub(crate) fn shows_shading([width, height]: [u32; 2]) -> bool {
 /// With 256 invocations of 16 samples each it takes three times as long by the model of a GPU. Software devices have
 /// 256.
 const WIDE: [u32; 2] = [64, 16];
+
+// An invocation for each element of the normal equations and of their right side.
+const _: () = assert!((Shading::TERMS + 1) * (Shading::TERMS + 2) <= LEAST_WORKGROUP as usize);
 
 bindings! {
     EXPOSURE, WIDE;

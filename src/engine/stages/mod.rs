@@ -27,7 +27,6 @@ pub mod fuse;
 pub mod grid;
 pub mod half_pair;
 pub mod halve_grid;
-pub mod halve_grids;
 #[cfg(test)]
 pub(crate) mod harness;
 pub mod ingest;
@@ -57,6 +56,7 @@ pub mod state;
 pub mod subdivide;
 pub mod sums;
 pub mod system;
+pub mod system_tiles;
 pub mod total_deviation;
 pub mod uncertainty;
 pub mod uncertainty_terms;

@@ -8,7 +8,7 @@ use super::state::DoubleState;
 use super::sums::{Layout, Sums};
 use super::{Number, Raster};
 use crate::base::{Frame, Mask};
-use crate::engine::slot::{Partials, Readable, RightSides, Slot, State, Weights, Writable};
+use crate::engine::slot::{Partials, Readable, Slot, State, Weights, Writable};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// The bindings of a stage as a struct. [`bindings!`] implements it.
@@ -161,15 +161,21 @@ impl<N: Number> Memory<N> {
         std::mem::take(self.layer_mut(to, n))
     }
 
-    /// The linear system of one color: right side, then the weights of the right, left, lower and upper neighbour.
-    pub(crate) fn system(
+    /// The linear system of one color: right side, in a layer, then the weights of the right, left, lower and upper
+    /// neighbour.
+    pub(crate) fn system<Q>(
         &self,
-        right_sides: impl Readable<RightSides>,
+        (right_sides, layer): (impl Readable<Q>, usize),
         weights: impl Readable<Weights>,
-        color: u32,
+        color: usize,
     ) -> [&Raster<N>; 5] {
-        let (color, weights) = (color as usize, self.layers(weights));
-        std::array::from_fn(|i| if i == 0 { self.layer(right_sides, color) } else { &weights[4 * color + i - 1] })
+        let weights = self.layers(weights);
+        std::array::from_fn(|i| if i == 0 { self.layer(right_sides, layer) } else { &weights[4 * color + i - 1] })
+    }
+
+    /// Writes the weights of the linear system of one color.
+    pub(crate) fn set_weights(&mut self, to: impl Writable<Weights>, color: usize, weights: [Raster<N>; 4]) {
+        weights.into_iter().enumerate().for_each(|(n, weight)| self.set_layer(to, 4 * color + n, weight));
     }
 
     /// The state.

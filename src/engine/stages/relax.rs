@@ -63,7 +63,7 @@ impl Pass for Bindings {
         if variant == FIRST {
             own = start(c.color);
         }
-        let system = memory.system(self.right_sides, self.weights, c.color);
+        let system = memory.system((self.right_sides, c.color as usize), self.weights, c.color as usize);
         if variant == FIRST && c.color == 0 {
             cpu_reference(c, &system, &start(1), &mut own);
         } else {

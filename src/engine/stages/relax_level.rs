@@ -43,7 +43,7 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let start = [0, 1].map(|color| relax::start(memory.numbers(self.coarse), [c.width, c.height], color));
-        let system = [0, 1].map(|color| memory.system(self.right_sides, self.weights, color));
+        let system = [0, 1].map(|color| memory.system((self.right_sides, color), self.weights, color));
         let [red, black] = cpu_reference(c, &system, start);
         memory.set_layer(self.red, 0, red);
         memory.set_layer(self.black, 0, black);

@@ -13,6 +13,9 @@ use crate::engine::vulkan::Variant;
 /// Width and height of a tile with its halo, pixels.
 const SIDE: u32 = shaders::relaxation_tile::SIDE;
 
+/// The layer of the right sides, as [`system_tiles`](super::system_tiles) stores them.
+const RIGHT_SIDE: usize = shaders::relax_tiles::RIGHT_SIDE as usize;
+
 /// The most relaxation sweeps: with more, less than a quarter of the tile is in its interior.
 const MOST_SWEEPS: u32 = 8;
 
@@ -60,16 +63,14 @@ impl Constants {
 
 bindings! {
     RELAX_TILES:
-    /// Right sides.
-    right_sides: Reads<RightSides>,
+    /// D, averaged over a window, and the right sides.
+    smoothed: Reads<Plane>,
     /// Weights.
     weights: Reads<Weights>,
     /// dV of the coarse grids.
     coarse: Reads<GridSteps>,
     /// V.
     v: Updates<RelativeBlur>,
-    /// D, averaged over a window.
-    equations: Reads<Plane>,
     /// State, with the count.
     state: Updates<State>,
     /// The kept step.
@@ -111,10 +112,10 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let start = [0, 1].map(|color| relax::start(memory.numbers(self.coarse), [c.width, c.height], color));
-        let system = [0, 1].map(|color| memory.system(self.right_sides, self.weights, color));
+        let system = [0, 1].map(|color| memory.system((self.smoothed, RIGHT_SIDE + color), self.weights, color));
         let change = relax_level::cpu_reference(&c.relaxation(), &system, start);
         let (mut v, mut kept) = (memory.take_layer(self.v, 0), memory.take_layer(self.kept, update::KEPT));
-        let (d, variance) = (memory.layer(self.equations, 0), memory.state(self.state).variance);
+        let (d, variance) = (memory.layer(self.smoothed, 0), memory.state(self.state).variance);
         let moving = update::cpu_reference(&c.update(), change.each_ref(), d, variance, &mut kept, &mut v);
         memory.set_layer(self.v, 0, v);
         memory.set_layer(self.kept, update::KEPT, kept);
@@ -126,7 +127,7 @@ impl Pass for Bindings {
 mod tests {
     use super::super::harness::{Rig, random_field};
     use super::super::relax::{
-        interleaved,
+        both, interleaved,
         tests::{coarse_steps, system},
     };
     use super::super::state::{DoubleState, State};
@@ -174,13 +175,13 @@ mod tests {
                     let layers = [&none, &none, &none, &kept].map(Field::clone);
                     (rig.field(&v), rig.image(&layers), rig.upload(bytemuck::bytes_of(&state)))
                 });
-                let d_image = rig.field(&d);
+                let sides = both(system.each_ref().map(|[right_side, ..]| right_side), v.width);
+                let (d_image, smoothed) = (rig.field(&d), rig.image(&[d.clone(), sides]));
                 let resources = [
-                    Resource::Image(&right_sides),
+                    Resource::Image(&smoothed),
                     Resource::Image(&weights),
                     Resource::Buffer(&steps),
                     Resource::Image(&by_tiles.0),
-                    Resource::Image(&d_image),
                     Resource::Buffer(&by_tiles.2),
                     Resource::Image(&by_tiles.1),
                 ];

@@ -9,7 +9,7 @@ use super::convolve::{self, cpu_reference_mirrored};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::spline::{Number, Raster};
 use super::{WORKGROUP, pixels};
-use crate::engine::shaders::separable::{COLUMNS, LINES, SPAN, TAPS};
+use crate::engine::shaders::separable::{BLOCK, COLUMNS, LINES, LONG_LINES, REACH, SPAN, TAPS, TOTAL};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -29,37 +29,46 @@ push_constants! {
     planes: u32,
     /// First weights of the filters along x and along y, in units of four weights.
     offsets: [u32; 2],
-    /// A filter has 2 radius + 1 weights, at most 19.
+    /// A filter has 2 radius + 1 weights, at most 19, or 49 with the variant for long filters.
     radii: [u32; 2],
     /// Pixels after which the mirrored image repeats, along x and along y.
     periods: [u32; 2],
     /// First entry of the list of tiles; only with the variant for lists.
     listed: u32,
+    /// Blocks of weights of the filters along x and along y; only with the variant for long filters.
+    blocks: [u32; 2],
 }
 
 /// Whether the filters are short enough for the sides that they filter, so that one reflection suffices.
 pub(crate) fn takes(sides: [u32; 2], radii: [u32; 2], periods: [u32; 2]) -> bool {
-    let fits = |n: usize| 2 * radii[n] < TAPS && sides[n] > TAPS / 2 && sides[n] + TAPS / 2 <= periods[n];
+    let reach = if is_long(radii) { REACH } else { TAPS / 2 };
+    let fits = |n: usize| radii[n] <= reach && sides[n] > reach && sides[n] + reach <= periods[n];
     fits(0) && fits(1)
 }
 
+/// Whether filters of these radii need the variant for long ones.
+pub(crate) fn is_long(radii: [u32; 2]) -> bool {
+    2 * radii[0].max(radii[1]) >= TAPS
+}
+
+const LONG: usize = 0;
 const HALVING: usize = 3;
 
-/// The variant that filters or, with stride 2, halves. `listed`: for listed tiles.
-pub(crate) fn variant(stride: u32, listed: bool) -> Variant {
+/// The variant that filters or, with stride 2, halves. `long`: for long filters; `listed`: for listed tiles.
+pub(crate) fn variant(stride: u32, long: bool, listed: bool) -> Variant {
     let mut variant = [false, false, listed, false];
-    variant[HALVING] = stride == 2;
+    (variant[LONG], variant[HALVING]) = (long, stride == 2);
     variant
 }
 
 /// Width and height of a workgroup's results, pixels of the filtered image.
-pub(crate) fn tile(stride: u32) -> [u32; 2] {
-    [COLUMNS, (LINES - TAPS + 1) / stride]
+pub(crate) fn tile(stride: u32, long: bool) -> [u32; 2] {
+    [COLUMNS, if long { LONG_LINES - 2 * REACH } else { LINES - TAPS + 1 } / stride]
 }
 
 /// Workgroups over an image of this size before the filters, of `planes` layers.
-pub(crate) fn groups(size: [u32; 2], stride: u32, planes: u32) -> [u32; 3] {
-    let [width, height] = tile(stride);
+pub(crate) fn groups(size: [u32; 2], stride: u32, long: bool, planes: u32) -> [u32; 3] {
+    let [width, height] = tile(stride, long);
     let [columns, rows] = size.map(|side| side.div_ceil(stride));
     [columns.div_ceil(width), rows.div_ceil(height), planes]
 }
@@ -110,8 +119,11 @@ pub fn cpu_reference<N: Number>(
     cpu_reference_mirrored(&filtered, along_y, stride, true, down)
 }
 
-const _: () = assert!(TAPS == convolve::TAPS && SPAN == convolve::SPAN, "filters are padded for convolve");
-const _: () = assert!(LINES * COLUMNS == SPAN * WORKGROUP[0] * WORKGROUP[1], "a span along x for each invocation");
+const _: () = assert!(TAPS == convolve::TAPS && SPAN == convolve::SPAN && BLOCK == convolve::BLOCK);
+const _: () = assert!(TOTAL == WORKGROUP[0] * WORKGROUP[1]);
+// A span along x for each invocation, or two; one along y.
+const _: () = assert!(LINES * COLUMNS == SPAN * TOTAL && LONG_LINES * COLUMNS <= 2 * SPAN * TOTAL);
+const _: () = assert!((LONG_LINES - 2 * REACH).is_multiple_of(2 * SPAN) && LONG_LINES - 2 * REACH <= LINES);
 
 #[cfg(test)]
 mod tests {
@@ -129,6 +141,7 @@ mod tests {
         let (radii, periods) =
             (filters.map(|filter| (filter.len() / 2) as u32), [0, 1].map(|n| 2 * (size[n] - 1) + beyond[n]));
         assert!(takes(size, radii, periods));
+        let long = is_long(radii);
         let c = Constants {
             width: size[0],
             height: size[1],
@@ -137,10 +150,11 @@ mod tests {
             from_step: 2,
             to_step: 2,
             planes: 2,
-            offsets: [2, 7],
+            offsets: [2, 20],
             radii,
             periods,
             listed: 1,
+            blocks: filters.map(|filter| (filter.len() as u32).div_ceil(BLOCK)),
         };
         let expected = cpu_reference(&c, stride, filters, &input);
         let rig = Rig::new();
@@ -157,9 +171,9 @@ mod tests {
         let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
         let resources =
             [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights), Resource::Buffer(&tiles)];
-        let groups = if listed { [2, 1, 2] } else { groups(size, stride, 2) };
-        rig.run_variant(&STAGE, variant(stride, listed), &resources, &c, groups);
-        let [right, below] = [tile(stride)[0], 2 * tile(stride)[1]].map(|side| side as usize);
+        let groups = if listed { [2, 1, 2] } else { groups(size, stride, long, 2) };
+        rig.run_variant(&STAGE, variant(stride, long, listed), &resources, &c, groups);
+        let [right, below] = [tile(stride, long)[0], 2 * tile(stride, long)[1]].map(|side| side as usize);
         let written = Field::from_fn(expected.width, expected.height, |x, y| {
             if !listed || x < right && y < below { expected.get(x, y) } else { 0.0 }
         });
@@ -182,10 +196,25 @@ mod tests {
     }
 
     #[test]
+    fn long_filters_match_the_cpu_reference() {
+        let [short, longest, halving] = [filter::gaussian(4.0), filter::gaussian(31.0), filter::gaussian_halving(5.5)];
+        assert_eq!([&longest, &halving].map(Vec::len), [49, 33]);
+        for size in [[53, 49], [150, 101], [65, 98]] {
+            for filters in [[&longest; 2], [&short, &longest], [&halving, &short]] {
+                for stride in [1, 2] {
+                    check(size, filters.map(Vec::as_slice), stride, false, [0, 0]);
+                    check(size, filters.map(Vec::as_slice), stride, true, [1, 0]);
+                }
+            }
+        }
+    }
+
+    #[test]
     fn short_sides_and_long_filters_are_left_to_convolve() {
         assert!(takes([11, 16], [9, 9], [20, 30]) && !takes([10, 16], [9, 9], [18, 30]));
         assert!(takes([16, 16], [9, 9], [30, 30]) && takes([32, 20], [9, 4], [61, 38]));
         assert!(!takes([9, 16], [9, 9], [16, 30]), "shorter than the filter");
-        assert!(!takes([16, 16], [10, 9], [30, 30]), "too many weights");
+        assert!(!takes([16, 16], [10, 9], [30, 30]), "shorter than a long filter");
+        assert!(takes([25, 48], [10, 24], [49, 94]) && !takes([90, 90], [25, 9], [178, 178]), "too many weights");
     }
 }

@@ -1,4 +1,4 @@
-//! Applies the kernel's shape to the nodes of a Gaussian's blur stack, in place.
+//! Applies the kernel's shape to the nodes of a Gaussian's blur stacks, in place.
 //!
 //! It adds the [estimated share](super::shape_median) of a disk's [departure](super::stack::departure) from a Gaussian.
 //! The slope at a node stays half the Laplacian, which is exact only for a Gaussian. Between nodes a disk's image is
@@ -15,27 +15,37 @@ push_constants! {
     height: u32,
     /// Nodes of the stack.
     nodes: u32,
-    /// Its first layer.
+    /// First layer of the first stack.
     first: u32,
+    /// From a stack to the next.
+    step: u32,
+    /// The number of stacks: workgroups along z.
+    planes: u32,
 }
 
 bindings! {
     SHAPE:
-    /// Stacks of I1 and I2, of which one is changed.
+    /// Stacks of I1 and I2; one or both are changed.
     stacks: Updates<Stacks>,
     state: Reads<State>,
+}
+
+/// Workgroups over the blur stacks of `planes` images.
+pub(crate) fn groups(size: [u32; 2], planes: u32) -> [u32; 3] {
+    let [x, y, _] = STAGE.groups(size);
+    [x, y, planes]
 }
 
 impl Pass for Bindings {
     /// Compulsory traffic: every node read, every one but the sharp image written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * u64::from(2 * c.nodes - 1) * pixels(c.width, c.height)
+        4 * u64::from(c.planes) * u64::from(2 * c.nodes - 1) * pixels(c.width, c.height)
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let shape = memory.state(self.state).kernel_shape;
-        if shape != 0.0 {
-            let first = c.first as usize;
+        for plane in (0..c.planes).filter(|_| shape != 0.0) {
+            let first = (c.first + plane * c.step) as usize;
             let shaped = cpu_reference(shape, &memory.layers(self.stacks)[first..first + c.nodes as usize]);
             shaped.into_iter().enumerate().for_each(|(k, node)| memory.set_layer(self.stacks, first + k, node));
         }
@@ -81,11 +91,12 @@ mod tests {
                 let count = node_count(9.0);
                 let stacks = images.map(|image| build_stack(&image, &Kernel::Gaussian, count)).concat();
                 let [width, height] = [width as u32, height as u32];
-                let c = Constants { width, height, nodes: count as u32, first: 0 };
+                let nodes = count as u32;
+                let c = Constants { width, height, nodes, first: 0, step: nodes, planes: 2 };
                 let state = State { kernel_shape: shape, ..State::new(&DoubleState::default().registration) };
                 let inputs = [Input::Image(&stacks), Input::State(&state)];
                 // Single precision, with coefficients of a few and differences times 4 at most.
-                Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups([width, height])).assert_within(2e-5);
+                Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, groups([width, height], 2)).assert_within(2e-5);
             }
         }
     }

@@ -85,8 +85,7 @@ impl Pass for Bindings {
         let (colors, sums, coarse) = cpu_reference(c, alpha, memory.layer(self.unknown, 0), equations);
         for (color, [right_side, weights @ ..]) in colors.into_iter().enumerate() {
             memory.set_layer(self.right_sides, color, right_side);
-            let place = |n: usize| 4 * color + n;
-            weights.into_iter().enumerate().for_each(|(n, weight)| memory.set_layer(self.weights, place(n), weight));
+            memory.set_weights(self.weights, color, weights);
         }
         memory.numbers_mut(self.grid, coarse.len())[..coarse.len()].copy_from_slice(&coarse);
         if variant == SWEEP {

@@ -17,6 +17,8 @@ use crate::engine::{arguments, shaders};
 
 // The shader clears the words of a level by one per invocation.
 const _: () = assert!(arguments::WORDS <= (WORKGROUP[0] * WORKGROUP[1]) as usize);
+// An invocation for each element of N and of the right side.
+const _: () = assert!(UNKNOWNS * (UNKNOWNS + 1) <= (WORKGROUP[0] * WORKGROUP[1]) as usize);
 
 push_constants! {
     /// Rows of partial sums, one per workgroup of `linearise`.

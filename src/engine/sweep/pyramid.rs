@@ -13,7 +13,7 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::state::Registration;
 use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
 use crate::engine::stages::update_transform::displacing;
-use crate::engine::stages::{Field, align, half_pair, system, update};
+use crate::engine::stages::{Field, align, half_pair, system, system_tiles, update};
 use crate::engine::tiles::Ranges;
 
 /// The longest side of the level where a solve starts, px.
@@ -501,7 +501,8 @@ impl PyramidSolver {
     fn step(&mut self, level: &Level, shared: &SharedParameters, rate: f64) -> Result<[f64; 2], Error> {
         let (system, update) = shared.step(level, rate);
         self.device.run(&sweep::step(&self.plan, level, &system, &update))?;
-        let [columns, rows, _] = system::tiles(level.size);
+        let tiles = if self.plan.relaxes_tiles() { system_tiles::tiles } else { system::tiles };
+        let [columns, rows, _] = tiles(level.size);
         let floats = (columns * rows) as usize * system::SUMS;
         let rows = self.device.partials(0, floats)?;
         let total = |n: usize| rows.chunks_exact(system::SUMS).map(|row| f64::from(row[n])).sum();

@@ -13,7 +13,7 @@ const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 type Messages = Mutex<Vec<String>>;
 
 /// The invocations of a workgroup that each usable device has.
-pub(super) const LEAST_WORKGROUP: u32 = 256;
+pub(crate) const LEAST_WORKGROUP: u32 = 256;
 
 /// The name of the loader in errors.
 const LOADER: &str = "the Vulkan loader";

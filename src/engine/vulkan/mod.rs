@@ -20,10 +20,10 @@ pub(crate) use device::{Device, MIB};
 pub use device_source::{DeviceSolution, DeviceSource, SolutionBuffer};
 pub(crate) use device_source::{SourceCopy, SourceLocation};
 pub use external_memory::{HostMemory, SharedMemory};
-pub(crate) use instance::Instance;
 pub use instance::OPTIONAL_EXTENSIONS;
 #[cfg(test)]
 pub(crate) use instance::no_conditional_rendering;
+pub(crate) use instance::{Instance, LEAST_WORKGROUP};
 pub use interop::{
     DeviceRequirements, ExternalCommandBuffer, ExternalDevice, QueueGuard, QueueLock, REQUIRED_VERSION, SemaphoreWait,
     SharedQueue, enable_required_features,

@@ -93,7 +93,7 @@ impl Recorder {
         completion: &Arc<Buffer>,
     ) -> Self {
         let mut recorder = Self::empty(device, Timestamps::default());
-        recorder.parts.push(Part { commands: commands.0, is_optional: false });
+        recorder.parts.push(Part { commands: commands.0, is_optional: false, ends_batch: true });
         recorder.retain(completion.clone());
         recorder.completion = Some(completion.clone());
         recorder.barrier();
@@ -216,7 +216,7 @@ impl Recorder {
             Some(commands) => commands,
             None => self.allocate()?,
         };
-        self.parts.push(Part { commands, is_optional });
+        self.parts.push(Part { commands, is_optional, ends_batch: true });
         // SAFETY: the command buffer is in the initial state.
         let begun =
             unsafe { self.device.handle.begin_command_buffer(self.commands(), &vk::CommandBufferBeginInfo::default()) };

@@ -20,6 +20,8 @@ pub(super) struct Part {
     pub(super) commands: vk::CommandBuffer,
     /// Whether the host decides to submit it when the earlier parts are complete.
     pub(super) is_optional: bool,
+    /// Whether the timeline counts it when it is complete, with those before it.
+    pub(super) ends_batch: bool,
 }
 
 /// A timeline semaphore and its value.
@@ -57,7 +59,7 @@ pub(crate) struct Recording {
     parts: Vec<Part>,
     descriptors: DescriptorSets,
     timestamps: Timestamps,
-    /// A timeline semaphore that counts the submitted parts of all runs.
+    /// A timeline semaphore that counts the submitted parts of all runs, by batches.
     timeline: vk::Semaphore,
     /// The value of the timeline when all submitted parts are complete.
     end_value: AtomicU64,
@@ -104,6 +106,11 @@ impl Recording {
         Ok(recording)
     }
 
+    /// Sets which parts end a batch. The host is notified of the others when the next one that does is complete.
+    pub(crate) fn join_batches(&mut self, ends: impl Iterator<Item = bool>) {
+        self.parts.iter_mut().zip(ends).for_each(|(part, ends)| part.ends_batch = ends);
+    }
+
     /// Resets the command pool and returns the objects for another recording. All runs must be complete.
     pub(super) fn into_reusable(mut self) -> Result<Reusable, Error> {
         self.device.check_usable()?;
@@ -141,8 +148,8 @@ impl Recording {
     }
 
     /// Runs the first `parts` parts, and waits for them. An optional part is skipped if `is_wanted` is false for its
-    /// index. `on_part_end` is called with the number of parts that are complete or skipped. Parts between two optional
-    /// ones are one submission.
+    /// index. `on_part_end` is called with the number of parts that are complete or skipped, for all parts of a batch
+    /// when its last one is complete. Parts between two optional ones are one submission.
     ///
     /// # Errors
     /// Those of `is_wanted`; [`Error::Timeout`], which poisons the device as every failed wait does; [`Error::Vulkan`].
@@ -166,7 +173,9 @@ impl Recording {
             let run = Run { recording: self, last: self.end_value() + (end - next) as u64 };
             run.recording.submit_parts(&run.recording.parts[next..end], &[])?;
             for part in next + 1..=end {
-                run.wait(run.recording.end_value() + (part - next) as u64, deadline)?;
+                // Only for values that are signaled: validation (1.3.239) waits for others for ever.
+                let batch = (part..end).find(|&part| run.recording.parts[part - 1].ends_batch).unwrap_or(end);
+                run.wait(run.recording.end_value() + (batch - next) as u64, deadline)?;
                 on_part_end(part);
             }
             drop(run);
@@ -247,20 +256,27 @@ impl Recording {
     fn submit_parts(&self, parts: &[Part], waits: &[SemaphoreWait]) -> Result<(), Error> {
         let waits: Vec<_> = waits.iter().map(SemaphoreWait::submit_info).collect();
         let commands: Vec<_> =
-            parts.iter().map(|part| [vk::CommandBufferSubmitInfo::default().command_buffer(part.commands)]).collect();
-        let signals: Vec<_> = (1..=parts.len() as u64)
-            .map(|part| {
+            parts.iter().map(|part| vk::CommandBufferSubmitInfo::default().command_buffer(part.commands)).collect();
+        let batches: Vec<_> = parts.split_inclusive(|part| part.ends_batch).map(<[Part]>::len).collect();
+        let ends = batches.iter().scan(0, |end, batch| {
+            *end += batch;
+            Some(*end)
+        });
+        let signals: Vec<_> = ends
+            .map(|end| {
                 [vk::SemaphoreSubmitInfo::default()
                     .semaphore(self.timeline)
-                    .value(self.end_value() + part)
+                    .value(self.end_value() + end as u64)
                     .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)]
             })
             .collect();
-        let mut submits: Vec<_> = commands
+        let mut rest = commands.as_slice();
+        let mut submits: Vec<_> = batches
             .iter()
             .zip(&signals)
-            .map(|(command, signal)| {
-                vk::SubmitInfo2::default().command_buffer_infos(command).signal_semaphore_infos(signal)
+            .map(|(&batch, signal)| {
+                let commands = rest.split_off(..batch).unwrap_or_default();
+                vk::SubmitInfo2::default().command_buffer_infos(commands).signal_semaphore_infos(signal)
             })
             .collect();
         if let Some(first) = submits.first_mut() {
