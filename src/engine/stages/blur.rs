@@ -95,25 +95,33 @@ pub(super) fn sample_jets<R: Real>(
         let still = (v.abs() - near).choose(none, slope);
         Blurred { value: jet.value + slope * v.max(-near).min(near), slope: still, dx: jet.dx, dy: jet.dy }
     };
-    let (mut blurred, [least, most]) = ([beyond(&i1, 0.5), beyond(&i2, -0.5)], v.range());
-    if most >= 0.0 {
-        let b1 = stack::between(
-            v.max(none),
-            counts[0],
-            #[inline(always)]
-            |k| first(k).node(),
-        );
-        blurred[0] = Blurred::choose(v, b1, blurred[0]);
-    }
-    if least < 0.0 {
-        let b2 = stack::between(
-            (-v).max(none),
-            counts[1],
-            #[inline(always)]
-            |k| second(k).moved(shift).node(),
-        );
-        blurred[1] = Blurred::choose(v, blurred[1], Blurred { slope: -b2.slope, ..b2 });
-    }
+    let [least, most] = v.range();
+    // Usually all pixels have one sign. Then neither image is blurred and extrapolated.
+    let blurred = [
+        if most >= 0.0 {
+            let b1 = stack::between(
+                v.max(none),
+                counts[0],
+                #[inline(always)]
+                |k| first(k).node(),
+            );
+            if least >= 0.0 { b1 } else { Blurred::choose(v, b1, beyond(&i1, 0.5)) }
+        } else {
+            beyond(&i1, 0.5)
+        },
+        if least < 0.0 {
+            let b2 = stack::between(
+                (-v).max(none),
+                counts[1],
+                #[inline(always)]
+                |k| second(k).moved(shift).node(),
+            );
+            let b2 = Blurred { slope: -b2.slope, ..b2 };
+            if most < 0.0 { b2 } else { Blurred::choose(v, beyond(&i2, -0.5), b2) }
+        } else {
+            beyond(&i2, -0.5)
+        },
+    ];
     PairSample { i1: i1.value, i2, blurred }
 }
 

@@ -143,7 +143,7 @@ pub fn cpu_reference_mirrored<N: Number>(
 
 /// As [`cpu_reference_mirrored`], in the memory of a raster, so that no new memory has to be zeroed.
 fn filter_into<N: Number>(
-    mut result: Raster<N>,
+    result: Raster<N>,
     input: &Raster<N>,
     filter: &[N],
     stride: usize,
@@ -151,8 +151,7 @@ fn filter_into<N: Number>(
     period: usize,
 ) -> Raster<N> {
     let halved = |side: usize, along: bool| if along { side.div_ceil(stride) } else { side };
-    (result.width, result.height) = (halved(input.width, !vertical), halved(input.height, vertical));
-    result.data.resize(result.width * result.height, N::default());
+    let mut result = result.of_size([halved(input.width, !vertical), halved(input.height, vertical)]);
     let radius = (filter.len() / 2) as isize;
     result.fill_rows(|y, sums| {
         let mirrored = if vertical { Vec::new() } else { mirrored_row(input.row(y), radius, period) };

@@ -65,7 +65,7 @@ pub fn cpu_reference<N: Number>(
 ) -> Raster<N> {
     let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
     warp::displaced(
-        size,
+        Raster::zeros(v.width, v.height),
         (r, 1.0, centre),
         #[inline(always)]
         |at @ [x, y], d| {

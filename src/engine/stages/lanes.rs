@@ -16,8 +16,14 @@ pub(super) struct Lanes<N>([N; LANES]);
 #[inline]
 pub(super) fn vectorised<T>(compute: impl FnOnce() -> T) -> T {
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-    if let Some(avx2) = fearless_simd::Level::new().as_avx2() {
-        return fearless_simd::Simd::vectorize(avx2, compute);
+    {
+        let level = fearless_simd::Level::new();
+        if let Some(avx512) = level.as_avx512() {
+            return fearless_simd::Simd::vectorize(avx512, compute);
+        }
+        if let Some(avx2) = level.as_avx2() {
+            return fearless_simd::Simd::vectorize(avx2, compute);
+        }
     }
     compute()
 }
@@ -52,13 +58,15 @@ impl<N: Number> Lanes<N> {
         Self(lanes)
     }
 
-    /// The numbers as integers.
+    /// The numbers, which are whole and of at most 31 bits, as integers.
     #[inline(always)]
     pub(super) fn integers(self) -> [isize; LANES] {
+        // Numbers of this size end with their ones. A conversion would not be vectorised, since it has to saturate.
+        const WHOLE: f64 = 1.5 * (1u64 << 52) as f64;
         let mut integers = [0; LANES];
         for n in 0..LANES {
             let number: f64 = self.0[n].into();
-            integers[n] = number as i32 as isize;
+            integers[n] = (number + WHOLE).to_bits() as i32 as isize;
         }
         integers
     }
@@ -176,11 +184,15 @@ impl<N: Number> Real for Lanes<N> {
     }
     #[inline(always)]
     fn range(self) -> [f64; 2] {
-        let [mut least, mut most] = [self.0[0]; 2];
-        for n in 1..LANES {
-            least = if self.0[n] < least { self.0[n] } else { least };
-            most = if self.0[n] > most { self.0[n] } else { most };
+        let [mut least, mut most] = [self.0; 2];
+        let mut half = LANES / 2;
+        while half > 0 {
+            for n in 0..half {
+                least[n] = least[n].min(least[n + half]);
+                most[n] = most[n].max(most[n + half]);
+            }
+            half /= 2;
         }
-        [least.into(), most.into()]
+        [least[0].into(), most[0].into()]
     }
 }

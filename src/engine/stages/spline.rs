@@ -158,6 +158,12 @@ impl<N: Number> Raster<N> {
         Self { width, height, data: vec![N::default(); width * height] }
     }
 
+    /// The memory of a raster for one of another size. Its numbers are undefined: no time is lost to set them.
+    pub(crate) fn of_size(mut self, [width, height]: [usize; 2]) -> Self {
+        self.data.resize(width * height, N::default());
+        Self { width, height, ..self }
+    }
+
     /// The number at a place inside.
     pub fn get(&self, x: usize, y: usize) -> f64 {
         self.data[y * self.width + x].into()
@@ -306,19 +312,24 @@ pub fn near<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet {
 /// The spline at the pixels from (x, y) to the right. Beyond the border it is mirrored.
 #[inline(always)]
 pub(super) fn near_lanes<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet<Lanes<N>> {
-    let (width, mut taps) = (coefficients.width, [[Lanes::default(); 3]; 3]);
-    for (taps, row) in taps.iter_mut().zip(beside(y, coefficients.height)) {
-        let row = coefficients.row(row);
-        let mut mirrored = [N::default(); LANES + 2];
-        let near = if x > 0 && x + LANES < width {
-            &row[x - 1..][..LANES + 2]
-        } else {
-            for (n, number) in mirrored.iter_mut().enumerate() {
-                *number = row[mirror((x + n) as isize - 1, width)];
+    let Raster { width, height, ref data } = *coefficients;
+    let mut taps = [[Lanes::default(); 3]; 3];
+    if x > 0 && x + LANES < width && y > 0 && y + 1 < height {
+        let first = (y - 1) * width + x - 1;
+        let near = &data[first..first + 2 * width + LANES + 2];
+        for j in 0..3 {
+            for i in 0..3 {
+                taps[j][i] = Lanes::load(near, j * width + i);
             }
-            &mirrored[..]
-        };
-        *taps = [Lanes::load(near, 0), Lanes::load(near, 1), Lanes::load(near, 2)];
+        }
+        return on_pixel(taps);
+    }
+    for (taps, row) in taps.iter_mut().zip(beside(y, height)) {
+        let (row, mut near) = (coefficients.row(row), [N::default(); LANES + 2]);
+        for (n, number) in near.iter_mut().enumerate() {
+            *number = row[mirror((x + n) as isize - 1, width)];
+        }
+        *taps = [Lanes::load(&near, 0), Lanes::load(&near, 1), Lanes::load(&near, 2)];
     }
     on_pixel(taps)
 }
@@ -376,7 +387,18 @@ fn taps_of_row<N: Number, const COUNT: usize>(raster: &Raster<N>, [x, y]: [isize
     taps
 }
 
-/// The places of the pixels from (x, y) to the right, displaced by d: columns and rows, and the fractions beyond them.
+/// The whole pixels of the places of the pixels from (x, y) to the right, displaced: (x, y), and by how much from there.
+pub(super) struct Corners<N>([usize; 2], [Lanes<N>; 2]);
+
+impl<N: Number> Corners<N> {
+    /// The pixels that are `n` to the right and below.
+    #[inline(always)]
+    fn moved(self, n: f64) -> Self {
+        Self(self.0, [self.1[0] + Lanes::of(n), self.1[1] + Lanes::of(n)])
+    }
+}
+
+/// The places of the pixels from (x, y) to the right, displaced by d: whole pixels, and the fractions beyond them.
 /// Places are moved to between `bounds` of the last column or row.
 #[inline(always)]
 pub(super) fn displaced<N: Number>(
@@ -384,46 +406,44 @@ pub(super) fn displaced<N: Number>(
     d: [Lanes<N>; 2],
     [width, height]: [usize; 2],
     bounds: impl Fn(f64) -> [f64; 2],
-) -> ([[isize; 2]; LANES], [Lanes<N>; 2]) {
+) -> (Corners<N>, [Lanes<N>; 2]) {
     let of = |first: Lanes<N>, d: Lanes<N>, size: usize| {
         let [least, most] = bounds(size as f64 - 1.0);
         d.max(Lanes::of(least) - first).min(Lanes::of(most) - first)
     };
     let d = [of(Lanes::ramp(x), d[0], width), of(Lanes::of(y as f64), d[1], height)];
     let whole = [d[0].floor(), d[1].floor()];
-    let (columns, rows) = (whole[0].integers(), whole[1].integers());
-    let mut corners = [[0; 2]; LANES];
-    for n in 0..LANES {
-        corners[n] = [(x + n) as isize + columns[n], y as isize + rows[n]];
-    }
-    (corners, [d[0] - whole[0], d[1] - whole[1]])
+    (Corners([x, y], whole), [d[0] - whole[0], d[1] - whole[1]])
 }
 
 /// `COUNT` x `COUNT` numbers to the right of and below corners, mirrored.
 #[inline(always)]
 pub(super) fn taps<N: Number, const COUNT: usize>(
     raster: &Raster<N>,
-    corners: &[[isize; 2]; LANES],
+    &Corners([x, y], d): &Corners<N>,
 ) -> [[Lanes<N>; COUNT]; COUNT] {
-    let mut taps = [[Lanes::default(); COUNT]; COUNT];
-    let [[x, y], [last, _]] = [corners[0], corners[LANES - 1]];
-    let mut adjacent =
-        x >= 0 && y >= 0 && last >= x && last as usize + COUNT <= raster.width && y as usize + COUNT <= raster.height;
-    for n in 0..LANES {
-        adjacent &= corners[n] == [x + n as isize, y];
-    }
-    if adjacent {
-        for j in 0..COUNT {
-            let row = &raster.row(y as usize + j)[x as usize..][..LANES + COUNT - 1];
-            for i in 0..COUNT {
-                taps[j][i] = Lanes::load(row, i);
+    let (mut taps, [width, height]) = ([[Lanes::default(); COUNT]; COUNT], [raster.width, raster.height]);
+    let ([left, right], [top, bottom]) = (d[0].range(), d[1].range());
+    let [column, row] = [x as isize + left as isize, y as isize + top as isize];
+    // Usually all pixels are displaced by the same whole pixels.
+    if left == right && top == bottom && column >= 0 && row >= 0 {
+        let [column, row] = [column as usize, row as usize];
+        if column + LANES + COUNT <= width + 1 && row + COUNT <= height {
+            let first = row * width + column;
+            let near = &raster.data[first..first + (COUNT - 1) * width + LANES + COUNT - 1];
+            for j in 0..COUNT {
+                for i in 0..COUNT {
+                    taps[j][i] = Lanes::load(near, j * width + i);
+                }
             }
+            return taps;
         }
-        return taps;
     }
+    let [columns, rows] = d.map(Lanes::integers);
     for n in 0..LANES {
+        let corner = [(x + n) as isize + columns[n], y as isize + rows[n]];
         for j in 0..COUNT {
-            let line = taps_of_row::<N, COUNT>(raster, corners[n], j);
+            let line = taps_of_row::<N, COUNT>(raster, corner, j);
             for i in 0..COUNT {
                 taps[j][i].set(n, line[i]);
             }
@@ -437,11 +457,8 @@ pub(super) fn taps<N: Number, const COUNT: usize>(
 #[inline(always)]
 pub(super) fn read_lanes<N: Number>(coefficients: &Raster<N>, at: [usize; 2], d: [Lanes<N>; 2]) -> Jet<Lanes<N>> {
     let size = [coefficients.width, coefficients.height];
-    let (mut corners, fractions) = displaced(at, d, size, |last| [-2.0 * last - 1.0, 2.0 * last + 1.0]);
-    for corner in &mut corners {
-        *corner = [corner[0] - 1, corner[1] - 1];
-    }
-    between_pixels(taps(coefficients, &corners), fractions)
+    let (corners, fractions) = displaced(at, d, size, |last| [-2.0 * last - 1.0, 2.0 * last + 1.0]);
+    between_pixels(taps(coefficients, &corners.moved(-1.0)), fractions)
 }
 
 #[cfg(test)]

@@ -50,8 +50,9 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+        let reused = memory.take_layer(self.stacks, c.layer as usize);
         let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);
-        let samples = cpu_reference(c, &r, &shading, memory.layer(self.spline2, 0));
+        let samples = warped(reused, c, &r, &shading, memory.layer(self.spline2, 0));
         memory.set_layer(self.stacks, c.layer as usize, samples);
         let state = memory.state_mut(self.state);
         (state.warped, state.applied_shading) = (r, shading);
@@ -60,23 +61,34 @@ impl Pass for Bindings {
 
 /// Samples of I2 at T x times the shading, mirrored once where T leaves I2.
 pub fn cpu_reference<N: Number>(c: &Constants, r: &Registration, shading: &Shading, spline2: &Raster<N>) -> Raster<N> {
+    warped(Raster::default(), c, r, shading, spline2)
+}
+
+/// As [`cpu_reference`], in the memory of a raster.
+fn warped<N: Number>(
+    reused: Raster<N>,
+    c: &Constants,
+    r: &Registration,
+    shading: &Shading,
+    spline2: &Raster<N>,
+) -> Raster<N> {
     let centre = c.centre.map(f64::from);
     displaced(
-        [spline2.width, spline2.height],
+        reused.of_size([spline2.width, spline2.height]),
         (r, c.factor.into(), centre),
         #[inline(always)]
         |at, d| resampled(shading, centre, spline2, at, d),
     )
 }
 
-/// A raster of the values at the pixels from (x, y) to the right, which T displaces by d on a level whose pixels are
-/// `factor` wide.
+/// Fills a raster with the values at the pixels from (x, y) to the right, which T displaces by d on a level whose
+/// pixels are `factor` wide.
 pub(super) fn displaced<N: Number>(
-    [width, height]: [usize; 2],
+    mut raster: Raster<N>,
     (r, factor, centre): (&Registration, f64, [f64; 2]),
     values: impl Fn([usize; 2], [Lanes<N>; 2]) -> Lanes<N> + Sync,
 ) -> Raster<N> {
-    let mut raster = Raster::zeros(width, height);
+    let width = raster.width;
     raster.fill_rows(|y, row| {
         let [mut dx, mut dy] = [(); 2].map(|()| vec![N::default(); width.next_multiple_of(LANES)]);
         vectorised(
