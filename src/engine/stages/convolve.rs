@@ -254,9 +254,8 @@ pub(crate) fn run_both<N: Number>(
         return false;
     }
     let stride = stride(along_x) as usize;
-    let filters = [(x.filters, of_x), (y.filters, of_y)].map(|(filters, c)| {
-        memory.numbers(filters)[4 * c.offset as usize..][..2 * c.radius as usize + 1].to_vec()
-    });
+    let filters = [(x.filters, of_x), (y.filters, of_y)]
+        .map(|(filters, c)| memory.numbers(filters)[4 * c.offset as usize..][..2 * c.radius as usize + 1].to_vec());
     let filters = filters.each_ref().map(Vec::as_slice);
     let periods = [of_x.period, of_y.period].map(|period| period as usize);
     for plane in 0..of_x.planes {

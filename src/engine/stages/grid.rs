@@ -114,15 +114,32 @@ fn relax_row<N: Number>(
     dv: &mut [N],
 ) {
     let ([above, cells], [up, here, down], width) = (cells, changes, dv.len());
-    let mut relax = |x: usize, [before, behind]: [N; 2], left: N| {
-        let ([d, r, right, below], above) = (cells[x], linked * above[x][3]);
-        let sum = r + right * behind + left * before + below * down[x] + above * up[x];
-        let diagonal = d + right + left + below + above;
-        dv[x] = here[x] + over_relaxation * (sum / diagonal.max(N::of(1e-12)) - here[x]);
-    };
-    for x in (first..width).step_by(2) {
+    let relaxed =
+        |[before, own, behind]: [N; 3], left: N, [d, r, right, below]: Cell<N>, above: N, [up, down]: [N; 2]| {
+            let above = linked * above;
+            let sum = r + right * behind + left * before + below * down + above * up;
+            let diagonal = d + right + left + below + above;
+            own + over_relaxation * (sum / diagonal.max(N::of(1e-12)) - own)
+        };
+    // Cells with one before and one behind: pairs of adjacent cells, the second of which are relaxed.
+    let start = 2 - first;
+    let count = width.saturating_sub(start) / 2;
+    if count > 0 {
+        let pairs = &cells[start - 1..].as_chunks::<2>().0[..count];
+        let above = &above[start..].as_chunks::<2>().0[..count];
+        let [before, up, down] =
+            [&here[start - 1..], &up[start..], &down[start..]].map(|row| &row.as_chunks::<2>().0[..count]);
+        let dv = &mut dv[start..].as_chunks_mut::<2>().0[..count];
+        for n in 0..count {
+            let ([left, cell], [before, own], behind) = (pairs[n], before[n], dv[n][1]);
+            let own = relaxed([before, own, behind], left[2], cell, above[n][0][3], [up[n][0], down[n][0]]);
+            dv[n] = [own, behind];
+        }
+    }
+    for x in [0, width - 1].into_iter().take(width).filter(|x| x % 2 == first) {
         let (before, left) = if x > 0 { (here[x - 1], cells[x - 1][2]) } else { Default::default() };
-        relax(x, [before, if x + 1 < width { here[x + 1] } else { N::default() }], left);
+        let behind = if x + 1 < width { here[x + 1] } else { N::default() };
+        dv[x] = relaxed([before, here[x], behind], left, cells[x], above[x][3], [up[x], down[x]]);
     }
 }
 

@@ -1,6 +1,8 @@
 //! Several numbers that are computed with at once.
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+use std::sync::LazyLock;
 
 use super::{Number, Real};
 
@@ -17,7 +19,9 @@ pub(super) struct Lanes<N>([N; LANES]);
 pub(super) fn vectorised<T>(compute: impl FnOnce() -> T) -> T {
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
     {
-        let level = fearless_simd::Level::new();
+        // Looking for all features takes as long as a short row.
+        static LEVEL: LazyLock<fearless_simd::Level> = LazyLock::new(fearless_simd::Level::new);
+        let level = *LEVEL;
         if let Some(avx512) = level.as_avx512() {
             return fearless_simd::Simd::vectorize(avx512, compute);
         }

@@ -142,8 +142,7 @@ impl Pass for Bindings {
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
         let layout = Layout::of_variant(variant);
         let state = (&state.registration, state.alpha, state.spread);
-        let Linearised { equations, partials } =
-            linearise(reused, c, layout, state, warped, [i1, v], (&stacks, masks));
+        let Linearised { equations, partials } = linearise(reused, c, layout, state, warped, [i1, v], (&stacks, masks));
         equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.equations, n, field));
         memory.set_numbers(self.partials, &partials);
     }

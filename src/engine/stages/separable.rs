@@ -99,12 +99,7 @@ fn stride(variant: Variant) -> u32 {
 }
 
 /// The image filtered along x, then along y; with stride 2 every other result along either.
-pub fn cpu_reference<N: Number>(
-    c: &Constants,
-    stride: u32,
-    filters: [&[N]; 2],
-    image: &Raster<N>,
-) -> Raster<N> {
+pub fn cpu_reference<N: Number>(c: &Constants, stride: u32, filters: [&[N]; 2], image: &Raster<N>) -> Raster<N> {
     let (periods, stride) = (c.periods.map(|period| period as usize), stride as usize);
     let mut result = Raster::zeros(image.width.div_ceil(stride), image.height.div_ceil(stride));
     filter_both(&mut result, image, filters, stride, periods, false);

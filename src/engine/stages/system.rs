@@ -192,7 +192,9 @@ fn every_second<N: Number>(numbers: &[N], first: usize, to: &mut [N]) {
     for n in 0..count {
         to_pairs[n] = pairs[n][first];
     }
-    if let [.., end] = to && numbers.len() % 2 == 1 {
+    if let [.., end] = to
+        && numbers.len() % 2 == 1
+    {
         *end = if first == 0 { numbers[2 * count] } else { N::default() };
     }
 }
@@ -215,7 +217,9 @@ fn add_to_cells<N: Number>([d, r, across, down]: [&[N]; 4], is_second: bool, cel
         let below = below + lower * below1 + lower * below2;
         whole[n] = [d0 + d1 + d2, r0 + r1 + r2, right + half * across_pairs[n][1], below];
     }
-    if let [.., cell] = cells && d.len() % 2 == 1 {
+    if let [.., cell] = cells
+        && d.len() % 2 == 1
+    {
         let x = 2 * count;
         *cell = [cell[0] + d[x], cell[1] + r[x], cell[2], cell[3] + lower * down[x]];
     }
