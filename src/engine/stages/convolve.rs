@@ -166,14 +166,31 @@ fn filter_into<N: Number>(
     result
 }
 
+/// Sums at either end of a row for which mirrored numbers are copied.
+const EDGE: usize = 32;
+
 /// A row filtered along x, mirrored about its first number and half a period from it.
 fn filter_row<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize, period: usize) {
-    let radius = (filter.len() / 2) as isize;
+    let (radius, width) = (filter.len() / 2, row.len());
+    if stride > 1 || radius > EDGE || width < 2 * EDGE {
+        return filter_part(sums, row, filter, stride, [0, period]);
+    }
+    filter_part(&mut sums[..EDGE], row, filter, 1, [0, period]);
+    filter_part(&mut sums[width - EDGE..], row, filter, 1, [width - EDGE, period]);
+    let inner = (0..filter.len()).map(|n| &row[EDGE - radius + n..]).collect::<Vec<_>>();
+    weigh(&mut sums[EDGE..width - EDGE], filter, &inner);
+}
+
+/// The sums of a filtered row from pixel `first` of the row on.
+fn filter_part<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize, [first, period]: [usize; 2]) {
+    let (radius, first) = ((filter.len() / 2) as isize, first as isize);
+    let end = first + ((sums.len().max(1) - 1) * stride) as isize + radius + 1;
+    let [least, most] = [(first - radius).clamp(0, row.len() as isize), end.clamp(0, row.len() as isize)];
     let outside = |x: isize| row[fold(x, period)];
-    let mut mirrored = Vec::with_capacity(row.len() + 2 * radius as usize);
-    mirrored.extend((-radius..0).map(outside));
-    mirrored.extend_from_slice(row);
-    mirrored.extend((row.len() as isize..).map(outside).take(radius as usize));
+    let mut mirrored = Vec::with_capacity((end - first + radius) as usize);
+    mirrored.extend((first - radius..least).map(outside));
+    mirrored.extend_from_slice(&row[least as usize..most as usize]);
+    mirrored.extend((most..end).map(outside));
     // Every stride-th number from the first, from the second, ...: a filter reads contiguous numbers.
     let parts: Vec<Vec<N>> = match stride {
         1 => vec![mirrored],
