@@ -4,10 +4,10 @@
 //! reach, the result is I1.
 
 use super::blur::heaviside;
-use super::lanes::Lanes;
+use super::lanes::{SEGMENT, first_of, place};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, from_centre, inside, margin};
-use super::{Number, Raster, Real, pixels, spline, warp};
+use super::{Number, Raster, pixels, spline, warp};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
@@ -69,11 +69,15 @@ pub fn cpu_reference<N: Number>(
         (r, 1.0, centre),
         #[inline(always)]
         |at @ [x, y], d| {
-            let [i1, v] = [Lanes::first_of(&channel1.row(y)[x..]), Lanes::first_of(&v.row(y)[x..])];
-            let i2 = warp::resampled(shading, centre, coefficients2, at, d);
-            let (h, j) = (heaviside(v, c.epsilon.into()), Lanes::of(r.gain) * i2 + Lanes::of(r.offset));
-            let inside = margin([Lanes::ramp(x), Lanes::of(y as f64)], d, size, Lanes::default(), 1.0);
-            inside.choose(h * i1 + (Lanes::of(1.0) - h) * j, i1)
+            let [i1, v] = [first_of(&channel1.row(y)[x..]), first_of(&v.row(y)[x..])];
+            let mut fused = warp::resampled(shading, centre, coefficients2, at, d);
+            let [gain, offset, one, row] = N::all([r.gain, r.offset, 1.0, y as f64]);
+            for n in 0..SEGMENT {
+                let (h, j) = (heaviside(v[n], c.epsilon.into()), gain * fused[n] + offset);
+                let inside = margin([place(x, n), row], [d[0][n], d[1][n]], size, N::default(), 1.0);
+                fused[n] = inside.choose(h * i1[n] + (one - h) * j, i1[n]);
+            }
+            fused
         },
     )
 }

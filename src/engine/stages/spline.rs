@@ -4,7 +4,7 @@
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
-use super::lanes::{LANES, Lanes};
+use super::lanes::{SEGMENT, Segment, place, range};
 use super::rows::{self, Rows};
 
 /// A number, or several that are computed with at once.
@@ -43,8 +43,6 @@ pub trait Real:
     fn min(self, other: Self) -> Self;
     /// The first if this is 0 or more, else the second.
     fn choose(self, if_positive: Self, otherwise: Self) -> Self;
-    /// The least and the greatest of the numbers.
-    fn range(self) -> [f64; 2];
 }
 
 /// The type of a stored number: `f64` in tests and on the host, `f32` on the CPU device. Passes compute in double
@@ -86,10 +84,6 @@ macro_rules! numbers {
             #[inline(always)]
             fn choose(self, if_positive: Self, otherwise: Self) -> Self {
                 if self >= 0.0 { if_positive } else { otherwise }
-            }
-            #[inline(always)]
-            fn range(self) -> [f64; 2] {
-                [self.into(); 2]
             }
         }
     )*};
@@ -309,29 +303,35 @@ pub fn near<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet {
     on_pixel(taps)
 }
 
-/// The spline at the pixels from (x, y) to the right. Beyond the border it is mirrored.
+/// Calls `visit` with the spline at each pixel of the segment from (x, y) to the right. Beyond the border it is mirrored.
 #[inline(always)]
-pub(super) fn near_lanes<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet<Lanes<N>> {
-    let Raster { width, height, ref data } = *coefficients;
-    let mut taps = [[Lanes::default(); 3]; 3];
-    if x > 0 && x + LANES < width && y > 0 && y + 1 < height {
-        let first = (y - 1) * width + x - 1;
-        let near = &data[first..first + 2 * width + LANES + 2];
-        for j in 0..3 {
-            for i in 0..3 {
-                taps[j][i] = Lanes::load(near, j * width + i);
+pub(super) fn near_segment<N: Number>(
+    coefficients: &Raster<N>,
+    [x, y]: [usize; 2],
+    mut visit: impl FnMut(usize, Jet<N>),
+) {
+    const COUNT: usize = SEGMENT + 2;
+    let mut mirrored = [[N::default(); COUNT]; 3];
+    let [above, here, below] = beside(y, coefficients.height).map(|y| coefficients.row(y));
+    let rows = if x > 0 && x + SEGMENT < coefficients.width {
+        [above, here, below].map(|row| &row[x - 1..][..COUNT])
+    } else {
+        for (mirrored, row) in mirrored.iter_mut().zip([above, here, below]) {
+            for (n, number) in mirrored.iter_mut().enumerate() {
+                *number = row[mirror((x + n) as isize - 1, coefficients.width)];
             }
         }
-        return on_pixel(taps);
-    }
-    for (taps, row) in taps.iter_mut().zip(beside(y, height)) {
-        let (row, mut near) = (coefficients.row(row), [N::default(); LANES + 2]);
-        for (n, number) in near.iter_mut().enumerate() {
-            *number = row[mirror((x + n) as isize - 1, width)];
+        mirrored.each_ref().map(|row| &row[..])
+    };
+    for n in 0..SEGMENT {
+        let mut taps = [[N::default(); 3]; 3];
+        for j in 0..3 {
+            for i in 0..3 {
+                taps[j][i] = rows[j][n + i];
+            }
         }
-        *taps = [Lanes::load(&near, 0), Lanes::load(&near, 1), Lanes::load(&near, 2)];
+        visit(n, on_pixel(taps));
     }
-    on_pixel(taps)
 }
 
 /// The spline from sixteen coefficients, at fractions after the second column and row.
@@ -387,78 +387,95 @@ fn taps_of_row<N: Number, const COUNT: usize>(raster: &Raster<N>, [x, y]: [isize
     taps
 }
 
-/// The whole pixels of the places of the pixels from (x, y) to the right, displaced: (x, y), and by how much from there.
-pub(super) struct Corners<N>([usize; 2], [Lanes<N>; 2]);
-
-impl<N: Number> Corners<N> {
-    /// The pixels that are `n` to the right and below.
-    #[inline(always)]
-    fn moved(self, n: f64) -> Self {
-        Self(self.0, [self.1[0] + Lanes::of(n), self.1[1] + Lanes::of(n)])
-    }
-}
-
-/// The places of the pixels from (x, y) to the right, displaced by d: whole pixels, and the fractions beyond them.
+/// Calls `visit` for each pixel of the segment from (x, y) to the right, displaced by d, with `COUNT` x `COUNT` numbers
+/// about its place, mirrored, and the fractions of its place. The first number is `before` pixels before the place.
 /// Places are moved to between `bounds` of the last column or row.
 #[inline(always)]
-pub(super) fn displaced<N: Number>(
-    [x, y]: [usize; 2],
-    d: [Lanes<N>; 2],
-    [width, height]: [usize; 2],
-    bounds: impl Fn(f64) -> [f64; 2],
-) -> (Corners<N>, [Lanes<N>; 2]) {
-    let of = |first: Lanes<N>, d: Lanes<N>, size: usize| {
-        let [least, most] = bounds(size as f64 - 1.0);
-        d.max(Lanes::of(least) - first).min(Lanes::of(most) - first)
-    };
-    let d = [of(Lanes::ramp(x), d[0], width), of(Lanes::of(y as f64), d[1], height)];
-    let whole = [d[0].floor(), d[1].floor()];
-    (Corners([x, y], whole), [d[0] - whole[0], d[1] - whole[1]])
-}
-
-/// `COUNT` x `COUNT` numbers to the right of and below corners, mirrored.
-#[inline(always)]
-pub(super) fn taps<N: Number, const COUNT: usize>(
+pub(super) fn displaced_taps<N: Number, const COUNT: usize>(
     raster: &Raster<N>,
-    &Corners([x, y], d): &Corners<N>,
-) -> [[Lanes<N>; COUNT]; COUNT] {
-    let (mut taps, [width, height]) = ([[Lanes::default(); COUNT]; COUNT], [raster.width, raster.height]);
-    let ([left, right], [top, bottom]) = (d[0].range(), d[1].range());
-    let [column, row] = [x as isize + left as isize, y as isize + top as isize];
-    // Usually all pixels are displaced by the same whole pixels.
-    if left == right && top == bottom && column >= 0 && row >= 0 {
-        let [column, row] = [column as usize, row as usize];
-        if column + LANES + COUNT <= width + 1 && row + COUNT <= height {
-            let first = row * width + column;
-            let near = &raster.data[first..first + (COUNT - 1) * width + LANES + COUNT - 1];
-            for j in 0..COUNT {
-                for i in 0..COUNT {
-                    taps[j][i] = Lanes::load(near, j * width + i);
-                }
-            }
-            return taps;
+    [x, y]: [usize; 2],
+    d: [&Segment<N>; 2],
+    before: usize,
+    bounds: impl Fn(f64) -> [f64; 2],
+    mut visit: impl FnMut(usize, [[N; COUNT]; COUNT], [N; 2]),
+) {
+    let size @ [width, height] = [raster.width, raster.height];
+    let [mut whole, mut fractions] = [[[N::default(); SEGMENT]; 2]; 2];
+    for axis in 0..2 {
+        let [least, most]: [N; 2] = N::all(bounds(size[axis] as f64 - 1.0));
+        for n in 0..SEGMENT {
+            let first = if axis == 0 { place(x, n) } else { N::of(y as f64) };
+            let d = d[axis][n].max(least - first).min(most - first);
+            whole[axis][n] = d.floor();
+            fractions[axis][n] = d - d.floor();
         }
     }
-    let [columns, rows] = d.map(Lanes::integers);
-    for n in 0..LANES {
-        let corner = [(x + n) as isize + columns[n], y as isize + rows[n]];
+    let ([left, right], [top, bottom]) = (range(&whole[0]), range(&whole[1]));
+    let first = [x as f64 + left, y as f64 + top].map(|first| first as isize - before as isize);
+    // Usually all pixels are displaced by the same whole pixels.
+    if left == right
+        && top == bottom
+        && first[0] >= 0
+        && first[1] >= 0
+        && first[0] as usize + SEGMENT + COUNT <= width + 1
+        && first[1] as usize + COUNT <= height
+    {
+        let near = &raster.data[first[1] as usize * width + first[0] as usize..];
+        let mut rows = [&near[..0]; COUNT];
+        for j in 0..COUNT {
+            rows[j] = &near[j * width..][..SEGMENT + COUNT - 1];
+        }
+        for n in 0..SEGMENT {
+            let mut taps = [[N::default(); COUNT]; COUNT];
+            for j in 0..COUNT {
+                for i in 0..COUNT {
+                    taps[j][i] = rows[j][n + i];
+                }
+            }
+            visit(n, taps, [fractions[0][n], fractions[1][n]]);
+        }
+        return;
+    }
+    let mut gathered = [[[N::default(); SEGMENT]; COUNT]; COUNT];
+    for n in 0..SEGMENT {
+        let [column, row]: [f64; 2] = [whole[0][n].into(), whole[1][n].into()];
+        let corner = [(x + n) as isize + column as isize, y as isize + row as isize].map(|at| at - before as isize);
         for j in 0..COUNT {
             let line = taps_of_row::<N, COUNT>(raster, corner, j);
             for i in 0..COUNT {
-                taps[j][i].set(n, line[i]);
+                gathered[j][i][n] = line[i];
             }
         }
     }
-    taps
+    for n in 0..SEGMENT {
+        let mut taps = [[N::default(); COUNT]; COUNT];
+        for j in 0..COUNT {
+            for i in 0..COUNT {
+                taps[j][i] = gathered[j][i][n];
+            }
+        }
+        visit(n, taps, [fractions[0][n], fractions[1][n]]);
+    }
 }
 
-/// The spline at the pixels from (x, y) to the right, displaced by d. Beyond the border it is mirrored; beyond the
-/// mirrored image it is constant.
+/// Calls `visit` with the spline at each pixel of the segment from (x, y) to the right, displaced by d. Beyond the border
+/// it is mirrored; beyond the mirrored image it is constant.
 #[inline(always)]
-pub(super) fn read_lanes<N: Number>(coefficients: &Raster<N>, at: [usize; 2], d: [Lanes<N>; 2]) -> Jet<Lanes<N>> {
-    let size = [coefficients.width, coefficients.height];
-    let (corners, fractions) = displaced(at, d, size, |last| [-2.0 * last - 1.0, 2.0 * last + 1.0]);
-    between_pixels(taps(coefficients, &corners.moved(-1.0)), fractions)
+pub(super) fn read_segment<N: Number>(
+    coefficients: &Raster<N>,
+    at: [usize; 2],
+    d: [&Segment<N>; 2],
+    mut visit: impl FnMut(usize, Jet<N>),
+) {
+    displaced_taps::<N, 4>(
+        coefficients,
+        at,
+        d,
+        1,
+        |last| [-2.0 * last - 1.0, 2.0 * last + 1.0],
+        #[inline(always)]
+        |n, taps, fractions| visit(n, between_pixels(taps, fractions)),
+    );
 }
 
 #[cfg(test)]

@@ -5,10 +5,10 @@
 //! The blur of a warped image is the warped blur, with a variance in I1's pixels. T may still move a little:
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
-use super::lanes::{LANES, Lanes, vectorised};
+use super::lanes::{SEGMENT, Segment, place, vectorised};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::Registration;
-use super::{Number, Raster, Real, pixels, spline};
+use super::{Number, Raster, pixels, spline};
 use crate::base::Shading;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -81,22 +81,22 @@ fn warped<N: Number>(
     )
 }
 
-/// Fills a raster with the values at the pixels from (x, y) to the right, which T displaces by d on a level whose
+/// Fills a raster with the values of segments of pixels from (x, y) to the right, which T displaces by d on a level whose
 /// pixels are `factor` wide.
 pub(super) fn displaced<N: Number>(
     mut raster: Raster<N>,
     (r, factor, centre): (&Registration, f64, [f64; 2]),
-    values: impl Fn([usize; 2], [Lanes<N>; 2]) -> Lanes<N> + Sync,
+    values: impl Fn([usize; 2], [&Segment<N>; 2]) -> Segment<N> + Sync,
 ) -> Raster<N> {
-    let width = raster.width;
     raster.fill_rows(|y, row| {
-        let [mut dx, mut dy] = [(); 2].map(|()| vec![N::default(); width.next_multiple_of(LANES)]);
         vectorised(
             #[inline(always)]
             || {
-                r.displacements([0, y], factor, centre, [&mut dx, &mut dy]);
-                for x in (0..width).step_by(LANES) {
-                    values([x, y], [Lanes::load(&dx, x), Lanes::load(&dy, x)]).store_first(&mut row[x..]);
+                let [mut dx, mut dy] = [[N::default(); SEGMENT]; 2];
+                for (n, row) in row.chunks_mut(SEGMENT).enumerate() {
+                    let at = [n * SEGMENT, y];
+                    r.displacements(at, factor, centre, [&mut dx, &mut dy]);
+                    row.copy_from_slice(&values(at, [&dx, &dy])[..row.len()]);
                 }
             },
         );
@@ -104,25 +104,33 @@ pub(super) fn displaced<N: Number>(
     raster
 }
 
-/// I2 times the shading at the pixels from (x, y) to the right, displaced by d.
+/// I2 times the shading at the pixels of the segment from (x, y) to the right, displaced by d.
 #[inline(always)]
 pub(super) fn resampled<N: Number>(
     shading: &Shading,
     centre: [f64; 2],
     spline2: &Raster<N>,
-    [x, y]: [usize; 2],
-    [dx, dy]: [Lanes<N>; 2],
-) -> Lanes<N> {
-    let place = |place: Lanes<N>, size: usize, centre: f64| {
-        let (inner, last, centre) = (place.abs(), Lanes::of(size as f64 - 1.0), Lanes::of(centre));
-        ((last - inner).choose(inner, last + last - inner) - centre) / centre
-    };
-    let place = [
-        place(Lanes::ramp(x) + dx, spline2.width, centre[0]),
-        place(Lanes::of(y as f64) + dy, spline2.height, centre[1]),
-    ];
-    let factor = shading.factor(place, Lanes::of).max(Lanes::of(0.25)).min(Lanes::of(4.0));
-    factor * spline::read_lanes(spline2, [x, y], [dx, dy]).value
+    at: [usize; 2],
+    d: [&Segment<N>; 2],
+) -> Segment<N> {
+    let mut values = [N::default(); SEGMENT];
+    spline::read_segment(
+        spline2,
+        at,
+        d,
+        #[inline(always)]
+        |n, jet| values[n] = jet.value,
+    );
+    let [last, over] = [N::all([spline2.width as f64 - 1.0, spline2.height as f64 - 1.0]), N::all(centre)];
+    for n in 0..SEGMENT {
+        let mut position = [place::<N>(at[0], n) + d[0][n], N::of(at[1] as f64) + d[1][n]];
+        for axis in 0..2 {
+            let (inner, last) = (position[axis].abs(), last[axis]);
+            position[axis] = ((last - inner).choose(inner, last + last - inner) - over[axis]) / over[axis];
+        }
+        values[n] = shading.factor(position, N::of).max(N::of(0.25)).min(N::of(4.0)) * values[n];
+    }
+    values
 }
 
 #[cfg(test)]
