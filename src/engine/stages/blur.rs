@@ -227,6 +227,7 @@ pub(super) fn sample_segment<N: Number>(
 
 /// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1,
 /// `moved` how T has moved since I2 was warped onto I1's pixels, if it was.
+#[inline(always)]
 pub(super) fn sample_pair<N: Number>(
     (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
     r: &Registration,

@@ -5,7 +5,7 @@
 //! to the target: a filter that is not separable is a sum of separable ones. Axis and stride are variants too: loads and
 //! stores whose addresses depend on push constants take a tenth longer on a software device.
 
-use super::lanes::vectorised;
+use super::lanes::streamed;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::spline::{Number, Raster, fold};
@@ -201,7 +201,7 @@ fn filter_part<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize
 
 /// The sums of rows with the weights of a filter.
 fn weigh<N: Number>(sums: &mut [N], filter: &[N], rows: &[&[N]]) {
-    vectorised(
+    streamed(
         #[inline(always)]
         || weighted::sum(sums, filter, rows),
     );

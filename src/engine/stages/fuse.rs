@@ -42,12 +42,13 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+        let reused = memory.take_layer(self.results, c.layer as usize);
         let state = memory.state(self.state);
-        let channel1 = memory.layer(self.channel1, 0);
-        let fused = cpu_reference(
+        let fused = fuse(
+            reused,
             c,
             (&state.registration, &state.applied_shading),
-            channel1,
+            memory.layer(self.channel1, 0),
             memory.layer(self.spline2, 0),
             memory.layer(self.v, 0),
         );
@@ -58,6 +59,18 @@ impl Pass for Bindings {
 /// The fused channel.
 pub fn cpu_reference<N: Number>(
     c: &Constants,
+    state: (&Registration, &Shading),
+    channel1: &Raster<N>,
+    coefficients2: &Raster<N>,
+    v: &Raster<N>,
+) -> Raster<N> {
+    fuse(Raster::default(), c, state, channel1, coefficients2, v)
+}
+
+/// As [`cpu_reference`], in the memory of a raster.
+fn fuse<N: Number>(
+    reused: Raster<N>,
+    c: &Constants,
     (r, shading): (&Registration, &Shading),
     channel1: &Raster<N>,
     coefficients2: &Raster<N>,
@@ -65,7 +78,7 @@ pub fn cpu_reference<N: Number>(
 ) -> Raster<N> {
     let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
     warp::displaced(
-        Raster::zeros(v.width, v.height),
+        reused.of_size(size),
         (r, 1.0, centre),
         #[inline(always)]
         |at @ [x, y], d| {

@@ -145,8 +145,11 @@ fn relax_row<N: Number>(
 
 /// dV of a grid before its first relaxation sweep: that of the next coarser grid.
 pub fn prolonged<N: Number>(coarse: &[N], [width, height]: [usize; 2]) -> Vec<N> {
-    let columns = width.div_ceil(2);
-    (0..height).flat_map(|y| (0..width).map(move |x| coarse[y / 2 * columns + x / 2])).collect()
+    let (columns, mut fine) = (width.div_ceil(2), vec![N::default(); width * height]);
+    rows::map([Rows { width, numbers: &mut fine }], |y, [fine]| {
+        fine.chunks_mut(2).zip(&coarse[y / 2 * columns..]).for_each(|(pair, dv)| pair.fill(*dv));
+    });
+    fine
 }
 
 #[cfg(test)]

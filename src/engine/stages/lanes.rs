@@ -16,19 +16,26 @@ pub(super) type Segment<N> = [N; SEGMENT];
 #[inline]
 pub(super) fn vectorised<T>(compute: impl FnOnce() -> T) -> T {
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-    {
-        // Looking for all features takes as long as a short row.
-        static LEVEL: LazyLock<fearless_simd::Level> = LazyLock::new(fearless_simd::Level::new);
-        let level = *LEVEL;
-        if let Some(avx512) = level.as_avx512() {
-            return fearless_simd::Simd::vectorize(avx512, compute);
-        }
-        if let Some(avx2) = level.as_avx2() {
-            return fearless_simd::Simd::vectorize(avx2, compute);
-        }
+    if let Some(avx512) = LEVEL.as_avx512() {
+        return fearless_simd::Simd::vectorize(avx512, compute);
+    }
+    streamed(compute)
+}
+
+/// As [`vectorised`], for a loop that computes little for what it reads and writes: with vectors of 256 bits at most.
+/// Rows are not aligned, and each vector of 512 bits would be in two lines of the cache.
+#[inline]
+pub(super) fn streamed<T>(compute: impl FnOnce() -> T) -> T {
+    #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+    if let Some(avx2) = LEVEL.as_avx2() {
+        return fearless_simd::Simd::vectorize(avx2, compute);
     }
     compute()
 }
+
+/// The instructions of the processor. To look for them takes as long as a short row.
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+static LEVEL: LazyLock<fearless_simd::Level> = LazyLock::new(fearless_simd::Level::new);
 
 /// The first numbers of a slice, with zeros where it has fewer.
 #[inline(always)]

@@ -154,7 +154,12 @@ impl<N: Number> Raster<N> {
 
     /// The memory of a raster for one of another size. Its numbers are undefined: no time is lost to set them.
     pub(crate) fn of_size(mut self, [width, height]: [usize; 2]) -> Self {
-        self.data.resize(width * height, N::default());
+        let count = width * height;
+        if self.data.capacity() < count {
+            // The system's memory is zero: no page is touched before a thread fills it.
+            self.data = vec![N::default(); count];
+        }
+        self.data.resize(count, N::default());
         Self { width, height, ..self }
     }
 
@@ -291,8 +296,8 @@ fn beside(i: usize, size: usize) -> [usize; 3] {
     }
 }
 
-/// The spline at pixel (x, y).
-#[inline]
+/// The spline at pixel (x, y). What a caller does not use is not computed.
+#[inline(always)]
 pub fn near<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet {
     let (columns, rows) = (beside(x, coefficients.width), beside(y, coefficients.height));
     let mut taps = [[0.0; 3]; 3];
@@ -313,15 +318,17 @@ pub(super) fn near_segment<N: Number>(
     const COUNT: usize = SEGMENT + 2;
     let mut mirrored = [[N::default(); COUNT]; 3];
     let [above, here, below] = beside(y, coefficients.height).map(|y| coefficients.row(y));
-    let rows = if x > 0 && x + SEGMENT < coefficients.width {
-        [above, here, below].map(|row| &row[x - 1..][..COUNT])
+    let inner = [above, here, below].map(|row| row.get(x.wrapping_sub(1)..).and_then(<[N]>::first_chunk));
+    // Arrays, whose length is known: without checks of indices, loops are vectorised.
+    let rows: [&[N; COUNT]; 3] = if let [Some(above), Some(here), Some(below)] = inner {
+        [above, here, below]
     } else {
         for (mirrored, row) in mirrored.iter_mut().zip([above, here, below]) {
             for (n, number) in mirrored.iter_mut().enumerate() {
                 *number = row[mirror((x + n) as isize - 1, coefficients.width)];
             }
         }
-        mirrored.each_ref().map(|row| &row[..])
+        mirrored.each_ref()
     };
     for n in 0..SEGMENT {
         let mut taps = [[N::default(); 3]; 3];
@@ -399,6 +406,9 @@ pub(super) fn displaced_taps<N: Number, const COUNT: usize>(
     bounds: impl Fn(f64) -> [f64; 2],
     mut visit: impl FnMut(usize, [[N; COUNT]; COUNT], [N; 2]),
 ) {
+    /// The numbers of a row about a segment.
+    const MOST: usize = SEGMENT + 3;
+    const { assert!(COUNT <= 4) };
     let size @ [width, height] = [raster.width, raster.height];
     let [mut whole, mut fractions] = [[[N::default(); SEGMENT]; 2]; 2];
     for axis in 0..2 {
@@ -417,14 +427,15 @@ pub(super) fn displaced_taps<N: Number, const COUNT: usize>(
         && top == bottom
         && first[0] >= 0
         && first[1] >= 0
-        && first[0] as usize + SEGMENT + COUNT <= width + 1
+        && first[0] as usize + MOST <= width
         && first[1] as usize + COUNT <= height
     {
         let near = &raster.data[first[1] as usize * width + first[0] as usize..];
-        let mut rows = [&near[..0]; COUNT];
+        let (outside, mut rows) = ([N::default(); MOST], [None; COUNT]);
         for j in 0..COUNT {
-            rows[j] = &near[j * width..][..SEGMENT + COUNT - 1];
+            rows[j] = near[j * width..].first_chunk::<MOST>();
         }
+        let rows = rows.map(|row| row.unwrap_or(&outside));
         for n in 0..SEGMENT {
             let mut taps = [[N::default(); COUNT]; COUNT];
             for j in 0..COUNT {

@@ -5,7 +5,7 @@
 //! at pixel 2i. The image is mirrored about the border pixels of the *fine* grid: for an even size, half-way between
 //! the last pixel of the coarse grid and the next.
 
-use super::lanes::vectorised;
+use super::lanes::streamed;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::pixels;
 use super::spline::{Number, Raster, fold};
@@ -80,7 +80,7 @@ fn refined<N: Number>(mut fine: Raster<N>, coarse: &Raster<N>) -> Raster<N> {
         let [above, here, below] = [-1, 0, 1].map(row);
         let (count, last) = (coarse.width, (width - 1) / 2);
         let mut line = vec![N::default(); count];
-        vectorised(
+        streamed(
             #[inline(always)]
             || {
                 let (above, here, below, line) = (&above[..count], &here[..count], &below[..count], &mut line[..count]);
