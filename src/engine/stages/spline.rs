@@ -470,12 +470,13 @@ pub(super) fn displaced_taps<N: Number, const COUNT: usize>(
 }
 
 /// Calls `visit` with the spline at each pixel of the segment from (x, y) to the right, displaced by d. Beyond the border
-/// it is mirrored; beyond the mirrored image it is constant.
+/// it is mirrored, and constant beyond the `bounds` of the last column or row.
 #[inline(always)]
 pub(super) fn read_segment<N: Number>(
     coefficients: &Raster<N>,
     at: [usize; 2],
     d: [&Segment<N>; 2],
+    bounds: impl Fn(f64) -> [f64; 2],
     mut visit: impl FnMut(usize, Jet<N>),
 ) {
     displaced_taps::<N, 4>(
@@ -483,7 +484,7 @@ pub(super) fn read_segment<N: Number>(
         at,
         d,
         1,
-        |last| [-2.0 * last - 1.0, 2.0 * last + 1.0],
+        bounds,
         #[inline(always)]
         |n, taps, fractions| visit(n, between_pixels(taps, fractions)),
     );

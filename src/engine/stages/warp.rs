@@ -118,6 +118,7 @@ pub(super) fn resampled<N: Number>(
         spline2,
         at,
         d,
+        |last| [-2.0 * last - 1.0, 2.0 * last + 1.0],
         #[inline(always)]
         |n, jet| values[n] = jet.value,
     );
