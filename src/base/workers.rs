@@ -2,7 +2,7 @@
 
 use std::num::NonZero;
 use std::sync::{LazyLock, Mutex, PoisonError};
-use std::thread;
+use std::{process, thread};
 
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
@@ -24,14 +24,15 @@ pub(crate) fn for_each<T: Send>(items: impl Iterator<Item = T> + Send, function:
 /// As [`for_each`], for items of some milliseconds in all: on threads that wait for such work, since starting a thread
 /// takes some 50 µs. Longer items would delay those of other callers.
 pub(crate) fn for_each_short<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) {
-    static POOL: LazyLock<Option<ThreadPool>> = LazyLock::new(|| match processors() {
+    static POOL: LazyLock<Option<(u32, ThreadPool)>> = LazyLock::new(|| match processors() {
         1 => None,
-        count => ThreadPoolBuilder::new().num_threads(count - 1).build().ok(),
+        count => Some((process::id(), ThreadPoolBuilder::new().num_threads(count - 1).build().ok()?)),
     });
     let most = most_others(&items);
     let work = worker(items, function);
-    match POOL.as_ref().filter(|_| most > 0 && !are_threads_refused()) {
-        Some(pool) => pool.in_place_scope(|scope| {
+    // A forked process does not have the threads.
+    match POOL.as_ref().filter(|(owner, _)| most > 0 && *owner == process::id() && !are_threads_refused()) {
+        Some((_, pool)) => pool.in_place_scope(|scope| {
             for _ in 0..pool.current_num_threads().min(most) {
                 scope.spawn(|_| work());
             }

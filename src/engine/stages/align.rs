@@ -1,7 +1,7 @@
 //! Resamples a frame of a sweep onto the reference's pixels and matches its brightness.
 
-use super::lanes::{SEGMENT, place};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::{SEGMENT, place};
 use super::state::{Registration, Single};
 use super::{Number, Raster, pixels, spline, warp};
 use crate::base::Shading;

@@ -2,7 +2,7 @@
 //!
 //! The CPU reference of `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
 
-use super::lanes::{SEGMENT, Segment, range};
+use super::segments::{SEGMENT, Segment, range};
 use super::spline::{self, Jet};
 use super::stack::{self, Blurred, Slopes};
 use super::state::Registration;

@@ -5,9 +5,9 @@
 //! to the target: a filter that is not separable is a sum of separable ones. Axis and stride are variants too: loads and
 //! stores whose addresses depend on push constants take a tenth longer on a software device.
 
-use super::lanes::streamed;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
+use super::segments::streamed;
 use super::spline::{Number, Raster, fold};
 use super::{WORKGROUP, pixels};
 use crate::base::weighted;

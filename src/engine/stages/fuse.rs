@@ -4,8 +4,8 @@
 //! reach, the result is I1.
 
 use super::blur::heaviside;
-use super::lanes::{SEGMENT, first_of, place};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::{SEGMENT, first_of, place};
 use super::state::{Registration, from_centre, inside, margin};
 use super::{Number, Raster, pixels, spline, warp};
 use crate::base::Shading;

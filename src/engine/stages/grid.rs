@@ -8,8 +8,8 @@
 use std::borrow::Cow;
 
 use super::Number;
-use super::lanes::vectorised;
 use super::rows::{self, Rows};
+use super::segments::vectorised;
 
 /// A grid has at least this many cells along its short side, unless its level has fewer pixels than twice as many.
 const LEAST_SIDE: u32 = 8;

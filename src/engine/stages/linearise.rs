@@ -17,12 +17,12 @@
 //! with λ = 1 and 0.007 with 0.1; but with 0.1, black and white dots under a half-Gaussian do not settle.
 
 use super::blur::{NEAR, Stacks, heaviside, sample_pair, sample_segment};
-use super::lanes::{SEGMENT, first_of, vectorised};
 use super::links::Links;
 use super::mask::{self, Masks};
 use super::noise::{self, Noise};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
+use super::segments::{SEGMENT, first_of, vectorised};
 use super::stack::Slopes;
 use super::state::{Registration, margin};
 use super::sums::{Layout, Line};

@@ -1,6 +1,6 @@
 //! The links of neighbouring pixels by the smoothness term: weights, and pulls on V or u.
 
-use super::lanes::vectorised;
+use super::segments::vectorised;
 use super::{Number, Raster};
 use crate::engine::shaders;
 

@@ -12,8 +12,8 @@
 //! The counts of clipped pixels leave out those that the mask of I1 excludes, in I2 those at the same place: T is not
 //! known yet, and a mask is large beside the displacement.
 
-use super::lanes::{Segment, first_of};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::{Segment, first_of};
 use super::{Number, Raster, Real, ingest, pixels, spline};
 use crate::base::Frame;
 use crate::engine::slot::{self, Reads};

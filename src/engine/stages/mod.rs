@@ -31,7 +31,6 @@ pub mod halve_grids;
 #[cfg(test)]
 pub(crate) mod harness;
 pub mod ingest;
-mod lanes;
 pub mod linearise;
 mod links;
 pub mod mask;
@@ -47,6 +46,7 @@ pub mod relax_tiles;
 pub mod residual;
 mod rows;
 pub mod scale_deviation;
+mod segments;
 pub mod separable;
 pub mod shape;
 pub mod shape_median;

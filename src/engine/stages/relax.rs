@@ -2,8 +2,8 @@
 //!
 //! The system is divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
 
-use super::lanes::vectorised;
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::vectorised;
 use super::{Field, Number, Raster, WORKGROUP, pixels};
 use crate::engine::vulkan::Variant;
 

@@ -4,10 +4,10 @@
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
-use super::lanes::{SEGMENT, Segment, place, range};
 use super::rows::{self, Rows};
+use super::segments::{SEGMENT, Segment, place, range};
 
-/// A number, or several that are computed with at once.
+/// A number that formulas are written for.
 pub trait Real:
     Copy
     + Default

@@ -5,9 +5,9 @@
 //! at pixel 2i. The image is mirrored about the border pixels of the *fine* grid: for an even size, half-way between
 //! the last pixel of the coarse grid and the next.
 
-use super::lanes::streamed;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::pixels;
+use super::segments::streamed;
 use super::spline::{Number, Raster, fold};
 use crate::engine::vulkan::Variant;
 

@@ -17,10 +17,10 @@
 //! rounding has no effect.
 
 use super::grid::{Cell, FLOATS};
-use super::lanes::vectorised;
 use super::links::Links;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
+use super::segments::vectorised;
 use super::{Number, Raster, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;

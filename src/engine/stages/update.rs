@@ -3,9 +3,9 @@
 //! A whole step may be kept. The next step is then extrapolated from both, in each block of 2 x 2 pixels.
 //! Sections 4 and 6 of `docs/method.md`.
 
-use super::lanes::vectorised;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
+use super::segments::vectorised;
 use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;

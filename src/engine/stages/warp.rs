@@ -5,8 +5,8 @@
 //! The blur of a warped image is the warped blur, with a variance in I1's pixels. T may still move a little:
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
-use super::lanes::{SEGMENT, Segment, place, vectorised};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::{SEGMENT, Segment, place, vectorised};
 use super::state::Registration;
 use super::{Number, Raster, pixels, spline};
 use crate::base::Shading;
