@@ -36,7 +36,7 @@ const MAX_KERNEL_MEAN: f64 = 0.1;
 const MEMORY: u64 = 4 << 30;
 
 /// Time to fuse the frames, grey or colour, relative to that of an iteration on the finest level: four real sweeps.
-const FUSION: [f64; 2] = [0.4, 1.0];
+const FUSION: [f64; 2] = [0.7, 1.4];
 
 /// The focus settings, the reference and the mask of a sweep.
 pub struct SweepInput<'a> {
@@ -391,8 +391,8 @@ mod tests {
             [[(0, 1); 5].as_slice(), &[(1, 1)]].concat()
         );
         // The frames have four times the pixels of the level.
-        for (report, done) in reports.iter().zip([1.4, 137.4, 138.4, 139.4, 140.4, 141.4]) {
-            assert!((report.share - done / 141.4).abs() < 1e-4, "{reports:?}");
+        for (report, done) in reports.iter().zip([1.8, 221.8, 222.8, 223.8, 224.8, 225.8]) {
+            assert!((report.share - done / 225.8).abs() < 1e-4, "{reports:?}");
         }
     }
 

@@ -48,10 +48,10 @@ const MAX_CORNER_STEP: f64 = 0.5;
 const RESAMPLE_AFTER: f64 = 0.02;
 /// Time to upload a frame and to compute its pyramid, relative to that of an iteration on the finest level. This and the
 /// next two are from four real sweeps on the CPU device.
-const UPLOAD: f64 = 0.35;
+const UPLOAD: f64 = 0.45;
 /// Time to estimate the start, relative to that of an iteration on the first level for one frame. It depends little on
 /// the number of frames.
-const START: f64 = 680.0;
+const START: f64 = 1100.0;
 /// Iterations on the finest level before it is known how many there are.
 const FINEST: f64 = 1.5;
 /// How far beyond the first and the last frame u may lie, px of blur.
