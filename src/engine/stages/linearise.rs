@@ -210,7 +210,7 @@ fn linearise<N: Number>(
         let (mut pixels, mut terms) = ([[N::of(1.0); BLOCK]; PARTS], [[N::default(); BLOCK]; TERMS]);
         let [mut dx, mut dy, mut shift_x, mut shift_y] = [[N::default(); BLOCK]; 4];
         let steps: [N; BLOCK] = std::array::from_fn(|n| N::of(n as f64));
-        let mut links = links.from_row(row * lines);
+        let mut links = links.rows_from(row * lines);
         for y in row * lines..height.min((row + 1) * lines) {
             links.advance(y);
             for (tile, partials) in partials.chunks_exact_mut(layout.length).enumerate() {

@@ -97,7 +97,7 @@ impl<'a, N: Number> Links<'a, N> {
     }
 
     /// The links of the rows from y on, before the first.
-    pub(super) fn from_row(&self, y: usize) -> LinkRows<'_, N> {
+    pub(super) fn rows_from(&self, y: usize) -> LinkRows<'_, N> {
         let [across, mut down, above] = [(); 3].map(|()| LinkRow::default());
         let mut phi = [(); 2].map(|()| Vec::new());
         self.phi(y, &mut phi[1]);

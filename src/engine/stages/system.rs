@@ -144,7 +144,7 @@ fn compute<N: Number>(
     let sums = rows::map(rasters, |band, [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4, cells]| {
         let mut colors = [[r0, r1, r2, r3, r4], [b0, b1, b2, b3, b4]];
         let mut sums = vec![[0.0; SUMS]; cells.len() / (FLOATS * columns)];
-        let mut links = links.from_row(band * LINES);
+        let mut links = links.rows_from(band * LINES);
         let mut line = [(); 7].map(|()| vec![N::default(); width]);
         for (n, y) in (band * LINES..((band + 1) * LINES).min(height)).enumerate() {
             links.advance(y);
