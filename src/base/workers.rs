@@ -1,29 +1,65 @@
 //! Parallel loops over all processors.
 
 use std::num::NonZero;
-use std::sync::{Mutex, PoisonError};
-use std::thread;
+use std::sync::{LazyLock, Mutex, PoisonError};
+use std::{process, thread};
+
+use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
 /// Calls `function` with each item, in parallel. The calling thread takes part, and does all the work if the system
 /// refuses other threads.
 pub(crate) fn for_each<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) {
-    let max_threads = items.size_hint().1.unwrap_or(usize::MAX).saturating_sub(1);
-    let items = Mutex::new(items);
-    let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
-    let work = || {
-        while let Some(item) = next() {
-            function(item);
-        }
-    };
-    let others = (thread::available_parallelism().map_or(1, NonZero::get) - 1).min(max_threads);
+    let others = (processors() - 1).min(most_others(&items));
+    let work = worker(items, function);
     thread::scope(|scope| {
         for _ in 0..others {
-            if are_threads_refused() || thread::Builder::new().spawn_scoped(scope, work).is_err() {
+            if are_threads_refused() || thread::Builder::new().spawn_scoped(scope, &work).is_err() {
                 break;
             }
         }
         work();
     });
+}
+
+/// As [`for_each`], for items of some milliseconds in all: on threads that wait for such work, since starting a thread
+/// takes some 50 µs. Longer items would delay those of other callers.
+pub(crate) fn for_each_short<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) {
+    static POOL: LazyLock<Option<(u32, ThreadPool)>> = LazyLock::new(|| match processors() {
+        1 => None,
+        count => Some((process::id(), ThreadPoolBuilder::new().num_threads(count - 1).build().ok()?)),
+    });
+    let most = most_others(&items);
+    let work = worker(items, function);
+    // A forked process does not have the threads.
+    match POOL.as_ref().filter(|(owner, _)| most > 0 && *owner == process::id() && !are_threads_refused()) {
+        Some((_, pool)) => pool.in_place_scope(|scope| {
+            for _ in 0..pool.current_num_threads().min(most) {
+                scope.spawn(|_| work());
+            }
+            work();
+        }),
+        None => work(),
+    }
+}
+
+/// What each thread does: it takes items until none is left.
+fn worker<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) -> impl Fn() + Sync {
+    let items = Mutex::new(items);
+    move || {
+        let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
+        while let Some(item) = next() {
+            function(item);
+        }
+    }
+}
+
+/// The most threads that can help the calling one.
+fn most_others<T>(items: &impl Iterator<Item = T>) -> usize {
+    items.size_hint().1.unwrap_or(usize::MAX).saturating_sub(1)
+}
+
+fn processors() -> usize {
+    thread::available_parallelism().map_or(1, NonZero::get)
 }
 
 /// Returns `function(n)` for n from 0 to `count - 1`, computed in parallel.
@@ -65,14 +101,22 @@ mod tests {
 
     #[test]
     fn every_item_is_visited_with_and_without_threads() {
-        let squares = || {
-            let mut values = vec![0; 1000];
-            for_each(values.iter_mut().enumerate(), |(n, value)| *value = n * n);
-            values
-        };
         let expected: Vec<usize> = (0..1000).map(|n| n * n).collect();
-        assert_eq!(squares(), expected);
-        assert_eq!(no_threads::run(squares), expected);
+        for is_short in [false, true] {
+            let squares = || {
+                let mut values = vec![0; 1000];
+                let items = values.iter_mut().enumerate();
+                let square = |(n, value): (usize, &mut usize)| *value = n * n;
+                if is_short {
+                    for_each_short(items, square)
+                } else {
+                    for_each(items, square)
+                }
+                values
+            };
+            assert_eq!(squares(), expected);
+            assert_eq!(no_threads::run(squares), expected);
+        }
         assert_eq!(map(1000, |n| n * n), expected);
         no_threads::run(|| for_each(std::iter::empty::<()>(), |()| unreachable!()));
     }

@@ -1,8 +1,9 @@
 //! Resampling of photographs onto the pixels of another, by cubic B-splines.
 
 use crate::base::color::{LUMINANCE, stored};
-use crate::base::{Brightness, Channels, Decode, Frame, Homography, Region, centre, weighted, workers};
+use crate::base::{Brightness, Channels, Decode, Frame, Homography, Region, centre, workers};
 use crate::engine::filter;
+use crate::engine::stages::convolve::weigh;
 use crate::engine::stages::spline::{self, mirror};
 
 /// The cubic B-spline through the pixels of an image of one to three channels, mirrored about the border pixels.
@@ -76,7 +77,7 @@ fn along_x(values: &[f32], [width, _]: [usize; 2], channels: usize, filter: &[f3
         let (before, after) = ((-radius..0).flat_map(pixel), (width as isize..width as isize + radius).flat_map(pixel));
         let mirrored: Vec<f32> = before.chain(own.iter().copied()).chain(after).collect();
         let shifted: Vec<&[f32]> = (0..filter.len()).map(|n| &mirrored[n * channels..]).collect();
-        weighted::sum(sums, filter, &shifted);
+        weigh(sums, filter, &shifted);
     });
     filtered
 }
@@ -86,7 +87,7 @@ fn along_y(values: &[f32], [width, height]: [usize; 2], channels: usize, filter:
     let mut filtered = vec![0.0; values.len()];
     in_rows(&mut filtered, row, |y, sums| {
         let from = |n: usize| &values[mirror(y as isize + n as isize - radius, height) * row..];
-        weighted::sum(sums, filter, &(0..filter.len()).map(from).collect::<Vec<_>>());
+        weigh(sums, filter, &(0..filter.len()).map(from).collect::<Vec<_>>());
     });
     filtered
 }
@@ -184,11 +185,18 @@ pub(crate) fn brightened(frame: &Frame, brightness: &Brightness, decode: Decode)
 
 /// Luminance of interleaved values; grey values are returned unchanged.
 pub(crate) fn luminance(values: Vec<f32>, channels: Channels) -> Vec<f32> {
-    let weigh = |pixel: &[f32]| pixel.iter().zip(LUMINANCE).map(|(value, weight)| value * weight).sum();
-    match channels {
-        Channels::Gray => values,
-        Channels::Rgb => values.chunks_exact(3).map(weigh).collect(),
+    /// Pixels of a thread at a time.
+    const PIXELS: usize = 1 << 14;
+    if channels == Channels::Gray {
+        return values;
     }
+    let mut luminance = vec![0.0; values.len() / 3];
+    workers::for_each(luminance.chunks_mut(PIXELS).zip(values.chunks(3 * PIXELS)), |(luminance, values)| {
+        for (sum, pixel) in luminance.iter_mut().zip(values.as_chunks::<3>().0) {
+            *sum = pixel.iter().zip(LUMINANCE).map(|(value, weight)| value * weight).sum();
+        }
+    });
+    luminance
 }
 
 /// Fills rows of `row` values each, in parallel.

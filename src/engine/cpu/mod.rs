@@ -3,8 +3,9 @@
 pub(super) mod pair;
 pub(super) mod sweep;
 
-use super::script::{Action, Entry, Executable};
+use super::script::{Action, Dispatch, Entry, Executable};
 use super::stages::pass::Memory;
+use super::stages::{Number, convolve};
 use crate::base::Error;
 
 /// Runs entries of a script. `proceed` is called before each, and ends the run by an error.
@@ -13,14 +14,19 @@ pub(crate) fn run<'a, N: Executable>(
     memory: &mut Memory<N>,
     proceed: &mut dyn FnMut(&Entry) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    for entry in entries {
+    let mut entries = entries.into_iter().peekable();
+    while let Some(entry) = entries.next() {
         proceed(entry)?;
         match &entry.action {
-            Action::Dispatch(dispatch) => {
-                if dispatch.grid.word().is_none_or(|word| memory.runs(word)) {
-                    N::run(dispatch, memory);
+            Action::Dispatch(dispatch) if !runs(dispatch, memory) => {}
+            Action::Dispatch(dispatch) => match entries.peek() {
+                Some(Entry { action: Action::Dispatch(next), .. })
+                    if runs(next, memory) && filters_both([dispatch, next], memory) =>
+                {
+                    entries.next().map_or(Ok(()), &mut *proceed)?;
                 }
-            }
+                _ => N::run(dispatch, memory),
+            },
             Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
             Action::Clear { image, size, layers } => memory.clear(*image, *size, *layers),
             // The results are read from the blur stacks.
@@ -28,6 +34,19 @@ pub(crate) fn run<'a, N: Executable>(
         }
     }
     Ok(())
+}
+
+/// Runs a filter along x and the next dispatch, one along y, at once. Returns false if they are not.
+fn filters_both<N: Number>(dispatches: [&Dispatch; 2], memory: &mut Memory<N>) -> bool {
+    match dispatches.map(Dispatch::of::<convolve::Bindings>) {
+        [Some(x), Some(y)] => convolve::run_both([x, y], memory),
+        _ => false,
+    }
+}
+
+/// Whether a dispatch has any workgroups.
+fn runs<N: Number>(dispatch: &Dispatch, memory: &Memory<N>) -> bool {
+    dispatch.grid.word().is_none_or(|word| memory.runs(word))
 }
 
 #[cfg(test)]

@@ -93,6 +93,14 @@ pub(crate) struct Dispatch {
     pub(crate) cpu_reference: CpuReference,
 }
 
+impl Dispatch {
+    /// Bindings, push constants and variant, if it is of this pass.
+    pub(crate) fn of<P: Pass>(&self) -> Option<(P, P::Constants, Variant)> {
+        (self.stage.shader.name == P::STAGE.shader.name)
+            .then(|| (P::of(&self.slots), bytemuck::pod_read_unaligned(&self.constants), self.variant))
+    }
+}
+
 /// A stage's CPU reference, for numbers of both types.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CpuReference {

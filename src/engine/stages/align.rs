@@ -1,8 +1,9 @@
 //! Resamples a frame of a sweep onto the reference's pixels and matches its brightness.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::state::{Registration, Single, from_centre};
-use super::{Number, Raster, pixels, spline};
+use super::segments::{SEGMENT, place};
+use super::state::{Registration, Single};
+use super::{Number, Raster, pixels, spline, warp};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
@@ -38,21 +39,50 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let aligned = cpu_reference(c, memory.layer(self.spline, 0));
+        let reused = memory.take_layer(self.aligned, c.layer as usize);
+        let aligned = aligned(reused, c, memory.layer(self.spline, 0));
         memory.set_layer(self.aligned, c.layer as usize, aligned);
     }
 }
 
 /// The frame on the reference's pixels. Beyond its border it repeats the border.
 pub fn cpu_reference<N: Number>(c: &Constants, spline: &Raster<N>) -> Raster<N> {
+    aligned(Raster::default(), c, spline)
+}
+
+/// As [`cpu_reference`], in the memory of a raster.
+fn aligned<N: Number>(reused: Raster<N>, c: &Constants, spline: &Raster<N>) -> Raster<N> {
     let (r, centre) = (Registration::from(c.registration), c.centre.map(f64::from));
     let shading = Shading { coefficients: c.shading.map(f64::from) };
-    Raster::from_fn(c.width as usize, c.height as usize, |x, y| {
-        let [dx, dy] = r.displacement(x, y, c.factor.into(), centre);
-        let at = |x: usize, d: f64, size: u32| (x as f64 + d).clamp(-1.0, f64::from(size));
-        let place = [at(x, dx, c.width), at(y, dy, c.height)];
-        r.gain * shading.at(from_centre(place, centre)) * spline::read(spline, place[0], place[1]).value + r.offset
-    })
+    let size = [c.width as usize, c.height as usize];
+    warp::displaced(
+        reused.of_size(size),
+        (&r, c.factor.into(), centre),
+        #[inline(always)]
+        |at, d| {
+            let mut values = [N::default(); SEGMENT];
+            spline::read_segment(
+                spline,
+                at,
+                d,
+                |last| [-1.0, last + 1.0],
+                #[inline(always)]
+                |n, jet| values[n] = jet.value,
+            );
+            let ([gain, offset, least], ends) =
+                (N::all([r.gain, r.offset, -1.0]), N::all(size.map(|side| side as f64)));
+            for n in 0..SEGMENT {
+                let mut position = [place::<N>(at[0], n) + d[0][n], N::of(at[1] as f64) + d[1][n]];
+                for axis in 0..2 {
+                    let (inner, centre) = (position[axis].max(least).min(ends[axis]), N::of(centre[axis]));
+                    position[axis] = (inner - centre) / centre;
+                }
+                let factor = shading.factor(position, N::of).max(N::of(0.25)).min(N::of(4.0));
+                values[n] = gain * factor * values[n] + offset;
+            }
+            values
+        },
+    )
 }
 
 #[cfg(test)]

@@ -143,32 +143,36 @@ pub fn cpu_reference<N: Number>(
         };
         Some(s * s / (1.0 + c.noise.blurred(v.abs(), 1.0).value))
     };
-    // The other V of least energy relative to that of V, and both energies' ratio; `NO_WORSE` if all are worse.
-    let best = |[left, top]: [usize; 2]| {
-        let mut sums = [[0.0; 3]; OTHERS];
-        for y in (top..(top + BLOCK).min(height)).step_by(STEP) {
-            for x in (left..(left + BLOCK).min(width)).step_by(STEP) {
-                let near = square.get(x / 2, y / 2);
-                let counts = near > 0.0 && mask.is_none_or(|mask| mask[y * width + x] != 0);
-                let Some(own) = energy([x, y], v.get(x, y)).filter(|_| counts) else { continue };
-                for (n, sum) in sums.iter_mut().enumerate() {
+    let columns = width.div_ceil(BLOCK);
+    // Of the blocks of a row, the other V of least energy relative to that of V, and both energies' ratio; `NO_WORSE` if
+    // all are worse. Each V reads other layers of the stacks: one V after the other, so that rows are read in order.
+    let best = |row: usize| {
+        let mut sums = vec![[[0.0; 3]; OTHERS]; columns];
+        for y in (row * BLOCK..((row + 1) * BLOCK).min(height)).step_by(STEP) {
+            let counts = |x: usize| square.get(x / 2, y / 2) > 0.0 && mask.is_none_or(|mask| mask[y * width + x] != 0);
+            let own = |x: usize| energy([x, y], v.get(x, y)).filter(|_| counts(x)).map(|own| (x, own));
+            let samples: Vec<_> = (0..width).step_by(STEP).filter_map(own).collect();
+            for n in 0..OTHERS {
+                for &(x, own) in &samples {
                     if let Some(energy) = energy([x, y], other(n, limit)) {
+                        let near = square.get(x / 2, y / 2);
                         let terms = [own / near, energy / near, 1.0];
-                        sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+                        sums[x / BLOCK][n].iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
                     }
                 }
             }
         }
-        let mut best = [0.0, NO_WORSE];
-        for (n, [own, energy, count]) in sums.into_iter().enumerate() {
-            if count >= LEAST && energy < best[1] * own {
-                best = [other(n, limit), energy / own];
+        sums.into_iter().map(|sums| {
+            let mut best = [0.0, NO_WORSE];
+            for (n, [own, energy, count]) in sums.into_iter().enumerate() {
+                if count >= LEAST && energy < best[1] * own {
+                    best = [other(n, limit), energy / own];
+                }
             }
-        }
-        best
+            best
+        })
     };
-    let [columns, rows] = [width.div_ceil(BLOCK), height.div_ceil(BLOCK)];
-    let found = workers::map(columns * rows, |n| best([n % columns * BLOCK, n / columns * BLOCK]));
+    let found: Vec<_> = workers::map(height.div_ceil(BLOCK), best).into_iter().flatten().collect();
     Raster::from_fn(curvature.width, curvature.height, |x, y| {
         let [other, share] = found[2 * y / BLOCK * columns + 2 * x / BLOCK];
         let (v, curvature) = (v.get(2 * x, 2 * y), curvature.get(x, y));

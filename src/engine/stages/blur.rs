@@ -2,7 +2,7 @@
 //!
 //! The CPU reference of `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
 
-use super::lanes::Lanes;
+use super::segments::{SEGMENT, Segment, range};
 use super::spline::{self, Jet};
 use super::stack::{self, Blurred, Slopes};
 use super::state::Registration;
@@ -82,39 +82,29 @@ pub fn read_near<N: Number>(stacks: &Stacks<N>, [x, y]: [usize; 2], shift: [f64;
 
 /// Both images by the jets of the nodes of their stacks at a pixel, which T has moved by `shift` since I2 was warped.
 #[inline(always)]
-pub(super) fn sample_jets<R: Real>(
-    v: R,
-    shift: [R; 2],
+fn sample_jets<N: Number>(
+    v: N,
+    shift: [N; 2],
     counts: [usize; 2],
-    first: impl Fn(usize) -> Jet<R>,
-    second: impl Fn(usize) -> Jet<R>,
-) -> PairSample<R> {
-    let (i1, i2, near, none) = (first(0), second(0).moved(shift), R::of(NEAR), R::default());
-    let beyond = |jet: &Jet<R>, factor: f64| {
-        let slope = R::of(factor) * jet.laplacian;
-        let still = (v.abs() - near).choose(none, slope);
-        Blurred { value: jet.value + slope * v.max(-near).min(near), slope: still, dx: jet.dx, dy: jet.dy }
+    first: impl Fn(usize) -> Jet<N>,
+    second: impl Fn(usize) -> Jet<N>,
+) -> PairSample<N> {
+    let (i1, i2) = (first(0), second(0).moved(shift));
+    let blurred = if v >= N::default() {
+        [stack::between(v, counts[0], |k| first(k).node()), beyond(i2, v, -0.5)]
+    } else {
+        let b2 = stack::between(-v, counts[1], |k| second(k).moved(shift).node());
+        [beyond(i1, v, 0.5), Blurred { slope: -b2.slope, ..b2 }]
     };
-    let (mut blurred, [least, most]) = ([beyond(&i1, 0.5), beyond(&i2, -0.5)], v.range());
-    if most >= 0.0 {
-        let b1 = stack::between(
-            v.max(none),
-            counts[0],
-            #[inline(always)]
-            |k| first(k).node(),
-        );
-        blurred[0] = Blurred::choose(v, b1, blurred[0]);
-    }
-    if least < 0.0 {
-        let b2 = stack::between(
-            (-v).max(none),
-            counts[1],
-            #[inline(always)]
-            |k| second(k).moved(shift).node(),
-        );
-        blurred[1] = Blurred::choose(v, blurred[1], Blurred { slope: -b2.slope, ..b2 });
-    }
     PairSample { i1: i1.value, i2, blurred }
+}
+
+/// The image that is not blurred, extrapolated linearly through V = 0. `factor`: the slope over the Laplacian.
+#[inline(always)]
+fn beyond<R: Real>(jet: Jet<R>, v: R, factor: f64) -> Blurred<R> {
+    let (slope, near) = (R::of(factor) * jet.laplacian, R::of(NEAR));
+    let still = (v.abs() - near).choose(R::default(), slope);
+    Blurred { value: jet.value + slope * v.max(-near).min(near), slope: still, dx: jet.dx, dy: jet.dy }
 }
 
 /// The mean of the kernel at V, and its derivative by V, in I1's pixels. The kernel rotates with the sensor of the
@@ -151,28 +141,93 @@ impl<R: Real> PairSample<R> {
     }
 }
 
-/// Samples both images at the pixels from (x, y) to the right, which T has moved by `shift` since I2 was warped. For a
-/// Gaussian.
+/// The [numbers](PairSample::numbers) of the pixels of the segment from (x, y) to the right, which T has moved by `shift`
+/// since I2 was warped. For a Gaussian.
 #[inline(always)]
-pub(super) fn sample_lanes<N: Number>(
+pub(super) fn sample_segment<N: Number>(
     stacks: &Stacks<N>,
-    [x, y]: [usize; 2],
-    shift: [Lanes<N>; 2],
-    v: Lanes<N>,
-) -> PairSample<Lanes<N>> {
-    sample_jets(
-        v,
-        shift,
-        [stacks.first.len(), stacks.second.len()],
+    at: [usize; 2],
+    shift: [&Segment<N>; 2],
+    v: &Segment<N>,
+) -> [Segment<N>; 10] {
+    let (none, [least, most]) = (N::default(), range(v));
+    let mut samples = [[none; SEGMENT]; 10];
+    let [i1, j, dx, dy, b1, slope1, b2, slope2, dx2, dy2] = &mut samples;
+    spline::near_segment(
+        &stacks.first[0],
+        at,
         #[inline(always)]
-        |k| spline::near_lanes(&stacks.first[k], x, y),
+        |n, jet| {
+            let beyond = beyond(jet, v[n], 0.5);
+            (i1[n], b1[n], slope1[n]) = (jet.value, beyond.value, beyond.slope);
+        },
+    );
+    spline::near_segment(
+        &stacks.second[0],
+        at,
         #[inline(always)]
-        |k| spline::near_lanes(&stacks.second[k], x, y),
-    )
+        |n, jet| {
+            let jet = jet.moved([shift[0][n], shift[1][n]]);
+            let beyond = beyond(jet, v[n], -0.5);
+            (j[n], dx[n], dy[n]) = (jet.value, jet.dx, jet.dy);
+            (b2[n], slope2[n], dx2[n], dy2[n]) = (beyond.value, beyond.slope, jet.dx, jet.dy);
+        },
+    );
+    let mut size = [none; SEGMENT];
+    if most >= 0.0 {
+        for n in 0..SEGMENT {
+            size[n] = v[n].max(none);
+        }
+        let [value, slope, ..] = stack::between_segment(
+            &size,
+            stacks.first.len(),
+            #[inline(always)]
+            |k, [value, slope, ..]| {
+                spline::near_segment(
+                    &stacks.first[k],
+                    at,
+                    #[inline(always)]
+                    |n, jet| (value[n], slope[n]) = (jet.value, jet.node().1),
+                );
+            },
+        );
+        for n in 0..SEGMENT {
+            (b1[n], slope1[n]) = (v[n].choose(value[n], b1[n]), v[n].choose(slope[n], slope1[n]));
+        }
+    }
+    if least < 0.0 {
+        for n in 0..SEGMENT {
+            size[n] = (-v[n]).max(none);
+        }
+        let blurred = stack::between_segment(
+            &size,
+            stacks.second.len(),
+            #[inline(always)]
+            |k, [value, slope, dx, dy]| {
+                spline::near_segment(
+                    &stacks.second[k],
+                    at,
+                    #[inline(always)]
+                    |n, jet| {
+                        let (jet, by_v) = jet.moved([shift[0][n], shift[1][n]]).node();
+                        (value[n], slope[n], dx[n], dy[n]) = (jet.value, by_v, jet.dx, jet.dy);
+                    },
+                );
+            },
+        );
+        for n in 0..SEGMENT {
+            b2[n] = v[n].choose(b2[n], blurred[0][n]);
+            slope2[n] = v[n].choose(slope2[n], -blurred[1][n]);
+            dx2[n] = v[n].choose(dx2[n], blurred[2][n]);
+            dy2[n] = v[n].choose(dy2[n], blurred[3][n]);
+        }
+    }
+    samples
 }
 
 /// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1,
 /// `moved` how T has moved since I2 was warped onto I1's pixels, if it was.
+#[inline(always)]
 pub(super) fn sample_pair<N: Number>(
     (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
     r: &Registration,

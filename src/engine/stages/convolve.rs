@@ -5,11 +5,13 @@
 //! to the target: a filter that is not separable is a sum of separable ones. Axis and stride are variants too: loads and
 //! stores whose addresses depend on push constants take a tenth longer on a software device.
 
-use super::lanes::vectorised;
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::rows::{self, Rows};
+use super::segments::streamed;
 use super::spline::{Number, Raster, fold};
 use super::{WORKGROUP, pixels};
 use crate::base::weighted;
+use crate::engine::slot::{Bound, Slot};
 use crate::engine::vulkan::Variant;
 use crate::engine::{filter, shaders};
 
@@ -143,7 +145,7 @@ pub fn cpu_reference_mirrored<N: Number>(
 
 /// As [`cpu_reference_mirrored`], in the memory of a raster, so that no new memory has to be zeroed.
 fn filter_into<N: Number>(
-    mut result: Raster<N>,
+    result: Raster<N>,
     input: &Raster<N>,
     filter: &[N],
     stride: usize,
@@ -151,43 +153,147 @@ fn filter_into<N: Number>(
     period: usize,
 ) -> Raster<N> {
     let halved = |side: usize, along: bool| if along { side.div_ceil(stride) } else { side };
-    (result.width, result.height) = (halved(input.width, !vertical), halved(input.height, vertical));
-    result.data.resize(result.width * result.height, N::default());
+    let mut result = result.of_size([halved(input.width, !vertical), halved(input.height, vertical)]);
     let radius = (filter.len() / 2) as isize;
     result.fill_rows(|y, sums| {
-        let mirrored = if vertical { Vec::new() } else { mirrored_row(input.row(y), radius, period) };
-        // Every stride-th number from the first, from the second, ...: a filter reads contiguous numbers.
-        let parts: Vec<Vec<N>> = match stride {
-            1 => vec![mirrored],
-            _ => (0..stride).map(|n| mirrored.iter().skip(n).step_by(stride).copied().collect()).collect(),
-        };
-        let rows: Vec<&[N]> = (0..filter.len())
-            .map(|n| match vertical {
-                true => input.row(fold((y * stride + n) as isize - radius, period)),
-                false => &parts[n % stride][n / stride..],
-            })
-            .collect();
-        vectorised(
-            #[inline(always)]
-            || weighted::sum(sums, filter, &rows),
-        );
+        if vertical {
+            let row = |n: usize| input.row(fold((y * stride + n) as isize - radius, period));
+            weigh(sums, filter, &(0..filter.len()).map(row).collect::<Vec<_>>());
+        } else {
+            filter_row(sums, input.row(y), filter, stride, period);
+        }
     });
     result
 }
 
-/// A row with `radius` mirrored numbers more on either side.
-fn mirrored_row<N: Number>(row: &[N], radius: isize, period: usize) -> Vec<N> {
-    let outside = |x: isize| row[fold(x, period)];
-    let mut mirrored = Vec::with_capacity(row.len() + 2 * radius as usize);
-    mirrored.extend((-radius..0).map(outside));
-    mirrored.extend_from_slice(row);
-    mirrored.extend((row.len() as isize..).map(outside).take(radius as usize));
-    mirrored
+/// Sums at either end of a row for which mirrored numbers are copied.
+const EDGE: usize = 32;
+
+/// A row filtered along x, mirrored about its first number and half a period from it.
+fn filter_row<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize, period: usize) {
+    let (radius, width) = (filter.len() / 2, row.len());
+    if stride > 1 || radius > EDGE || width < 2 * EDGE {
+        return filter_part(sums, row, filter, stride, [0, period]);
+    }
+    filter_part(&mut sums[..EDGE], row, filter, 1, [0, period]);
+    filter_part(&mut sums[width - EDGE..], row, filter, 1, [width - EDGE, period]);
+    let inner = (0..filter.len()).map(|n| &row[EDGE - radius + n..]).collect::<Vec<_>>();
+    weigh(&mut sums[EDGE..width - EDGE], filter, &inner);
 }
 
-/// The filters along x and along y, one after the other. With stride 2 they halve the image.
-pub(crate) fn filtered<N: Number>(image: &Raster<N>, [along_x, along_y]: [&[N]; 2], stride: usize) -> Raster<N> {
-    cpu_reference(&cpu_reference(image, along_x, stride, false), along_y, stride, true)
+/// The sums of a filtered row from pixel `first` of the row on.
+fn filter_part<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize, [first, period]: [usize; 2]) {
+    let (radius, first) = ((filter.len() / 2) as isize, first as isize);
+    let end = first + ((sums.len().max(1) - 1) * stride) as isize + radius + 1;
+    let [least, most] = [(first - radius).clamp(0, row.len() as isize), end.clamp(0, row.len() as isize)];
+    let outside = |x: isize| row[fold(x, period)];
+    let mut mirrored = Vec::with_capacity((end - first + radius) as usize);
+    mirrored.extend((first - radius..least).map(outside));
+    mirrored.extend_from_slice(&row[least as usize..most as usize]);
+    mirrored.extend((most..end).map(outside));
+    // Every stride-th number from the first, from the second, ...: a filter reads contiguous numbers.
+    let parts: Vec<Vec<N>> = match stride {
+        1 => vec![mirrored],
+        _ => (0..stride).map(|n| mirrored.iter().skip(n).step_by(stride).copied().collect()).collect(),
+    };
+    weigh(sums, filter, &(0..filter.len()).map(|n| &parts[n % stride][n / stride..]).collect::<Vec<_>>());
+}
+
+/// The sums of rows with the weights of a filter.
+pub(crate) fn weigh<N: Number>(sums: &mut [N], filter: &[N], rows: &[&[N]]) {
+    streamed(
+        #[inline(always)]
+        || weighted::sum(sums, filter, rows),
+    );
+}
+
+/// The bands of an image that is filtered along both axes. At the border of two, rows are filtered twice.
+const BANDS: usize = 16;
+
+/// Filters an image along x, then along y, while the rows are in the cache; with `add` it adds to the result, which has
+/// the size of the filtered image.
+pub(super) fn filter_both<N: Number>(
+    result: &mut Raster<N>,
+    input: &Raster<N>,
+    [along_x, along_y]: [&[N]; 2],
+    stride: usize,
+    periods: [usize; 2],
+    add: bool,
+) {
+    let (width, height, radius) = (result.width, result.height, (along_y.len() / 2) as isize);
+    let lines = height.div_ceil(BANDS).max(2 * along_y.len() / stride);
+    rows::map([Rows::from(result).joined(lines)], |band, [rows]| {
+        let mut ring = vec![vec![N::default(); width]; along_y.len()];
+        let slot = |y: isize| (y + radius) as usize % along_y.len();
+        let mut next = (band * lines * stride) as isize - radius;
+        let mut sums = vec![N::default(); if add { width } else { 0 }];
+        for (n, row) in rows.chunks_exact_mut(width.max(1)).enumerate() {
+            let y = ((band * lines + n) * stride) as isize;
+            while next <= y + radius {
+                filter_row(&mut ring[slot(next)], input.row(fold(next, periods[1])), along_x, stride, periods[0]);
+                next += 1;
+            }
+            let filtered: Vec<&[N]> = (y - radius..=y + radius).map(|y| &ring[slot(y)][..]).collect();
+            if add {
+                weigh(&mut sums, along_y, &filtered);
+                row.iter_mut().zip(&sums).for_each(|(before, sum)| *before += *sum);
+            } else {
+                weigh(row, along_y, &filtered);
+            }
+        }
+    });
+}
+
+/// The filters along x and along y. With stride 2 they halve the image.
+pub(crate) fn filtered<N: Number>(image: &Raster<N>, filters: [&[N]; 2], stride: usize) -> Raster<N> {
+    let mut result = Raster::zeros(image.width.div_ceil(stride), image.height.div_ceil(stride));
+    let periods = [image.width, image.height].map(|side| 2 * (side - 1));
+    filter_both(&mut result, image, filters, stride, periods, false);
+    result
+}
+
+/// Runs a filter along x and one of its results along y at once, so that rows stay in the cache. The scratch image in
+/// between is not written. Returns false for other passes, which have to run one after the other.
+pub(crate) fn run_both<N: Number>(
+    [(x, of_x, along_x), (y, of_y, along_y)]: [(Bindings, Constants, Variant); 2],
+    memory: &mut Memory<N>,
+) -> bool {
+    let written = (x.to.slot(), of_x.to_layer, of_x.to_step, of_x.planes);
+    let read = (y.from.slot(), of_y.from_layer, of_y.from_step, of_y.planes);
+    let is_in_place = (x.from.slot(), of_x.from_layer) == (y.to.slot(), of_y.to_layer);
+    if [is_vertical(along_x), is_vertical(along_y)] != [false, true]
+        || stride(along_x) != stride(along_y)
+        || written != read
+        || written.0 != Slot::Scratch
+        || of_x.add == 1
+        || of_y.add == 1 && is_in_place
+    {
+        return false;
+    }
+    let stride = stride(along_x) as usize;
+    let filters = [(x.filters, of_x), (y.filters, of_y)]
+        .map(|(filters, c)| memory.numbers(filters)[4 * c.offset as usize..][..2 * c.radius as usize + 1].to_vec());
+    let filters = filters.each_ref().map(Vec::as_slice);
+    let periods = [of_x.period, of_y.period].map(|period| period as usize);
+    for plane in 0..of_x.planes {
+        let [from, to, between] = [
+            of_x.from_layer + plane * of_x.from_step,
+            of_y.to_layer + plane * of_y.to_step,
+            of_x.to_layer + plane * of_x.to_step,
+        ]
+        .map(|n| n as usize);
+        // In place, the results go to the memory of the scratch image, which gets that of the layer.
+        let reused = if is_in_place { memory.take_layer(x.to, between) } else { memory.take_layer(y.to, to) };
+        let input = memory.layer(x.from, from);
+        let mut result = reused.of_size([input.width.div_ceil(stride), input.height.div_ceil(stride)]);
+        filter_both(&mut result, input, filters, stride, periods, of_y.add == 1);
+        if is_in_place {
+            let input = memory.take_layer(y.to, to);
+            memory.set_layer(x.to, between, input);
+        }
+        memory.set_layer(y.to, to, result);
+    }
+    true
 }
 
 /// The image under a Gaussian of `sigma` px.

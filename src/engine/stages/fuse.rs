@@ -4,10 +4,10 @@
 //! reach, the result is I1.
 
 use super::blur::heaviside;
-use super::lanes::Lanes;
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::{SEGMENT, first_of, place};
 use super::state::{Registration, from_centre, inside, margin};
-use super::{Number, Raster, Real, pixels, spline, warp};
+use super::{Number, Raster, pixels, spline, warp};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
@@ -42,12 +42,13 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+        let reused = memory.take_layer(self.results, c.layer as usize);
         let state = memory.state(self.state);
-        let channel1 = memory.layer(self.channel1, 0);
-        let fused = cpu_reference(
+        let fused = fuse(
+            reused,
             c,
             (&state.registration, &state.applied_shading),
-            channel1,
+            memory.layer(self.channel1, 0),
             memory.layer(self.spline2, 0),
             memory.layer(self.v, 0),
         );
@@ -58,6 +59,18 @@ impl Pass for Bindings {
 /// The fused channel.
 pub fn cpu_reference<N: Number>(
     c: &Constants,
+    state: (&Registration, &Shading),
+    channel1: &Raster<N>,
+    coefficients2: &Raster<N>,
+    v: &Raster<N>,
+) -> Raster<N> {
+    fuse(Raster::default(), c, state, channel1, coefficients2, v)
+}
+
+/// As [`cpu_reference`], in the memory of a raster.
+fn fuse<N: Number>(
+    reused: Raster<N>,
+    c: &Constants,
     (r, shading): (&Registration, &Shading),
     channel1: &Raster<N>,
     coefficients2: &Raster<N>,
@@ -65,15 +78,19 @@ pub fn cpu_reference<N: Number>(
 ) -> Raster<N> {
     let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
     warp::displaced(
-        size,
+        reused.of_size(size),
         (r, 1.0, centre),
         #[inline(always)]
         |at @ [x, y], d| {
-            let [i1, v] = [Lanes::first_of(&channel1.row(y)[x..]), Lanes::first_of(&v.row(y)[x..])];
-            let i2 = warp::resampled(shading, centre, coefficients2, at, d);
-            let (h, j) = (heaviside(v, c.epsilon.into()), Lanes::of(r.gain) * i2 + Lanes::of(r.offset));
-            let inside = margin([Lanes::ramp(x), Lanes::of(y as f64)], d, size, Lanes::default(), 1.0);
-            inside.choose(h * i1 + (Lanes::of(1.0) - h) * j, i1)
+            let [i1, v] = [first_of(&channel1.row(y)[x..]), first_of(&v.row(y)[x..])];
+            let mut fused = warp::resampled(shading, centre, coefficients2, at, d);
+            let [gain, offset, one, row] = N::all([r.gain, r.offset, 1.0, y as f64]);
+            for n in 0..SEGMENT {
+                let (h, j) = (heaviside(v[n], c.epsilon.into()), gain * fused[n] + offset);
+                let inside = margin([place(x, n), row], [d[0][n], d[1][n]], size, N::default(), 1.0);
+                fused[n] = inside.choose(h * i1[n] + (one - h) * j, i1[n]);
+            }
+            fused
         },
     )
 }

@@ -8,6 +8,8 @@
 use std::borrow::Cow;
 
 use super::Number;
+use super::rows::{self, Rows};
+use super::segments::vectorised;
 
 /// A grid has at least this many cells along its short side, unless its level has fewer pixels than twice as many.
 const LEAST_SIDE: u32 = 8;
@@ -69,54 +71,85 @@ impl<'a, N: Number> Grid<'a, N> {
     pub fn halved(&self) -> Grid<'static, N> {
         let (width, height, half) = (self.width.div_ceil(2), self.height.div_ceil(2), N::of(0.5));
         let mut coarse = vec![[N::default(); FLOATS]; width * height];
-        for (y, row) in self.cells.chunks_exact(self.width).enumerate() {
-            let coarse = &mut coarse[y / 2 * width..][..width];
-            for (x, [d, r, right, below]) in row.iter().enumerate() {
-                let cell = &mut coarse[x / 2];
-                cell[0] += *d;
-                cell[1] += *r;
-                cell[2] += if x % 2 == 1 { half * *right } else { N::default() };
-                cell[3] += if y % 2 == 1 { half * *below } else { N::default() };
+        rows::map([Rows { width, numbers: &mut coarse }], |row, [coarse]| {
+            for y in 2 * row..(2 * row + 2).min(self.height) {
+                for (x, [d, r, right, below]) in self.cells[y * self.width..][..self.width].iter().enumerate() {
+                    let cell = &mut coarse[x / 2];
+                    cell[0] += *d;
+                    cell[1] += *r;
+                    cell[2] += if x % 2 == 1 { half * *right } else { N::default() };
+                    cell[3] += if y % 2 == 1 { half * *below } else { N::default() };
+                }
             }
-        }
+        });
         Grid { width, height, cells: coarse.into() }
     }
 
     /// Relaxes the cells of one color of dV: 0 red, x + y even; 1 black.
     pub fn relax(&self, dv: &mut [N], color: usize, over_relaxation: f64) {
-        let [over_relaxation, least] = [over_relaxation, 1e-12].map(N::of);
-        let (width, height) = (self.width, self.height);
-        for y in 0..height {
-            for x in ((y + color) & 1..width).step_by(2) {
-                let i = y * width + x;
-                let [d, r, right, below] = self.cells[i];
-                let (mut sum, mut diagonal) = (r, d);
-                let mut link = |weight: N, n: usize| {
-                    sum += weight * dv[n];
-                    diagonal += weight;
-                };
-                if x + 1 < width {
-                    link(right, i + 1);
-                }
-                if x > 0 {
-                    link(self.cells[i - 1][2], i - 1);
-                }
-                if y + 1 < height {
-                    link(below, i + width);
-                }
-                if y > 0 {
-                    link(self.cells[i - width][3], i - width);
-                }
-                dv[i] = dv[i] + over_relaxation * (sum / diagonal.max(least) - dv[i]);
-            }
+        let (width, height, before) = (self.width, self.height, dv.to_vec());
+        rows::map([Rows { width, numbers: dv }], |y, [dv]| {
+            // Rows beyond the border are never weighted.
+            let [above, here, below] = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| y * width);
+            let changes = [above, here, below].map(|first| &before[first..][..width]);
+            let cells = [above, here].map(|first| &self.cells[first..][..width]);
+            let linked = N::of(if y > 0 { 1.0 } else { 0.0 });
+            vectorised(
+                #[inline(always)]
+                || relax_row(cells, changes, (y + color) & 1, linked, N::of(over_relaxation), dv),
+            );
+        });
+    }
+}
+
+/// Relaxes every second cell of a row from `first` on, by the equations of the row above and of the row, and by dV of
+/// the rows above, here and below. `linked`: 1, or 0 where there is no row above.
+#[inline(always)]
+fn relax_row<N: Number>(
+    cells: [&[Cell<N>]; 2],
+    changes: [&[N]; 3],
+    first: usize,
+    linked: N,
+    over_relaxation: N,
+    dv: &mut [N],
+) {
+    let ([above, cells], [up, here, down], width) = (cells, changes, dv.len());
+    let relaxed =
+        |[before, own, behind]: [N; 3], left: N, [d, r, right, below]: Cell<N>, above: N, [up, down]: [N; 2]| {
+            let above = linked * above;
+            let sum = r + right * behind + left * before + below * down + above * up;
+            let diagonal = d + right + left + below + above;
+            own + over_relaxation * (sum / diagonal.max(N::of(1e-12)) - own)
+        };
+    // Cells with one before and one behind: pairs of adjacent cells, the second of which are relaxed.
+    let start = 2 - first;
+    let count = width.saturating_sub(start) / 2;
+    if count > 0 {
+        let pairs = &cells[start - 1..].as_chunks::<2>().0[..count];
+        let above = &above[start..].as_chunks::<2>().0[..count];
+        let [before, up, down] =
+            [&here[start - 1..], &up[start..], &down[start..]].map(|row| &row.as_chunks::<2>().0[..count]);
+        let dv = &mut dv[start..].as_chunks_mut::<2>().0[..count];
+        for n in 0..count {
+            let ([left, cell], [before, own], behind) = (pairs[n], before[n], dv[n][1]);
+            let own = relaxed([before, own, behind], left[2], cell, above[n][0][3], [up[n][0], down[n][0]]);
+            dv[n] = [own, behind];
         }
+    }
+    for x in [0, width - 1].into_iter().take(width).filter(|x| x % 2 == first) {
+        let (before, left) = if x > 0 { (here[x - 1], cells[x - 1][2]) } else { Default::default() };
+        let behind = if x + 1 < width { here[x + 1] } else { N::default() };
+        dv[x] = relaxed([before, here[x], behind], left, cells[x], above[x][3], [up[x], down[x]]);
     }
 }
 
 /// dV of a grid before its first relaxation sweep: that of the next coarser grid.
 pub fn prolonged<N: Number>(coarse: &[N], [width, height]: [usize; 2]) -> Vec<N> {
-    let columns = width.div_ceil(2);
-    (0..height).flat_map(|y| (0..width).map(move |x| coarse[y / 2 * columns + x / 2])).collect()
+    let (columns, mut fine) = (width.div_ceil(2), vec![N::default(); width * height]);
+    rows::map([Rows { width, numbers: &mut fine }], |y, [fine]| {
+        fine.chunks_mut(2).zip(&coarse[y / 2 * columns..]).for_each(|(pair, dv)| pair.fill(*dv));
+    });
+    fine
 }
 
 #[cfg(test)]

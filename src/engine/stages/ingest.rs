@@ -54,17 +54,21 @@ pub fn stored(frame: &Frame, i: usize) -> f64 {
 /// The weighted sum of a frame's channels.
 pub fn cpu_reference<N: Number>(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Raster<N> {
     let decoded = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored };
-    // A table saves the power of the curve.
-    let table: Vec<f64> = (0..=u8::MAX).map(|v| decoded(f64::from(v) / 255.0)).collect();
-    let value = |i: usize| match frame.samples() {
-        Samples::U8(samples) => table[usize::from(samples[i])],
-        _ => decoded(stored(frame, i)),
-    };
-    let channels = frame.format().channels.count() as usize;
-    let width = frame.width() as usize;
+    let (channels, width) = (frame.format().channels.count() as usize, frame.width() as usize);
+    let weights: Vec<f64> = if channels == 1 { vec![1.0] } else { weights.map(f64::from).to_vec() };
+    // A table for each channel saves the power of the curve and the products.
+    let table = |weight: &f64| -> [f64; 256] { std::array::from_fn(|v| weight * decoded(v as f64 / 255.0)) };
+    let tables: Vec<_> = weights.iter().map(table).collect();
     Raster::from_fn(width, frame.height() as usize, |x, y| {
         let first = (y * width + x) * channels;
-        if channels == 1 { value(first) } else { (0..3).map(|c| f64::from(weights[c]) * value(first + c)).sum() }
+        match (frame.samples(), &tables[..]) {
+            (Samples::U8(s), [table]) => table[usize::from(s[first])],
+            (Samples::U8(s), [red, green, blue]) => {
+                let [r, g, b] = [s[first], s[first + 1], s[first + 2]].map(usize::from);
+                red[r] + green[g] + blue[b]
+            }
+            _ => weights.iter().enumerate().map(|(c, weight)| weight * decoded(stored(frame, first + c))).sum(),
+        }
     })
 }
 

@@ -16,13 +16,13 @@
 //! accounts for that. On the slanted plane with 15 iterations per level, V rms was 0.032 px² without elimination, 0.026
 //! with λ = 1 and 0.007 with 0.1; but with 0.1, black and white dots under a half-Gaussian do not settle.
 
-use super::blur::{NEAR, Stacks, heaviside, sample_lanes, sample_pair};
-use super::lanes::{LANES, Lanes, vectorised};
-use super::links::{self, LinkRow, Links};
+use super::blur::{NEAR, Stacks, heaviside, sample_pair, sample_segment};
+use super::links::Links;
 use super::mask::{self, Masks};
 use super::noise::{self, Noise};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
+use super::segments::{SEGMENT, first_of, vectorised};
 use super::stack::Slopes;
 use super::state::{Registration, margin};
 use super::sums::{Layout, Line};
@@ -134,14 +134,15 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let reused = [0, 1].map(|n| memory.take_layer(self.equations, n));
         let state = memory.state(self.state);
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
         let warped = variant[1].then_some(&state.warped);
         let masks = mask::of(memory, self.masks, variant);
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
         let layout = Layout::of_variant(variant);
-        let Linearised { equations, partials } =
-            cpu_reference(c, layout, (&state.registration, state.alpha, state.spread), warped, [i1, v], &stacks, masks);
+        let state = (&state.registration, state.alpha, state.spread);
+        let Linearised { equations, partials } = linearise(reused, c, layout, state, warped, [i1, v], (&stacks, masks));
         equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.equations, n, field));
         memory.set_numbers(self.partials, &partials);
     }
@@ -175,11 +176,24 @@ struct Residual<R> {
 pub fn cpu_reference<N: Number>(
     c: &Constants,
     layout: Layout,
+    state: (&Registration, f64, f64),
+    warped: Option<&Registration>,
+    images: [&Raster<N>; 2],
+    stacks: &Stacks<N>,
+    masks: Option<&Masks<N>>,
+) -> Linearised<N> {
+    linearise(Default::default(), c, layout, state, warped, images, (stacks, masks))
+}
+
+/// As [`cpu_reference`], in the memory of rasters.
+fn linearise<N: Number>(
+    equations: [Raster<N>; LAYERS as usize],
+    c: &Constants,
+    layout: Layout,
     (r, alpha, spread): (&Registration, f64, f64),
     warped: Option<&Registration>,
     [i1, v]: [&Raster<N>; 2],
-    stacks: &Stacks<N>,
-    masks: Option<&Masks<N>>,
+    (stacks, masks): (&Stacks<N>, Option<&Masks<N>>),
 ) -> Linearised<N> {
     let size @ [width, height] = [v.width, v.height];
     let moved = warped.map(|before| r.moved_since(before));
@@ -188,7 +202,7 @@ pub fn cpu_reference<N: Number>(
     let (scale, centre, spread) = (r.scale(), c.centre.map(f64::from), least_spread(c, spread));
     let [columns, ..] = tiles([c.width, c.height], c.rows);
     let lines = (WORKGROUP[1] * c.rows) as usize;
-    let mut equations = [(); LAYERS as usize].map(|()| Raster::zeros(width, height));
+    let mut equations = equations.map(|raster| raster.of_size(size));
     let rasters = equations.each_mut().map(|raster| Rows::from(raster).joined(lines));
     let partials = rows::map(rasters, |row, [diagonals, sides]| {
         let mut partials = vec![0.0; columns as usize * layout.length];
@@ -196,17 +210,15 @@ pub fn cpu_reference<N: Number>(
         let (mut pixels, mut terms) = ([[N::of(1.0); BLOCK]; PARTS], [[N::default(); BLOCK]; TERMS]);
         let [mut dx, mut dy, mut shift_x, mut shift_y] = [[N::default(); BLOCK]; 4];
         let steps: [N; BLOCK] = std::array::from_fn(|n| N::of(n as f64));
-        let [mut across, mut down, mut above] = [(); 3].map(|()| LinkRow::default());
-        links.downwards((row * lines) as isize - 1, &mut above);
+        let mut links = links.rows_from(row * lines);
         for y in row * lines..height.min((row + 1) * lines) {
-            links.across(y, &mut across);
-            links.downwards(y as isize, &mut down);
+            links.advance(y);
             for (tile, partials) in partials.chunks_exact_mut(layout.length).enumerate() {
                 let xs = tile * BLOCK..width.min((tile + 1) * BLOCK);
                 let (count, start) = (xs.len(), [xs.start, y]);
                 let [.., smoothness, pulls, phis, _] = &mut pixels;
-                links::sums([&across, &down, &above], xs.start, [&mut smoothness[..count], &mut pulls[..count]]);
-                phis[..count].copy_from_slice(&links.phi().row(y)[xs.clone()]);
+                links.sums(xs.start, [&mut smoothness[..count], &mut pulls[..count]]);
+                phis[..count].copy_from_slice(&links.phi()[xs.clone()]);
                 pixels[V][..count].copy_from_slice(&v.row(y)[xs.clone()]);
                 pixels[V][count..].fill(v.row(y)[xs.end - 1]);
                 let level = Level { c, gain: r.gain, offset: r.offset, alpha, spread };
@@ -225,17 +237,18 @@ pub fn cpu_reference<N: Number>(
                             pixels[BETWEEN][n] = noise::interpolated(d);
                             pixels[PLACE][n] = (x - middle) / length;
                         }
-                        for n in (0..count).step_by(LANES) {
-                            let at = [xs.start + n, y];
-                            let [dx, dy, v] = [Lanes::load(&dx, n), Lanes::load(&dy, n), Lanes::load(&pixels[V], n)];
-                            let share = mask::counts_lanes(masks, at, [dx, dy]);
-                            let inside = Lanes::load(&pixels[SHARE], n);
-                            inside.choose(share, Lanes::default()).store(&mut pixels[SHARE], n);
+                        for n in (0..count).step_by(SEGMENT) {
+                            let (at, mut shares) = ([xs.start + n, y], [N::default(); SEGMENT]);
+                            mask::counts_segment(masks, at, [&first_of(&dx[n..]), &first_of(&dy[n..])], &mut shares);
+                            let inside = &mut pixels[SHARE][n..n + SEGMENT];
+                            for n in 0..SEGMENT {
+                                inside[n] = inside[n].choose(shares[n], N::default());
+                            }
                             if moved.is_some() {
-                                let shift = [Lanes::load(&shift_x, n), Lanes::load(&shift_y, n)];
-                                let numbers = sample_lanes(stacks, at, shift, v).numbers();
-                                for k in 0..numbers.len() {
-                                    numbers[k].store(&mut pixels[FIRST + k], n);
+                                let shift = [&first_of(&shift_x[n..]), &first_of(&shift_y[n..])];
+                                let samples = sample_segment(stacks, at, shift, &first_of(&pixels[V][n..]));
+                                for k in 0..samples.len() {
+                                    pixels[FIRST + k][n..n + SEGMENT].copy_from_slice(&samples[k]);
                                 }
                             }
                         }
@@ -261,7 +274,6 @@ pub fn cpu_reference<N: Number>(
                 diagonals[first..first + count].copy_from_slice(&terms[DIAGONAL][..count]);
                 sides[first..first + count].copy_from_slice(&terms[SIDE][..count]);
             }
-            std::mem::swap(&mut above, &mut down);
         }
         partials
     });
@@ -290,19 +302,26 @@ const DIAGONAL: usize = 8;
 const SIDE: usize = 9;
 const SIGNED: usize = 10;
 
+/// Partial sums of a line, which are added at its end.
+const LANES: usize = 8;
+
 /// The sums of numbers times powers of x.
 #[inline(always)]
 fn moments<N: Number, const COUNT: usize>(numbers: &[N; BLOCK], x: &[N; BLOCK]) -> [f64; COUNT] {
-    let (mut lanes, mut sums) = ([Lanes::default(); COUNT], [0.0; COUNT]);
-    for place in (0..BLOCK).step_by(LANES) {
-        let (mut term, x) = (Lanes::load(numbers, place), Lanes::load(x, place));
+    let (mut lanes, mut sums) = ([[N::default(); LANES]; COUNT], [0.0; COUNT]);
+    for (numbers, x) in numbers.as_chunks::<LANES>().0.iter().zip(x.as_chunks::<LANES>().0) {
+        let mut term = *numbers;
         for k in 0..COUNT {
-            lanes[k] += term;
-            term = term * x;
+            for n in 0..LANES {
+                lanes[k][n] += term[n];
+                term[n] = term[n] * x[n];
+            }
         }
     }
     for k in 0..COUNT {
-        sums[k] = lanes[k].sum();
+        for n in 0..LANES {
+            sums[k] += lanes[k][n].into();
+        }
     }
     sums
 }

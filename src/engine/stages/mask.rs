@@ -12,8 +12,8 @@
 //! The counts of clipped pixels leave out those that the mask of I1 excludes, in I2 those at the same place: T is not
 //! known yet, and a mask is large beside the displacement.
 
-use super::lanes::Lanes;
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::{Segment, first_of};
 use super::{Number, Raster, Real, ingest, pixels, spline};
 use crate::base::Frame;
 use crate::engine::slot::{self, Reads};
@@ -102,12 +102,25 @@ pub fn counts<N: Number>(masks: Option<&Masks<N>>, [x, y]: [usize; 2], d: [f64; 
     both(first.get(x, y), taps, [px - column as f64, py - row as f64])
 }
 
-/// The shares by which the pixels from (x, y) to the right count, as [`counts`].
+/// Sets the shares by which the pixels of the segment from (x, y) to the right count, as [`counts`].
 #[inline(always)]
-pub(super) fn counts_lanes<N: Number>(masks: Option<&Masks<N>>, at: [usize; 2], d: [Lanes<N>; 2]) -> Lanes<N> {
-    let Some([first, second]) = masks else { return Lanes::of(1.0) };
-    let (corners, fractions) = spline::displaced(at, d, [second.width, second.height], |last| [0.0, last]);
-    both(Lanes::first_of(&first.row(at[1])[at[0]..]), spline::taps(second, &corners), fractions)
+pub(super) fn counts_segment<N: Number>(
+    masks: Option<&Masks<N>>,
+    at: [usize; 2],
+    d: [&Segment<N>; 2],
+    shares: &mut Segment<N>,
+) {
+    let Some([first, second]) = masks else { return shares.fill(N::of(1.0)) };
+    let first = first_of(&first.row(at[1])[at[0]..]);
+    spline::displaced_taps(
+        second,
+        at,
+        d,
+        0,
+        |last| [0.0, last],
+        #[inline(always)]
+        |n, taps, fractions| shares[n] = both(first[n], taps, fractions),
+    );
 }
 
 /// The share by the averaged masks of I1 at a pixel and of I2 about the displaced pixel.

@@ -30,7 +30,6 @@ pub mod halve_grid;
 #[cfg(test)]
 pub(crate) mod harness;
 pub mod ingest;
-mod lanes;
 pub mod linearise;
 mod links;
 pub mod mask;
@@ -46,6 +45,7 @@ pub mod relax_tiles;
 pub mod residual;
 mod rows;
 pub mod scale_deviation;
+mod segments;
 pub mod separable;
 pub mod shape;
 pub mod shape_median;

@@ -2,8 +2,8 @@
 //!
 //! The system is divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
 
-use super::lanes::vectorised;
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::vectorised;
 use super::{Field, Number, Raster, WORKGROUP, pixels};
 use crate::engine::vulkan::Variant;
 
@@ -59,13 +59,13 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let mut own = memory.take_layer(self.own, 0);
-        let start = |color| start(memory.numbers(self.coarse), [c.width, c.height], color);
+        let start = |reused, color| started(reused, memory.numbers(self.coarse), [c.width, c.height], color);
         if variant == FIRST {
-            own = start(c.color);
+            own = start(own, c.color);
         }
         let system = memory.system((self.right_sides, c.color as usize), self.weights, c.color as usize);
         if variant == FIRST && c.color == 0 {
-            cpu_reference(c, &system, &start(1), &mut own);
+            cpu_reference(c, &system, &start(Raster::default(), 1), &mut own);
         } else {
             cpu_reference(c, &system, memory.layer(self.other, 0), &mut own);
         }
@@ -75,9 +75,14 @@ impl Pass for Bindings {
 
 /// dV of one color of a level before the first relaxation sweep, by dV of its coarse grids; 0 where a row has no pixel
 /// left.
-pub(crate) fn start<N: Number>(steps: &[N], [width, height]: [u32; 2], color: u32) -> Raster<N> {
+pub(crate) fn start<N: Number>(steps: &[N], size: [u32; 2], color: u32) -> Raster<N> {
+    started(Raster::default(), steps, size, color)
+}
+
+/// As [`start`], in the memory of a raster.
+fn started<N: Number>(reused: Raster<N>, steps: &[N], [width, height]: [u32; 2], color: u32) -> Raster<N> {
     let columns = width.div_ceil(2) as usize;
-    let mut start = Raster::zeros(columns, height as usize);
+    let mut start = reused.of_size([columns, height as usize]);
     start.fill_rows(|y, row| {
         row.copy_from_slice(&steps[y / 2 * columns..][..columns]);
         if width % 2 == 1 && (y + color as usize) % 2 == 1 {

@@ -5,7 +5,7 @@
 //! workgroup filters 64 lines along x into shared memory, and these along y. Adjacent tiles filter the lines that they
 //! share twice, which would cost a processor more than it saves.
 
-use super::convolve::{self, cpu_reference_mirrored};
+use super::convolve::{self, filter_both};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::spline::{Number, Raster};
 use super::{WORKGROUP, pixels};
@@ -108,15 +108,11 @@ fn stride(variant: Variant) -> u32 {
 }
 
 /// The image filtered along x, then along y; with stride 2 every other result along either.
-pub fn cpu_reference<N: Number>(
-    c: &Constants,
-    stride: u32,
-    [along_x, along_y]: [&[N]; 2],
-    image: &Raster<N>,
-) -> Raster<N> {
-    let ([across, down], stride) = (c.periods.map(|period| period as usize), stride as usize);
-    let filtered = cpu_reference_mirrored(image, along_x, stride, false, across);
-    cpu_reference_mirrored(&filtered, along_y, stride, true, down)
+pub fn cpu_reference<N: Number>(c: &Constants, stride: u32, filters: [&[N]; 2], image: &Raster<N>) -> Raster<N> {
+    let (periods, stride) = (c.periods.map(|period| period as usize), stride as usize);
+    let mut result = Raster::zeros(image.width.div_ceil(stride), image.height.div_ceil(stride));
+    filter_both(&mut result, image, filters, stride, periods, false);
+    result
 }
 
 const _: () = assert!(TAPS == convolve::TAPS && SPAN == convolve::SPAN && BLOCK == convolve::BLOCK);

@@ -4,10 +4,10 @@
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
-use super::lanes::{LANES, Lanes};
 use super::rows::{self, Rows};
+use super::segments::{SEGMENT, Segment, place, range};
 
-/// A number, or several that are computed with at once.
+/// A number that formulas are written for.
 pub trait Real:
     Copy
     + Default
@@ -43,8 +43,6 @@ pub trait Real:
     fn min(self, other: Self) -> Self;
     /// The first if this is 0 or more, else the second.
     fn choose(self, if_positive: Self, otherwise: Self) -> Self;
-    /// The least and the greatest of the numbers.
-    fn range(self) -> [f64; 2];
 }
 
 /// The type of a stored number: `f64` in tests and on the host, `f32` on the CPU device. Passes compute in double
@@ -86,10 +84,6 @@ macro_rules! numbers {
             #[inline(always)]
             fn choose(self, if_positive: Self, otherwise: Self) -> Self {
                 if self >= 0.0 { if_positive } else { otherwise }
-            }
-            #[inline(always)]
-            fn range(self) -> [f64; 2] {
-                [self.into(); 2]
             }
         }
     )*};
@@ -156,6 +150,17 @@ impl<N: Number> Raster<N> {
     /// A raster of zeros.
     pub fn zeros(width: usize, height: usize) -> Self {
         Self { width, height, data: vec![N::default(); width * height] }
+    }
+
+    /// The memory of a raster for one of another size. Its numbers are undefined: no time is lost to set them.
+    pub(crate) fn of_size(mut self, [width, height]: [usize; 2]) -> Self {
+        let count = width * height;
+        if self.data.capacity() < count {
+            // The system's memory is zero: no page is touched before a thread fills it.
+            self.data = vec![N::default(); count];
+        }
+        self.data.resize(count, N::default());
+        Self { width, height, ..self }
     }
 
     /// The number at a place inside.
@@ -291,8 +296,8 @@ fn beside(i: usize, size: usize) -> [usize; 3] {
     }
 }
 
-/// The spline at pixel (x, y).
-#[inline]
+/// The spline at pixel (x, y). What a caller does not use is not computed.
+#[inline(always)]
 pub fn near<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet {
     let (columns, rows) = (beside(x, coefficients.width), beside(y, coefficients.height));
     let mut taps = [[0.0; 3]; 3];
@@ -303,24 +308,37 @@ pub fn near<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet {
     on_pixel(taps)
 }
 
-/// The spline at the pixels from (x, y) to the right. Beyond the border it is mirrored.
+/// Calls `visit` with the spline at each pixel of the segment from (x, y) to the right. Beyond the border it is mirrored.
 #[inline(always)]
-pub(super) fn near_lanes<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet<Lanes<N>> {
-    let (width, mut taps) = (coefficients.width, [[Lanes::default(); 3]; 3]);
-    for (taps, row) in taps.iter_mut().zip(beside(y, coefficients.height)) {
-        let row = coefficients.row(row);
-        let mut mirrored = [N::default(); LANES + 2];
-        let near = if x > 0 && x + LANES < width {
-            &row[x - 1..][..LANES + 2]
-        } else {
+pub(super) fn near_segment<N: Number>(
+    coefficients: &Raster<N>,
+    [x, y]: [usize; 2],
+    mut visit: impl FnMut(usize, Jet<N>),
+) {
+    const COUNT: usize = SEGMENT + 2;
+    let mut mirrored = [[N::default(); COUNT]; 3];
+    let [above, here, below] = beside(y, coefficients.height).map(|y| coefficients.row(y));
+    let inner = [above, here, below].map(|row| row.get(x.wrapping_sub(1)..).and_then(<[N]>::first_chunk));
+    // Arrays, whose length is known: without checks of indices, loops are vectorised.
+    let rows: [&[N; COUNT]; 3] = if let [Some(above), Some(here), Some(below)] = inner {
+        [above, here, below]
+    } else {
+        for (mirrored, row) in mirrored.iter_mut().zip([above, here, below]) {
             for (n, number) in mirrored.iter_mut().enumerate() {
-                *number = row[mirror((x + n) as isize - 1, width)];
+                *number = row[mirror((x + n) as isize - 1, coefficients.width)];
             }
-            &mirrored[..]
-        };
-        *taps = [Lanes::load(near, 0), Lanes::load(near, 1), Lanes::load(near, 2)];
+        }
+        mirrored.each_ref()
+    };
+    for n in 0..SEGMENT {
+        let mut taps = [[N::default(); 3]; 3];
+        for j in 0..3 {
+            for i in 0..3 {
+                taps[j][i] = rows[j][n + i];
+            }
+        }
+        visit(n, on_pixel(taps));
     }
-    on_pixel(taps)
 }
 
 /// The spline from sixteen coefficients, at fractions after the second column and row.
@@ -376,72 +394,100 @@ fn taps_of_row<N: Number, const COUNT: usize>(raster: &Raster<N>, [x, y]: [isize
     taps
 }
 
-/// The places of the pixels from (x, y) to the right, displaced by d: columns and rows, and the fractions beyond them.
+/// Calls `visit` for each pixel of the segment from (x, y) to the right, displaced by d, with `COUNT` x `COUNT` numbers
+/// about its place, mirrored, and the fractions of its place. The first number is `before` pixels before the place.
 /// Places are moved to between `bounds` of the last column or row.
 #[inline(always)]
-pub(super) fn displaced<N: Number>(
-    [x, y]: [usize; 2],
-    d: [Lanes<N>; 2],
-    [width, height]: [usize; 2],
-    bounds: impl Fn(f64) -> [f64; 2],
-) -> ([[isize; 2]; LANES], [Lanes<N>; 2]) {
-    let of = |first: Lanes<N>, d: Lanes<N>, size: usize| {
-        let [least, most] = bounds(size as f64 - 1.0);
-        d.max(Lanes::of(least) - first).min(Lanes::of(most) - first)
-    };
-    let d = [of(Lanes::ramp(x), d[0], width), of(Lanes::of(y as f64), d[1], height)];
-    let whole = [d[0].floor(), d[1].floor()];
-    let (columns, rows) = (whole[0].integers(), whole[1].integers());
-    let mut corners = [[0; 2]; LANES];
-    for n in 0..LANES {
-        corners[n] = [(x + n) as isize + columns[n], y as isize + rows[n]];
-    }
-    (corners, [d[0] - whole[0], d[1] - whole[1]])
-}
-
-/// `COUNT` x `COUNT` numbers to the right of and below corners, mirrored.
-#[inline(always)]
-pub(super) fn taps<N: Number, const COUNT: usize>(
+pub(super) fn displaced_taps<N: Number, const COUNT: usize>(
     raster: &Raster<N>,
-    corners: &[[isize; 2]; LANES],
-) -> [[Lanes<N>; COUNT]; COUNT] {
-    let mut taps = [[Lanes::default(); COUNT]; COUNT];
-    let [[x, y], [last, _]] = [corners[0], corners[LANES - 1]];
-    let mut adjacent =
-        x >= 0 && y >= 0 && last >= x && last as usize + COUNT <= raster.width && y as usize + COUNT <= raster.height;
-    for n in 0..LANES {
-        adjacent &= corners[n] == [x + n as isize, y];
-    }
-    if adjacent {
-        for j in 0..COUNT {
-            let row = &raster.row(y as usize + j)[x as usize..][..LANES + COUNT - 1];
-            for i in 0..COUNT {
-                taps[j][i] = Lanes::load(row, i);
-            }
-        }
-        return taps;
-    }
-    for n in 0..LANES {
-        for j in 0..COUNT {
-            let line = taps_of_row::<N, COUNT>(raster, corners[n], j);
-            for i in 0..COUNT {
-                taps[j][i].set(n, line[i]);
-            }
+    [x, y]: [usize; 2],
+    d: [&Segment<N>; 2],
+    before: usize,
+    bounds: impl Fn(f64) -> [f64; 2],
+    mut visit: impl FnMut(usize, [[N; COUNT]; COUNT], [N; 2]),
+) {
+    /// The numbers of a row about a segment.
+    const MOST: usize = SEGMENT + 3;
+    const { assert!(COUNT <= 4) };
+    let size @ [width, height] = [raster.width, raster.height];
+    let [mut whole, mut fractions] = [[[N::default(); SEGMENT]; 2]; 2];
+    for axis in 0..2 {
+        let [least, most]: [N; 2] = N::all(bounds(size[axis] as f64 - 1.0));
+        for n in 0..SEGMENT {
+            let first = if axis == 0 { place(x, n) } else { N::of(y as f64) };
+            let d = d[axis][n].max(least - first).min(most - first);
+            whole[axis][n] = d.floor();
+            fractions[axis][n] = d - d.floor();
         }
     }
-    taps
+    let ([left, right], [top, bottom]) = (range(&whole[0]), range(&whole[1]));
+    let first = [x as f64 + left, y as f64 + top].map(|first| first as isize - before as isize);
+    // Usually all pixels are displaced by the same whole pixels.
+    if left == right
+        && top == bottom
+        && first[0] >= 0
+        && first[1] >= 0
+        && first[0] as usize + MOST <= width
+        && first[1] as usize + COUNT <= height
+    {
+        let near = &raster.data[first[1] as usize * width + first[0] as usize..];
+        let (outside, mut rows) = ([N::default(); MOST], [None; COUNT]);
+        for j in 0..COUNT {
+            rows[j] = near[j * width..].first_chunk::<MOST>();
+        }
+        let rows = rows.map(|row| row.unwrap_or(&outside));
+        for n in 0..SEGMENT {
+            let mut taps = [[N::default(); COUNT]; COUNT];
+            for j in 0..COUNT {
+                for i in 0..COUNT {
+                    taps[j][i] = rows[j][n + i];
+                }
+            }
+            visit(n, taps, [fractions[0][n], fractions[1][n]]);
+        }
+        return;
+    }
+    let mut gathered = [[[N::default(); SEGMENT]; COUNT]; COUNT];
+    for n in 0..SEGMENT {
+        let [column, row]: [f64; 2] = [whole[0][n].into(), whole[1][n].into()];
+        let corner = [(x + n) as isize + column as isize, y as isize + row as isize].map(|at| at - before as isize);
+        for j in 0..COUNT {
+            let line = taps_of_row::<N, COUNT>(raster, corner, j);
+            for i in 0..COUNT {
+                gathered[j][i][n] = line[i];
+            }
+        }
+    }
+    for n in 0..SEGMENT {
+        let mut taps = [[N::default(); COUNT]; COUNT];
+        for j in 0..COUNT {
+            for i in 0..COUNT {
+                taps[j][i] = gathered[j][i][n];
+            }
+        }
+        visit(n, taps, [fractions[0][n], fractions[1][n]]);
+    }
 }
 
-/// The spline at the pixels from (x, y) to the right, displaced by d. Beyond the border it is mirrored; beyond the
-/// mirrored image it is constant.
+/// Calls `visit` with the spline at each pixel of the segment from (x, y) to the right, displaced by d. Beyond the border
+/// it is mirrored, and constant beyond the `bounds` of the last column or row.
 #[inline(always)]
-pub(super) fn read_lanes<N: Number>(coefficients: &Raster<N>, at: [usize; 2], d: [Lanes<N>; 2]) -> Jet<Lanes<N>> {
-    let size = [coefficients.width, coefficients.height];
-    let (mut corners, fractions) = displaced(at, d, size, |last| [-2.0 * last - 1.0, 2.0 * last + 1.0]);
-    for corner in &mut corners {
-        *corner = [corner[0] - 1, corner[1] - 1];
-    }
-    between_pixels(taps(coefficients, &corners), fractions)
+pub(super) fn read_segment<N: Number>(
+    coefficients: &Raster<N>,
+    at: [usize; 2],
+    d: [&Segment<N>; 2],
+    bounds: impl Fn(f64) -> [f64; 2],
+    mut visit: impl FnMut(usize, Jet<N>),
+) {
+    displaced_taps::<N, 4>(
+        coefficients,
+        at,
+        d,
+        1,
+        bounds,
+        #[inline(always)]
+        |n, taps, fractions| visit(n, between_pixels(taps, fractions)),
+    );
 }
 
 #[cfg(test)]

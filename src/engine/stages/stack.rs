@@ -4,6 +4,7 @@
 //! known slopes at the nodes. For a Gaussian dÎ/dV is half the Laplacian (heat equation); for any other kernel it is a
 //! layer beside each node. Kernels are centred (`src/base/kernel.rs`): the caller moves x by the kernel's mean.
 
+use super::segments::{SEGMENT, Segment, range};
 use super::spline::{self, Jet, Number, Raster, Real};
 use crate::base::Kernel;
 use crate::engine::filter::{self, Terms};
@@ -169,33 +170,48 @@ pub fn read_near<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2], shi
     between(v, stack.len(), |k| spline::near(&stack[k], x, y).moved(shift).node())
 }
 
-impl<R: Real> Blurred<R> {
-    /// The first if `sign` is 0 or more, else the second.
-    #[inline(always)]
-    pub(super) fn choose(sign: R, if_positive: Self, otherwise: Self) -> Self {
-        Self {
-            value: sign.choose(if_positive.value, otherwise.value),
-            slope: sign.choose(if_positive.slope, otherwise.slope),
-            dx: sign.choose(if_positive.dx, otherwise.dx),
-            dy: sign.choose(if_positive.dy, otherwise.dy),
-        }
-    }
-}
-
 /// Cubic Hermite interpolation between the two nodes around v >= 0.
 #[inline(always)]
-pub(super) fn between<R: Real>(v: R, count: usize, node: impl Fn(usize) -> (Jet<R>, R)) -> Blurred<R> {
-    let [least, most] = v.range();
-    let [first, last] = [node_below(least, count), node_below(most, count)];
-    let (lower, upper) = (node(first), node(first + 1));
-    let (mut blurred, mut lower) = (between_nodes(v, first, lower, upper), upper);
-    // Where several numbers are not all between the same nodes.
-    for k in first + 1..=last {
-        let upper = node(k + 1);
-        blurred = Blurred::choose(v - R::of(NODES[k]), between_nodes(v, k, lower, upper), blurred);
-        lower = upper;
+pub(super) fn between<N: Number>(v: N, count: usize, node: impl Fn(usize) -> (Jet<N>, N)) -> Blurred<N> {
+    let k = node_below(v.into(), count);
+    between_nodes(v, k, node(k), node(k + 1))
+}
+
+/// The pixels of a segment of a blurred image, or of a node of its stack: value, slope by the variance, derivatives along
+/// x and y.
+pub(super) type BlurredSegment<N> = [Segment<N>; 4];
+
+/// [`between`] for a segment of pixels. `node` sets a node of the stack.
+#[inline(always)]
+pub(super) fn between_segment<N: Number>(
+    v: &Segment<N>,
+    count: usize,
+    node: impl Fn(usize, &mut BlurredSegment<N>),
+) -> BlurredSegment<N> {
+    let [first, last] = range(v).map(|v| node_below(v, count));
+    let [mut lower, mut upper, mut blurred] = [[[N::default(); SEGMENT]; 4]; 3];
+    node(first, &mut lower);
+    for k in first..=last {
+        node(k + 1, &mut upper);
+        // Pixels beyond the next node are overwritten.
+        let start = if k == first { N::default() } else { N::of(NODES[k]) };
+        for n in 0..SEGMENT {
+            let (p, q) = (at(&lower, n), at(&upper, n));
+            let here = between_nodes(v[n], k, (p, lower[1][n]), (q, upper[1][n]));
+            let numbers = [here.value, here.slope, here.dx, here.dy];
+            for part in 0..4 {
+                blurred[part][n] = (v[n] - start).choose(numbers[part], blurred[part][n]);
+            }
+        }
+        std::mem::swap(&mut lower, &mut upper);
     }
     blurred
+}
+
+/// A pixel of a node.
+#[inline(always)]
+fn at<N: Number>([value, _, dx, dy]: &BlurredSegment<N>, n: usize) -> Jet<N> {
+    Jet { value: value[n], dx: dx[n], dy: dy[n], laplacian: N::default() }
 }
 
 /// The interpolation from node k to the next.

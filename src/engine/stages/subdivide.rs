@@ -5,9 +5,9 @@
 //! at pixel 2i. The image is mirrored about the border pixels of the *fine* grid: for an even size, half-way between
 //! the last pixel of the coarse grid and the next.
 
-use super::lanes::vectorised;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::pixels;
+use super::segments::streamed;
 use super::spline::{Number, Raster, fold};
 use crate::engine::vulkan::Variant;
 
@@ -58,23 +58,29 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         for plane in 0..c.planes {
+            let to = (c.layer + plane * c.step) as usize;
+            let fine = memory.take_layer(self.fine, to).of_size([c.width as usize, c.height as usize]);
             let coarse = memory.layer(self.coarse, (c.from_layer + plane * c.from_step) as usize);
-            let fine = cpu_reference([c.width as usize, c.height as usize], coarse);
-            memory.set_layer(self.fine, (c.layer + plane * c.step) as usize, fine);
+            let fine = refined(fine, coarse);
+            memory.set_layer(self.fine, to, fine);
         }
     }
 }
 
 /// The fine image.
 pub fn cpu_reference<N: Number>([width, height]: [usize; 2], coarse: &Raster<N>) -> Raster<N> {
-    let [half, eighth, most] = [0.5, 0.125, 0.75].map(N::of);
-    let mut fine = Raster::zeros(width, height);
+    refined(Raster::zeros(width, height), coarse)
+}
+
+/// The fine image, in the memory of one of its size.
+fn refined<N: Number>(mut fine: Raster<N>, coarse: &Raster<N>) -> Raster<N> {
+    let ([half, eighth, most], [width, height]) = ([0.5, 0.125, 0.75].map(N::of), [fine.width, fine.height]);
     fine.fill_rows(|y, fine| {
         let row = |n: isize| coarse.row(fold((y / 2) as isize + n, height - 1));
         let [above, here, below] = [-1, 0, 1].map(row);
         let (count, last) = (coarse.width, (width - 1) / 2);
         let mut line = vec![N::default(); count];
-        vectorised(
+        streamed(
             #[inline(always)]
             || {
                 let (above, here, below, line) = (&above[..count], &here[..count], &below[..count], &mut line[..count]);

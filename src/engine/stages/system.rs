@@ -16,11 +16,11 @@
 //! The system is stored divided by its diagonal, with weights in half precision. At the solution, dV = 0, their
 //! rounding has no effect.
 
-use super::grid::FLOATS;
-use super::lanes::vectorised;
-use super::links::{self, LinkRow, Links};
+use super::grid::{Cell, FLOATS};
+use super::links::Links;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
+use super::segments::vectorised;
 use super::{Number, Raster, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -81,18 +81,28 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { memory.state(self.state).alpha };
+        let mut colors = [0, 1].map(|color| {
+            std::array::from_fn(|n| match n {
+                0 => memory.take_layer(self.right_sides, color),
+                _ => memory.take_layer(self.weights, 4 * color + n - 1),
+            })
+        });
+        let mut cells = memory.take_numbers(self.grid);
         let equations = &memory.layers(self.equations)[..layers(variant) as usize];
-        let (colors, sums, coarse) = cpu_reference(c, alpha, memory.layer(self.unknown, 0), equations);
+        let sums = compute(c, alpha, memory.layer(self.unknown, 0), equations, &mut colors, &mut cells);
         for (color, [right_side, weights @ ..]) in colors.into_iter().enumerate() {
             memory.set_layer(self.right_sides, color, right_side);
             memory.set_weights(self.weights, color, weights);
         }
-        memory.numbers_mut(self.grid, coarse.len())[..coarse.len()].copy_from_slice(&coarse);
+        memory.put_numbers(self.grid, cells);
         if variant == SWEEP {
             memory.set_numbers(self.partials, &sums);
         }
     }
 }
+
+/// Rows of the level that are computed one after the other. Adjacent rows share links.
+const LINES: usize = 16;
 
 /// The system of each color, as the device stores it: right side, then the weights of the right, left, lower and upper
 /// neighbour; the sums; and the [cells](super::grid::Cell) of the first coarse grid. `equations` holds D, b, and for a
@@ -103,70 +113,121 @@ pub fn cpu_reference<N: Number>(
     unknown: &Raster<N>,
     equations: &[Raster<N>],
 ) -> ([[Raster<N>; 5]; 2], [f64; SUMS], Vec<N>) {
+    let (mut colors, mut cells) = Default::default();
+    let sums = compute(c, alpha, unknown, equations, &mut colors, &mut cells);
+    (colors, sums, cells)
+}
+
+/// As [`cpu_reference`], in the memory of rasters and of the cells of all grids.
+fn compute<N: Number>(
+    c: &Constants,
+    alpha: f64,
+    unknown: &Raster<N>,
+    equations: &[Raster<N>],
+    colors: &mut [[Raster<N>; 5]; 2],
+    cells: &mut Vec<N>,
+) -> [f64; SUMS] {
     let strengths = [alpha, c.rate.into(), c.smoothness_eta.into()];
     let links = Links::new(unknown, strengths, equations.len() < layers(SWEEP) as usize);
     let (width, height, columns) = (unknown.width, unknown.height, unknown.width.div_ceil(2));
-    let mut colors = [(); 2].map(|()| [(); 5].map(|()| Raster::zeros(columns, height)));
-    let mut cells = vec![N::default(); FLOATS * columns * height.div_ceil(2)];
-    let [[r0, r1, r2, r3, r4], [b0, b1, b2, b3, b4]] = &mut colors;
-    // Two rows at a time, which are one of the coarse grid.
+    for raster in colors.as_flattened_mut() {
+        *raster = std::mem::take(raster).of_size([columns, height]);
+    }
+    let count = FLOATS * columns * height.div_ceil(2);
+    cells.resize(cells.len().max(count), N::default());
+    let [[r0, r1, r2, r3, r4], [b0, b1, b2, b3, b4]] = colors;
     let [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4] =
-        [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4].map(|raster| Rows::from(raster).joined(2));
-    let coarse = Rows { width: FLOATS * columns, numbers: &mut cells };
+        [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4].map(|raster| Rows::from(raster).joined(LINES));
+    let coarse = Rows { width: FLOATS * columns, numbers: &mut cells[..count] }.joined(LINES / 2);
     let rasters = [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4, coarse];
-    let sums = rows::map(rasters, |pair, [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4, cells]| {
+    let sums = rows::map(rasters, |band, [r0, r1, r2, r3, r4, b0, b1, b2, b3, b4, cells]| {
         let mut colors = [[r0, r1, r2, r3, r4], [b0, b1, b2, b3, b4]];
-        let mut sums = [0.0; SUMS];
-        let [mut across, mut down, mut above] = [(); 3].map(|()| LinkRow::default());
+        let mut sums = vec![[0.0; SUMS]; cells.len() / (FLOATS * columns)];
+        let mut links = links.rows_from(band * LINES);
         let mut line = [(); 7].map(|()| vec![N::default(); width]);
-        links.downwards(2 * pair as isize - 1, &mut above);
-        for y in 2 * pair..(2 * pair + 2).min(height) {
-            links.across(y, &mut across);
-            links.downwards(y as isize, &mut down);
+        for (n, y) in (band * LINES..((band + 1) * LINES).min(height)).enumerate() {
+            links.advance(y);
             let [own_d, own_b] = [0, 1].map(|n| equations[n].row(y));
             let [.., sums_of_weights, pulls] = &mut line;
-            links::sums([&across, &down, &above], 0, [sums_of_weights, pulls]);
-            let around = [&across.weights, &down.weights, &above.weights];
+            links.sums(0, [sums_of_weights, pulls]);
+            let around = [&links.across, &links.down, &links.above].map(|links| &links.weights[..]);
+            let cells = cells[n / 2 * FLOATS * columns..].as_chunks_mut().0;
             vectorised(
                 #[inline(always)]
-                || divided(own_d, own_b, around, &mut line),
+                || {
+                    divided(own_d, own_b, around, &mut line);
+                    for (color, own) in colors.iter_mut().enumerate() {
+                        for part in 0..5 {
+                            every_second(&line[part], (y + color) % 2, &mut own[part][n * columns..][..columns]);
+                        }
+                    }
+                    let [across, down, _] = around;
+                    add_to_cells([own_d, &line[RAW], across, down], y % 2 == 1, &mut cells[..columns]);
+                },
             );
-            let [.., wholes, sides] = &line;
-            for (color, own) in colors.iter_mut().enumerate() {
-                let first = (y + color) % 2;
-                for (part, own) in line.iter().zip(own) {
-                    let own = &mut own[(y - 2 * pair) * columns..][..columns];
-                    own.iter_mut().zip(part[first.min(width)..].iter().step_by(2)).for_each(|(own, part)| *own = *part);
-                }
-            }
-            for (half, cell) in cells.chunks_exact_mut(FLOATS).enumerate() {
-                // Two by two cells make one. A link across the border of two is as wide as two, and twice as long.
-                for x in 2 * half..(2 * half + 2).min(width) {
-                    cell[0] += own_d[x];
-                    cell[1] += sides[x];
-                    cell[2] += if x % 2 == 1 { N::of(0.5) * across.weights[x] } else { N::default() };
-                    cell[3] += if y % 2 == 1 { N::of(0.5) * down.weights[x] } else { N::default() };
-                }
-            }
             if let Some(q) = equations.get(2) {
-                for ((q, b), whole) in q.row(y).iter().zip(own_b).zip(wholes) {
+                for ((q, b), whole) in q.row(y).iter().zip(own_b).zip(&line[WHOLE]) {
                     let [q, b, whole]: [f64; 3] = [*q, *b, *whole].map(Into::into);
-                    sums[0] += q * b / whole;
-                    sums[1] += q * q / whole;
+                    sums[n / 2][0] += q * b / whole;
+                    sums[n / 2][1] += q * q / whole;
                 }
             }
-            std::mem::swap(&mut above, &mut down);
         }
         sums
     });
-    let sums = sums.iter().fold([0.0; SUMS], |[a, b], [c, d]| [a + c, b + d]);
-    (colors, sums, cells)
+    sums.iter().flatten().fold([0.0; SUMS], |[a, b], [c, d]| [a + c, b + d])
+}
+
+/// The parts of a line of the system that follow the right side and the weights: the diagonal, and the right side
+/// before it is divided by it.
+const WHOLE: usize = 5;
+const RAW: usize = 6;
+
+/// Every second number from `first` on; 0 where none is left.
+#[inline(always)]
+fn every_second<N: Number>(numbers: &[N], first: usize, to: &mut [N]) {
+    let (pairs, count) = (numbers.as_chunks::<2>().0, numbers.len() / 2);
+    let (pairs, to_pairs) = (&pairs[..count], &mut to[..count]);
+    for n in 0..count {
+        to_pairs[n] = pairs[n][first];
+    }
+    if let [.., end] = to
+        && numbers.len() % 2 == 1
+    {
+        *end = if first == 0 { numbers[2 * count] } else { N::default() };
+    }
+}
+
+/// Adds D, r and the weights of the links of a row to the cells of the coarse grid: two by two pixels make one. A link
+/// across the border of two is as wide as two, and twice as long. The first of two rows begins the cells.
+#[inline(always)]
+fn add_to_cells<N: Number>([d, r, across, down]: [&[N]; 4], is_second: bool, cells: &mut [Cell<N>]) {
+    let (half, none, count) = (N::of(0.5), N::default(), d.len() / 2);
+    let pairs = [d, r, across, down].map(|numbers| &numbers.as_chunks::<2>().0[..count]);
+    let [d_pairs, r_pairs, across_pairs, down_pairs] = pairs;
+    let lower = if is_second { half } else { none };
+    if !is_second {
+        cells.fill([none; FLOATS]);
+    }
+    let whole = &mut cells[..count];
+    for n in 0..count {
+        let [d0, r0, right, below] = whole[n];
+        let ([d1, d2], [r1, r2], [below1, below2]) = (d_pairs[n], r_pairs[n], down_pairs[n]);
+        let below = below + lower * below1 + lower * below2;
+        whole[n] = [d0 + d1 + d2, r0 + r1 + r2, right + half * across_pairs[n][1], below];
+    }
+    if let [.., cell] = cells
+        && d.len() % 2 == 1
+    {
+        let x = 2 * count;
+        *cell = [cell[0] + d[x], cell[1] + r[x], cell[2], cell[3] + lower * down[x]];
+    }
 }
 
 /// Divides a row of the system by its diagonal. `line` holds Σa and the pulls in its last two parts, which become the
 /// diagonal and the right side before it is divided; its first five become the right side and the weights.
 #[inline(always)]
-fn divided<N: Number>(d: &[N], b: &[N], [across, down, above]: [&Vec<N>; 3], line: &mut [Vec<N>; 7]) {
+fn divided<N: Number>(d: &[N], b: &[N], [across, down, above]: [&[N]; 3], line: &mut [Vec<N>; 7]) {
     let width = d.len();
     let [sides, rights, lefts, belows, aboves, wholes, raw] = line.each_mut().map(|part| &mut part[..width]);
     let (b, across, down, above) = (&b[..width], &across[..width], &down[..width], &above[..width]);
@@ -178,10 +239,12 @@ fn divided<N: Number>(d: &[N], b: &[N], [across, down, above]: [&Vec<N>; 3], lin
         rights[x] = across[x] * over;
         belows[x] = down[x] * over;
         aboves[x] = above[x] * over;
+        lefts[x] = over;
     }
     lefts[0] = N::default();
-    for x in 1..width {
-        lefts[x] = across[x - 1] * (N::of(1.0) / wholes[x]);
+    let (lefts, across) = (&mut lefts[1..], &across[..width - 1]);
+    for x in 0..width - 1 {
+        lefts[x] = across[x] * lefts[x];
     }
 }
 

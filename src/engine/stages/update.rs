@@ -5,6 +5,7 @@
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
+use super::segments::vectorised;
 use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -87,9 +88,51 @@ const WIDER: f64 = shaders::update::WIDER;
 
 /// The factor that extrapolates a step. Where steps change in proportion to what is left, the remaining distance is the
 /// step divided by 1 - change/before (Aitken, 1926). 1 if there was no step before.
+#[inline(always)]
 fn factor<N: Number>(change: N, before: N) -> N {
-    let [none, one, most, least] = [0.0, 1.0, FACTORS[1], FACTORS[0]].map(N::of);
-    if before == none { one } else { (one / (one - change / before).max(one / most)).max(least) }
+    let [none, one, most, least] = [N::default(), N::of(1.0), N::of(FACTORS[1]), N::of(FACTORS[0])];
+    let factor = (one / (one - change / before).max(one / most)).max(least);
+    if before == none { one } else { factor }
+}
+
+#[inline(always)]
+fn within<N: Number>(value: N, most: N) -> N {
+    value.max(-most).min(most)
+}
+
+/// What all steps of a pass share.
+struct Steps<N> {
+    largest: N,
+    relative: N,
+    limit: N,
+    share: N,
+    /// D dV² beyond which a pixel moves, and moves far.
+    bounds: [N; 2],
+    extrapolation: u32,
+}
+
+impl<N: Number> Steps<N> {
+    /// V of a block after its step by `change`, the sum of the step that is kept, and the counts of pixels that move,
+    /// that move far, and that are at the limit. Pixels beyond the border are 0, and are not counted.
+    #[inline(always)]
+    fn step(&self, mut v: [N; 4], change: [N; 4], d: [N; 4], kept: N) -> ([N; 4], N, [u32; 3]) {
+        let mut changes = [N::default(); 4];
+        for n in 0..4 {
+            changes[n] = within(change[n], self.largest.max(self.relative * v[n].abs()));
+        }
+        let sum = changes[0] + changes[1] + changes[2] + changes[3];
+        let share = if self.extrapolation == EXTRAPOLATE { factor(sum, kept) * self.share } else { self.share };
+        let mut counts = [0; 3];
+        for n in 0..4 {
+            let whole = within(v[n] + changes[n], self.limit) - v[n];
+            v[n] = within(v[n] + share * changes[n], self.limit);
+            let energy = d[n] * whole * whole;
+            counts[0] += u32::from(energy > self.bounds[0]);
+            counts[1] += u32::from(energy > self.bounds[1]);
+            counts[2] += u32::from(d[n] > N::default()) & u32::from(v[n].abs() == self.limit);
+        }
+        (v, if self.extrapolation == KEEP { sum } else { kept }, counts)
+    }
 }
 
 /// Adds dV, of the red and of the black pixels, to V, and keeps or extrapolates the step. Returns the numbers of pixels
@@ -103,36 +146,54 @@ pub fn cpu_reference<N: Number>(
     kept: &mut Raster<N>,
     v: &mut Raster<N>,
 ) -> [u32; 3] {
-    let [step, relative, limit, share] = [c.largest_step, c.relative_step, c.limit, c.share].map(|n| N::of(n.into()));
+    let [largest, relative, limit, share] =
+        [c.largest_step, c.relative_step, c.limit, c.share].map(|n| N::of(n.into()));
     let bounds = STEPS.map(|step| N::of(step * step * WIDER * INDEPENDENT * variance));
-    let within = |value: N, most: N| value.max(-most).min(most);
-    let (width, blocks) = (v.width, [v.width.div_ceil(2), v.height.div_ceil(2)]);
+    let steps = Steps { largest, relative, limit, share, bounds, extrapolation: c.extrapolation };
+    let (width, height, blocks) = (v.width, v.height, [v.width.div_ceil(2), v.height.div_ceil(2)]);
     if [kept.width, kept.height] != blocks {
         *kept = Raster::zeros(blocks[0], blocks[1]);
     }
     let moving = rows::map([Rows::from(v).joined(2), kept.into()], |row, [lines, kept]| {
-        let (mut moving, count) = ([0; 3], lines.len() / width);
-        for (block, kept) in kept.iter_mut().enumerate() {
+        let (top, bottom) = lines.split_at_mut(width);
+        let ([first, second], has_both) = ([2 * row, (2 * row + 1).min(height - 1)], 2 * row + 1 < height);
+        // Of row y the even pixels have the color of y, the odd ones the other.
+        let colors = |y: usize| [change[y % 2].row(y), change[(y + 1) % 2].row(y)];
+        let (changes, d, mut moving) = ([colors(first), colors(second)], [d.row(first), d.row(second)], [0; 3]);
+        let whole = if has_both { width / 2 } else { 0 };
+        vectorised(
+            #[inline(always)]
+            || {
+                let [[even, odd], [even2, odd2]] = changes.map(|colors| colors.map(|row| &row[..whole]));
+                let [d, d2] = d.map(|row| &row.as_chunks::<2>().0[..whole]);
+                let [v, v2] = [&mut *top, &mut *bottom].map(|row| &mut row.as_chunks_mut::<2>().0[..whole]);
+                let kept = &mut kept[..whole];
+                for n in 0..whole {
+                    let change = [even[n], odd[n], even2[n], odd2[n]];
+                    let before = [v[n][0], v[n][1], v2[n][0], v2[n][1]];
+                    let (after, sum, counts) =
+                        steps.step(before, change, [d[n][0], d[n][1], d2[n][0], d2[n][1]], kept[n]);
+                    (v[n], v2[n], kept[n]) = ([after[0], after[1]], [after[2], after[3]], sum);
+                    for k in 0..3 {
+                        moving[k] += counts[k];
+                    }
+                }
+            },
+        );
+        for (block, kept) in kept.iter_mut().enumerate().skip(whole) {
             let places = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| (2 * block + i, j));
-            let exists = |(x, j): (usize, usize)| x < width && j < count;
-            let mut changes = [N::default(); 4];
-            for (taken, (x, j)) in changes.iter_mut().zip(places).filter(|(_, place)| exists(*place)) {
-                let y = 2 * row + j;
-                *taken = within(change[(x + y) % 2].row(y)[x / 2], step.max(relative * lines[j * width + x].abs()));
+            let exists = |(x, j): (usize, usize)| x < width && (j == 0 || has_both);
+            let of = |numbers: &dyn Fn(usize, usize) -> N| {
+                places.map(|(x, j)| if exists((x, j)) { numbers(x, j) } else { N::default() })
+            };
+            let before = of(&|x, j| if j == 0 { top[x] } else { bottom[x] });
+            let change = of(&|x, j| changes[j][x % 2][x / 2]);
+            let (after, sum, counts) = steps.step(before, change, of(&|x, j| d[j][x]), *kept);
+            for ((x, j), after) in places.into_iter().zip(after).filter(|(place, _)| exists(*place)) {
+                if j == 0 { top[x] = after } else { bottom[x] = after }
             }
-            let sum = changes.iter().fold(N::default(), |sum, &change| sum + change);
-            let share = if c.extrapolation == EXTRAPOLATE { factor(sum, *kept) * share } else { share };
-            if c.extrapolation == KEEP {
-                *kept = sum;
-            }
-            for (change, (x, j)) in changes.into_iter().zip(places).filter(|(_, place)| exists(*place)) {
-                let (v, d) = (&mut lines[j * width + x], d.row(2 * row + j)[x]);
-                let whole = within(*v + change, limit) - *v;
-                *v = within(*v + share * change, limit);
-                let [moves, far] = bounds.map(|bound| d * whole * whole > bound);
-                let counts = [moves, far, d > N::default() && v.abs() == limit];
-                moving.iter_mut().zip(counts).for_each(|(sum, counts)| *sum += u32::from(counts));
-            }
+            *kept = sum;
+            moving.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
         }
         moving
     });

@@ -5,10 +5,10 @@
 //! The blur of a warped image is the warped blur, with a variance in I1's pixels. T may still move a little:
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
-use super::lanes::{LANES, Lanes, vectorised};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::{SEGMENT, Segment, place, vectorised};
 use super::state::Registration;
-use super::{Number, Raster, Real, pixels, spline};
+use super::{Number, Raster, pixels, spline};
 use crate::base::Shading;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -50,8 +50,9 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+        let reused = memory.take_layer(self.stacks, c.layer as usize);
         let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);
-        let samples = cpu_reference(c, &r, &shading, memory.layer(self.spline2, 0));
+        let samples = warped(reused, c, &r, &shading, memory.layer(self.spline2, 0));
         memory.set_layer(self.stacks, c.layer as usize, samples);
         let state = memory.state_mut(self.state);
         (state.warped, state.applied_shading) = (r, shading);
@@ -60,31 +61,42 @@ impl Pass for Bindings {
 
 /// Samples of I2 at T x times the shading, mirrored once where T leaves I2.
 pub fn cpu_reference<N: Number>(c: &Constants, r: &Registration, shading: &Shading, spline2: &Raster<N>) -> Raster<N> {
+    warped(Raster::default(), c, r, shading, spline2)
+}
+
+/// As [`cpu_reference`], in the memory of a raster.
+fn warped<N: Number>(
+    reused: Raster<N>,
+    c: &Constants,
+    r: &Registration,
+    shading: &Shading,
+    spline2: &Raster<N>,
+) -> Raster<N> {
     let centre = c.centre.map(f64::from);
     displaced(
-        [spline2.width, spline2.height],
+        reused.of_size([spline2.width, spline2.height]),
         (r, c.factor.into(), centre),
         #[inline(always)]
         |at, d| resampled(shading, centre, spline2, at, d),
     )
 }
 
-/// A raster of the values at the pixels from (x, y) to the right, which T displaces by d on a level whose pixels are
-/// `factor` wide.
+/// Fills a raster with the values of segments of pixels from (x, y) to the right, which T displaces by d on a level whose
+/// pixels are `factor` wide.
 pub(super) fn displaced<N: Number>(
-    [width, height]: [usize; 2],
+    mut raster: Raster<N>,
     (r, factor, centre): (&Registration, f64, [f64; 2]),
-    values: impl Fn([usize; 2], [Lanes<N>; 2]) -> Lanes<N> + Sync,
+    values: impl Fn([usize; 2], [&Segment<N>; 2]) -> Segment<N> + Sync,
 ) -> Raster<N> {
-    let mut raster = Raster::zeros(width, height);
     raster.fill_rows(|y, row| {
-        let [mut dx, mut dy] = [(); 2].map(|()| vec![N::default(); width.next_multiple_of(LANES)]);
         vectorised(
             #[inline(always)]
             || {
-                r.displacements([0, y], factor, centre, [&mut dx, &mut dy]);
-                for x in (0..width).step_by(LANES) {
-                    values([x, y], [Lanes::load(&dx, x), Lanes::load(&dy, x)]).store_first(&mut row[x..]);
+                let [mut dx, mut dy] = [[N::default(); SEGMENT]; 2];
+                for (n, row) in row.chunks_mut(SEGMENT).enumerate() {
+                    let at = [n * SEGMENT, y];
+                    r.displacements(at, factor, centre, [&mut dx, &mut dy]);
+                    row.copy_from_slice(&values(at, [&dx, &dy])[..row.len()]);
                 }
             },
         );
@@ -92,25 +104,34 @@ pub(super) fn displaced<N: Number>(
     raster
 }
 
-/// I2 times the shading at the pixels from (x, y) to the right, displaced by d.
+/// I2 times the shading at the pixels of the segment from (x, y) to the right, displaced by d.
 #[inline(always)]
 pub(super) fn resampled<N: Number>(
     shading: &Shading,
     centre: [f64; 2],
     spline2: &Raster<N>,
-    [x, y]: [usize; 2],
-    [dx, dy]: [Lanes<N>; 2],
-) -> Lanes<N> {
-    let place = |place: Lanes<N>, size: usize, centre: f64| {
-        let (inner, last, centre) = (place.abs(), Lanes::of(size as f64 - 1.0), Lanes::of(centre));
-        ((last - inner).choose(inner, last + last - inner) - centre) / centre
-    };
-    let place = [
-        place(Lanes::ramp(x) + dx, spline2.width, centre[0]),
-        place(Lanes::of(y as f64) + dy, spline2.height, centre[1]),
-    ];
-    let factor = shading.factor(place, Lanes::of).max(Lanes::of(0.25)).min(Lanes::of(4.0));
-    factor * spline::read_lanes(spline2, [x, y], [dx, dy]).value
+    at: [usize; 2],
+    d: [&Segment<N>; 2],
+) -> Segment<N> {
+    let mut values = [N::default(); SEGMENT];
+    spline::read_segment(
+        spline2,
+        at,
+        d,
+        |last| [-2.0 * last - 1.0, 2.0 * last + 1.0],
+        #[inline(always)]
+        |n, jet| values[n] = jet.value,
+    );
+    let [last, over] = [N::all([spline2.width as f64 - 1.0, spline2.height as f64 - 1.0]), N::all(centre)];
+    for n in 0..SEGMENT {
+        let mut position = [place::<N>(at[0], n) + d[0][n], N::of(at[1] as f64) + d[1][n]];
+        for axis in 0..2 {
+            let (inner, last) = (position[axis].abs(), last[axis]);
+            position[axis] = ((last - inner).choose(inner, last + last - inner) - over[axis]) / over[axis];
+        }
+        values[n] = shading.factor(position, N::of).max(N::of(0.25)).min(N::of(4.0)) * values[n];
+    }
+    values
 }
 
 #[cfg(test)]

@@ -36,8 +36,8 @@ const MAX_KERNEL_MEAN: f64 = 0.1;
 /// Bytes of the device beyond which the finest level is solved in parts.
 const MEMORY: u64 = 4 << 30;
 
-/// Time to fuse the frames, relative to that of an iteration on the finest level: 12 frames of the dimple.
-const FUSION: f64 = 0.35;
+/// Time to fuse the frames, grey or colour, relative to that of an iteration on the finest level: four real sweeps.
+const FUSION: [f64; 2] = [0.7, 1.4];
 
 /// The focus settings, the reference and the mask of a sweep.
 pub struct SweepInput<'a> {
@@ -154,7 +154,8 @@ impl JointSolver {
             None => work.push(self.whole.final_work()),
         }
         let pixels = f64::from(self.size[0]) * f64::from(self.size[1]);
-        let mut done = counter(&work, FUSION * pixels, report);
+        let is_color = frames.first().is_some_and(|frame| frame.format().channels.count() > 1);
+        let mut done = counter(&work, FUSION[usize::from(is_color)] * pixels, report);
         self.set_limits(cancel);
         let (mut shared, excluded) = self.descend(frames, input, &mut done)?;
         let [focus, deviation] = match &mut self.parts {
@@ -423,8 +424,8 @@ mod tests {
             [[(0, 1); 5].as_slice(), &[(1, 1)]].concat()
         );
         // The frames have four times the pixels of the level.
-        for (report, done) in reports.iter().zip([1.4, 51.4, 52.4, 53.4, 54.4, 55.4]) {
-            assert!((report.share - done / 55.4).abs() < 1e-4, "{reports:?}");
+        for (report, done) in reports.iter().zip([1.8, 221.8, 222.8, 223.8, 224.8, 225.8]) {
+            assert!((report.share - done / 225.8).abs() < 1e-4, "{reports:?}");
         }
     }
 

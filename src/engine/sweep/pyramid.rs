@@ -47,10 +47,13 @@ const MAX_CORNER_STEP: f64 = 0.5;
 /// A frame is resampled again once T has moved a corner by this, px of the level.
 const RESAMPLE_AFTER: f64 = 0.02;
 /// Time to upload a frame and to compute its pyramid, relative to that of an iteration on the finest level. This and the
-/// next are from processor times of six real sweeps on the CPU device.
-const UPLOAD: f64 = 0.35;
-/// Time to estimate the start, relative to that of an iteration on the first level.
-const START: u64 = 50;
+/// next two are from four real sweeps on the CPU device.
+const UPLOAD: f64 = 0.45;
+/// Time to estimate the start, relative to that of an iteration on the first level for one frame. It depends little on
+/// the number of frames.
+const START: f64 = 1100.0;
+/// Iterations on the finest level before it is known how many there are.
+const FINEST: f64 = 1.5;
 /// How far beyond the first and the last frame u may lie, px of blur.
 const FOCUS_MARGIN: f64 = 0.5;
 
@@ -247,13 +250,17 @@ impl PyramidSolver {
             .rev()
             .map(|index| iterations(index) as u64 * self.plan.pyramid[index].pixels())
             .collect();
-        work[0] += self.upload_work() + START * self.plan.pyramid[first].pixels();
+        work[0] += self.upload_work() + self.start_work();
         work
+    }
+
+    fn start_work(&self) -> u64 {
+        (START / self.frames as f64 * self.plan.pyramid[first_level(&self.plan)].pixels() as f64) as u64
     }
 
     /// The pixels of the iterations on the finest level, or on a part of it, with T and c held.
     pub(super) fn final_work(&self) -> u64 {
-        ITERATIONS[2] as u64 * self.plan.pyramid[0].pixels()
+        (FINEST * self.plan.pyramid[0].pixels() as f64) as u64
     }
 
     /// Uploads the frames and computes their pyramids.
@@ -272,7 +279,7 @@ impl PyramidSolver {
     ) -> Result<SharedParameters, Error> {
         let first = first_level(&self.plan);
         let (mut shared, focus) = self.start(first, input)?;
-        done(START * self.plan.pyramid[first].pixels(), false);
+        done(self.start_work(), false);
         self.device.fill(Slot::RelativeBlur { level: first }, &focus)?;
         for index in (last.min(first)..=first).rev() {
             if index < first {

@@ -1,0 +1,68 @@
+//! Loops over adjacent pixels that are compiled to vector instructions.
+
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+use std::sync::LazyLock;
+
+use super::Number;
+
+/// Adjacent pixels that are computed together. Loops over them are short enough for the cache, and several vectors long.
+pub(super) const SEGMENT: usize = 32;
+
+/// A number for each pixel of a segment.
+pub(super) type Segment<N> = [N; SEGMENT];
+
+/// Runs a loop with the widest instructions that the processor has. The closure must be `#[inline(always)]`, as must be
+/// what it calls. Results do not depend on the instructions: none fuses operations.
+#[inline]
+pub(super) fn vectorised<T>(compute: impl FnOnce() -> T) -> T {
+    #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+    if let Some(avx512) = LEVEL.as_avx512() {
+        return fearless_simd::Simd::vectorize(avx512, compute);
+    }
+    streamed(compute)
+}
+
+/// As [`vectorised`], for a loop that computes little for what it reads and writes: with vectors of 256 bits at most.
+/// Rows are not aligned, and each vector of 512 bits would be in two lines of the cache.
+#[inline]
+pub(super) fn streamed<T>(compute: impl FnOnce() -> T) -> T {
+    #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+    if let Some(avx2) = LEVEL.as_avx2() {
+        return fearless_simd::Simd::vectorize(avx2, compute);
+    }
+    compute()
+}
+
+/// The instructions of the processor. To look for them takes as long as a short row.
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+static LEVEL: LazyLock<fearless_simd::Level> = LazyLock::new(fearless_simd::Level::new);
+
+/// The first numbers of a slice, with zeros where it has fewer.
+#[inline(always)]
+pub(super) fn first_of<N: Number>(numbers: &[N]) -> Segment<N> {
+    let mut segment = [N::default(); SEGMENT];
+    let count = numbers.len().min(SEGMENT);
+    segment[..count].copy_from_slice(&numbers[..count]);
+    segment
+}
+
+/// The n-th pixel after the first, as a number.
+#[inline(always)]
+pub(super) fn place<N: Number>(first: usize, n: usize) -> N {
+    N::of(first as f64) + N::of(f64::from(n as i32))
+}
+
+/// The least and the greatest number.
+#[inline(always)]
+pub(super) fn range<N: Number>(numbers: &Segment<N>) -> [f64; 2] {
+    let [mut least, mut most] = [*numbers; 2];
+    let mut half = SEGMENT / 2;
+    while half > 0 {
+        for n in 0..half {
+            least[n] = least[n].min(least[n + half]);
+            most[n] = most[n].max(most[n + half]);
+        }
+        half /= 2;
+    }
+    [least[0].into(), most[0].into()]
+}
