@@ -11,7 +11,7 @@ layout(constant_id = 2) const bool SWEEP = false;   // two frames of a sweep, on
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray image2;
 layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;   // u in a sweep
-layout(binding = 3, r32f) uniform image2DArray results;
+layout(binding = 3, r32f) uniform coherent image2DArray results;   // of a sweep sums are read that an earlier dispatch wrote
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
