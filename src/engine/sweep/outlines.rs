@@ -23,8 +23,8 @@ const LEAST_BLUR: f64 = 0.75;
 const COARSE_BLUR: f64 = 2.0;
 /// σ² of the weights of cells along an edge, px²: twice that of pairs, which have a wider range of costs.
 const SPREAD: f32 = 8.0;
-/// Frames this far apart are used, px of blur: those between them are hardly sharper.
-const APART: f64 = 1.4;
+/// The largest distance of the frames used, px of blur, where frames are so dense: those between them are hardly sharper.
+const APART: f64 = 1.5;
 /// The largest distance of two frames, px of blur. V of frames that are farther apart is too large.
 const WIDEST: f64 = 6.5;
 
@@ -114,12 +114,13 @@ fn on_level(
     Ok([u.swap_remove(0), deviation.swap_remove(0)])
 }
 
-/// The frames whose settings are at least so far apart, and the last.
+/// As few frames as leave no more than so much between their settings, where the settings allow that; the first and the
+/// last are among them.
 fn spaced(settings: &[f64], apart: f64) -> Vec<usize> {
     let mut frames = vec![0];
     for n in 1..settings.len() {
-        let last = n == settings.len() - 1;
-        if last || settings[n] - settings[frames[frames.len() - 1]] >= apart {
+        let next = settings.get(n + 1).copied().unwrap_or(f64::MAX);
+        if next - settings[frames[frames.len() - 1]] > apart {
             frames.push(n);
         }
     }
@@ -138,4 +139,29 @@ fn pairs(shared: &SharedParameters, level: &Level, frames: &[usize]) -> Vec<edge
         ..edge_costs::Constants::of_pair(level.size, level.centre.map(|c| c as f32))
     })
     .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_as_far_apart_as_allowed() {
+        let even = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0];
+        assert_eq!(spaced(&even, 2.5), [0, 2, 4, 5]);
+        assert_eq!(spaced(&even, 0.4), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(spaced(&even, 9.0), [0, 5]);
+        assert_eq!(spaced(&[0.0, 0.2, 0.9, 3.0, 3.1], 1.0), [0, 2, 3, 4]);
+    }
+
+    #[test]
+    fn a_field_without_change_returns_from_the_coarser_level_without_change() {
+        let level = Level::new(0, 37, 22, 16.0);
+        let field = Field::from_fn(37, 22, |x, y| x as f64 - 2.0 * y as f64);
+        let coarse = halved(&field);
+        assert_eq!((coarse.width, coarse.height), (19, 11));
+        let back = prolonged(&level, &coarse);
+        // A plane is returned as it is, away from the border.
+        assert!((2..34).all(|x| (2..19).all(|y| (back.get(x, y) - field.get(x, y)).abs() < 1e-5)));
+    }
 }
