@@ -2,9 +2,9 @@
 
 use std::ops::{AddAssign, Mul};
 
-/// The number of sums that stay in registers while all terms are added. With AVX2, filters take 1.1 to 1.4 times as long
-/// with 16 sums, and 1.4 to 2 times with 8, and with the sums of a whole row, which are written to memory after each
-/// term. Rows begin with blocks of twice as many.
+/// The number of sums that stay in registers while all terms are added. With AVX2, filters take 1.1 to 1.4 times as
+/// long with 16 sums, and 1.4 to 2 times with 8, and with the sums of a whole row, which are written to memory after
+/// each term. Rows begin with blocks of twice as many.
 const BLOCK: usize = 32;
 
 /// Sets `sums[i]` to `Σ weights[n] rows[n][i]`, added in the order of n. Rows may be longer than `sums`.

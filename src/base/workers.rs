@@ -9,10 +9,14 @@ use rayon_core::{ThreadPool, ThreadPoolBuilder};
 /// Calls `function` with each item, in parallel. The calling thread takes part, and does all the work if the system
 /// refuses other threads.
 pub(crate) fn for_each<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) {
-    let others = (processors() - 1).min(most_others(&items));
-    let work = worker(items, function);
+    let most = most_others(&items);
+    on_new_threads(most, worker(items, function));
+}
+
+/// Does the work on the calling thread and on new ones, `most` at most.
+fn on_new_threads(most: usize, work: impl Fn() + Sync) {
     thread::scope(|scope| {
-        for _ in 0..others {
+        for _ in 0..most.min(processors() - 1) {
             if are_threads_refused() || thread::Builder::new().spawn_scoped(scope, &work).is_err() {
                 break;
             }
@@ -30,8 +34,9 @@ pub(crate) fn for_each_short<T: Send>(items: impl Iterator<Item = T> + Send, fun
     });
     let most = most_others(&items);
     let work = worker(items, function);
-    // A forked process does not have the threads.
-    match POOL.as_ref().filter(|(owner, _)| most > 0 && *owner == process::id() && !are_threads_refused()) {
+    match POOL.as_ref().filter(|_| most > 0 && !are_threads_refused()) {
+        // A forked process does not have the threads that wait.
+        Some((owner, _)) if *owner != process::id() => on_new_threads(most, work),
         Some((_, pool)) => pool.in_place_scope(|scope| {
             for _ in 0..pool.current_num_threads().min(most) {
                 scope.spawn(|_| work());

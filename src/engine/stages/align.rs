@@ -1,7 +1,7 @@
 //! Resamples a frame of a sweep onto the reference's pixels and matches its brightness.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::segments::{SEGMENT, place};
+use super::segments::SEGMENT;
 use super::state::{Registration, Single};
 use super::{Number, Raster, pixels, spline, warp};
 use crate::base::Shading;
@@ -69,16 +69,18 @@ fn aligned<N: Number>(reused: Raster<N>, c: &Constants, spline: &Raster<N>) -> R
                 #[inline(always)]
                 |n, jet| values[n] = jet.value,
             );
-            let ([gain, offset, least], ends) =
+            let ([gain, offset, least], ends): (_, [N; 2]) =
                 (N::all([r.gain, r.offset, -1.0]), N::all(size.map(|side| side as f64)));
+            let factors = warp::factors(
+                &shading,
+                centre,
+                at,
+                d,
+                #[inline(always)]
+                |place, axis| place.max(least).min(ends[axis]),
+            );
             for n in 0..SEGMENT {
-                let mut position = [place::<N>(at[0], n) + d[0][n], N::of(at[1] as f64) + d[1][n]];
-                for axis in 0..2 {
-                    let (inner, centre) = (position[axis].max(least).min(ends[axis]), N::of(centre[axis]));
-                    position[axis] = (inner - centre) / centre;
-                }
-                let factor = shading.factor(position, N::of).max(N::of(0.25)).min(N::of(4.0));
-                values[n] = gain * factor * values[n] + offset;
+                values[n] = gain * factors[n] * values[n] + offset;
             }
             values
         },

@@ -144,8 +144,8 @@ pub fn cpu_reference<N: Number>(
         Some(s * s / (1.0 + c.noise.blurred(v.abs(), 1.0).value))
     };
     let columns = width.div_ceil(BLOCK);
-    // Of the blocks of a row, the other V of least energy relative to that of V, and both energies' ratio; `NO_WORSE` if
-    // all are worse. Each V reads other layers of the stacks: one V after the other, so that rows are read in order.
+    // Of the blocks of a row, the other V of least energy relative to that of V, and both energies' ratio; `NO_WORSE`
+    // if all are worse. Each V reads other layers of the stacks: one V after the other, so that rows are read in order.
     let best = |row: usize| {
         let mut sums = vec![[[0.0; 3]; OTHERS]; columns];
         for y in (row * BLOCK..((row + 1) * BLOCK).min(height)).step_by(STEP) {

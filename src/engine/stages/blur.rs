@@ -141,8 +141,8 @@ impl<R: Real> PairSample<R> {
     }
 }
 
-/// The [numbers](PairSample::numbers) of the pixels of the segment from (x, y) to the right, which T has moved by `shift`
-/// since I2 was warped. For a Gaussian.
+/// The [numbers](PairSample::numbers) of the pixels of the segment from (x, y) to the right, which T has moved by
+/// `shift` since I2 was warped. For a Gaussian.
 #[inline(always)]
 pub(super) fn sample_segment<N: Number>(
     stacks: &Stacks<N>,

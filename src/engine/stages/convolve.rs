@@ -260,32 +260,49 @@ pub(crate) fn run_both<N: Number>(
 ) -> bool {
     let written = (x.to.slot(), of_x.to_layer, of_x.to_step, of_x.planes);
     let read = (y.from.slot(), of_y.from_layer, of_y.from_step, of_y.planes);
-    let is_in_place = (x.from.slot(), of_x.from_layer) == (y.to.slot(), of_y.to_layer);
+    let layers = |plane: u32| {
+        [
+            of_x.from_layer + plane * of_x.from_step,
+            of_y.to_layer + plane * of_y.to_step,
+            of_x.to_layer + plane * of_x.to_step,
+        ]
+        .map(|n| n as usize)
+    };
+    let is_in_place =
+        x.from.slot() == y.to.slot() && (0..of_x.planes).all(|plane| layers(plane)[0] == layers(plane)[1]);
+    // One after the other, all layers are filtered along x before the first result of both is written.
+    let reads_results = x.from.slot() == y.to.slot()
+        && (0..of_x.planes)
+            .any(|plane| (0..plane + u32::from(!is_in_place)).any(|before| layers(before)[1] == layers(plane)[0]));
     if [is_vertical(along_x), is_vertical(along_y)] != [false, true]
         || stride(along_x) != stride(along_y)
         || written != read
         || written.0 != Slot::Scratch
         || of_x.add == 1
         || of_y.add == 1 && is_in_place
+        || reads_results
     {
         return false;
     }
     let stride = stride(along_x) as usize;
+    let filtered_size = |input: &Raster<N>| [input.width, input.height].map(|side| side.div_ceil(stride));
+    let fits = |[from, to, _]: [usize; 3]| {
+        let before = memory.layers.get(&y.to.slot()).and_then(|layers| layers.get(to));
+        before.is_some_and(|sums| [sums.width, sums.height] == filtered_size(memory.layer(x.from, from)))
+    };
+    if of_y.add == 1 && !(0..of_x.planes).map(layers).all(fits) {
+        return false;
+    }
     let filters = [(x.filters, of_x), (y.filters, of_y)]
         .map(|(filters, c)| memory.numbers(filters)[4 * c.offset as usize..][..2 * c.radius as usize + 1].to_vec());
     let filters = filters.each_ref().map(Vec::as_slice);
     let periods = [of_x.period, of_y.period].map(|period| period as usize);
     for plane in 0..of_x.planes {
-        let [from, to, between] = [
-            of_x.from_layer + plane * of_x.from_step,
-            of_y.to_layer + plane * of_y.to_step,
-            of_x.to_layer + plane * of_x.to_step,
-        ]
-        .map(|n| n as usize);
+        let [from, to, between] = layers(plane);
         // In place, the results go to the memory of the scratch image, which gets that of the layer.
         let reused = if is_in_place { memory.take_layer(x.to, between) } else { memory.take_layer(y.to, to) };
         let input = memory.layer(x.from, from);
-        let mut result = reused.of_size([input.width.div_ceil(stride), input.height.div_ceil(stride)]);
+        let mut result = if of_y.add == 1 { reused } else { reused.of_size(filtered_size(input)) };
         filter_both(&mut result, input, filters, stride, periods, of_y.add == 1);
         if is_in_place {
             let input = memory.take_layer(y.to, to);
@@ -389,6 +406,112 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// The filters along x and along y from layers to others, by way of the scratch image.
+    fn passes(
+        [from, to]: [(Slot, [u32; 2]); 2],
+        size: [u32; 2],
+        radius: u32,
+        stride: u32,
+        add: u32,
+        planes: u32,
+    ) -> [(Bindings, Constants, Variant); 2] {
+        let through = (Slot::Scratch, [0, 1]);
+        [false, true].map(|vertical| {
+            let [(source, [from_layer, from_step]), (target, [to_layer, to_step])] =
+                if vertical { [through, to] } else { [from, through] };
+            let [length, breadth] = if vertical { [size[1], size[0].div_ceil(stride)] } else { size };
+            let constants = Constants {
+                length,
+                breadth,
+                from_layer,
+                to_layer,
+                from_step,
+                to_step,
+                planes,
+                offset: 2,
+                blocks: (2 * radius + 1).div_ceil(BLOCK),
+                radius,
+                add: if vertical { add } else { 0 },
+                period: (2 * (length - 1)).max(1),
+                listed: 0,
+            };
+            let bindings = Bindings {
+                from: Bound::of(source),
+                to: Bound::of(target),
+                filters: Bound::of(Slot::Filters { bank: 0 }),
+                tiles: Bound::of(Slot::Tiles),
+            };
+            (bindings, constants, variant(&constants, vertical, stride, false))
+        })
+    }
+
+    /// Memory with a filter, images in four layers of two slots, and one of another size in the last layer.
+    fn memory(size: [u32; 2], filtered: [u32; 2], filter: &[f64]) -> Memory<f32> {
+        let weights = [&[9.0; 8][..], filter].concat();
+        let mut memory = Memory::with_filters(&[weights]);
+        let image = |[width, height]: [u32; 2], seed| {
+            let field = random_field(width as usize, height as usize, seed);
+            Raster { width: field.width, height: field.height, data: field.to_f32() }
+        };
+        let aligned = (0..4).map(|n| image(size, n)).collect();
+        let stacks = (0..5).map(|n| image(if n == 4 { [3, 2] } else { filtered }, 10 + n)).collect();
+        memory.layers = [(Slot::Aligned, aligned), (Slot::Stacks, stacks)].into();
+        memory
+    }
+
+    #[test]
+    fn both_filters_at_once_give_the_bits_of_one_after_the_other() {
+        let bits = |memory: &Memory<f32>, slot: Slot| {
+            memory.layers[&slot]
+                .iter()
+                .map(|layer| (layer.width, layer.data.iter().map(|v| v.to_bits()).collect::<Vec<_>>()))
+                .collect::<Vec<_>>()
+        };
+        let (from, others) = ((Slot::Aligned, [1, 2]), [(Slot::Aligned, [0, 2]), (Slot::Stacks, [0, 3])]);
+        for size in [[37, 21], [150, 80], [70, 65], [1, 1]] {
+            for (planes, stride, add) in [1, 2]
+                .into_iter()
+                .flat_map(|planes| [1, 2].map(|stride| (planes, stride)))
+                .flat_map(|(planes, stride)| [0, 1].map(|add| (planes, stride, add)))
+            {
+                let filtered = size.map(|side: u32| side.div_ceil(stride));
+                for filter in [filter::gaussian(1.0), filter::spline_prefilter(), filter::gaussian(17.5)] {
+                    for to in [from, others[0], others[1]] {
+                        let radius = (filter.len() / 2) as u32;
+                        let pair = passes([from, to], size, radius, stride, add, planes);
+                        let [mut once, mut twice] = [(); 2].map(|()| memory(size, filtered, &filter));
+                        // Results that are added have no memory of their own in place, and need sums of their size.
+                        let runs = add == 0 || to != from && (to.0 == Slot::Stacks || size == filtered);
+                        assert_eq!(run_both(pair, &mut once), runs, "{size:?} {planes} {stride} {add} {to:?}");
+                        if runs {
+                            pair.iter().for_each(|(pass, c, variant)| pass.run(c, *variant, &mut twice));
+                        }
+                        for slot in [Slot::Aligned, Slot::Stacks] {
+                            assert!(bits(&once, slot) == bits(&twice, slot), "{size:?} {planes} {stride} {add} {to:?}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn filters_that_depend_on_earlier_planes_are_left_to_run_one_after_the_other() {
+        let (size, filter) = ([37, 21], filter::gaussian(1.0));
+        let runs = |from: (Slot, [u32; 2]), to: (Slot, [u32; 2]), add: u32| {
+            let mut memory = memory(size, size, &filter);
+            run_both(passes([from, to], size, (filter.len() / 2) as u32, 1, add, 2), &mut memory)
+        };
+        let aligned = |first, step| (Slot::Aligned, [first, step]);
+        assert!(runs(aligned(0, 1), aligned(0, 1), 0) && runs(aligned(0, 1), aligned(2, 1), 0));
+        assert!(!runs(aligned(0, 1), aligned(1, 1), 0), "the second plane reads the first one's result");
+        assert!(!runs(aligned(1, 1), aligned(1, 2), 0), "only the first plane is in place");
+        assert!(!runs(aligned(0, 2), aligned(1, 1), 0), "the second plane reads its own result's layer");
+        assert!(runs(aligned(0, 1), (Slot::Stacks, [0, 1]), 1));
+        assert!(!runs(aligned(0, 1), (Slot::Stacks, [3, 1]), 1), "the sums have another size");
+        assert!(!runs(aligned(0, 1), (Slot::Stacks, [5, 1]), 1), "a layer was never written");
     }
 
     #[test]

@@ -46,7 +46,8 @@ pub(crate) fn cells(level: [u32; 2]) -> u64 {
     grids(level).iter().map(|grid| super::pixels(grid.size[0], grid.size[1])).sum()
 }
 
-/// The numbers of a cell: D, r, and the weights of the right and of the lower neighbour, 0 across the border.
+/// The numbers of a cell: D, r, and the weights of the right and of the lower neighbour. Weights of neighbours beyond
+/// the border are 0.
 pub type Cell<N> = [N; FLOATS];
 
 /// The system of a grid, as it is stored.
@@ -88,6 +89,11 @@ impl<'a, N: Number> Grid<'a, N> {
     /// Relaxes the cells of one color of dV: 0 red, x + y even; 1 black.
     pub fn relax(&self, dv: &mut [N], color: usize, over_relaxation: f64) {
         let (width, height, before) = (self.width, self.height, dv.to_vec());
+        debug_assert!(
+            self.cells.chunks(width).all(|row| row[width - 1][2] == N::default())
+                && self.cells[(height - 1) * width..].iter().all(|cell| cell[3] == N::default()),
+            "neighbours beyond the border have weights"
+        );
         rows::map([Rows { width, numbers: dv }], |y, [dv]| {
             // Rows beyond the border are never weighted.
             let [above, here, below] = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| y * width);
@@ -121,7 +127,7 @@ fn relax_row<N: Number>(
             let diagonal = d + right + left + below + above;
             own + over_relaxation * (sum / diagonal.max(N::of(1e-12)) - own)
         };
-    // Cells with one before and one behind: pairs of adjacent cells, the second of which are relaxed.
+    // Cells with one before and one behind: pairs of adjacent cells. The second cell of each pair is relaxed.
     let start = 2 - first;
     let count = width.saturating_sub(start) / 2;
     if count > 0 {

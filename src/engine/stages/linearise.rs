@@ -292,6 +292,7 @@ const FIRST: usize = 3;
 const PLACE: usize = PARTS - 1;
 /// The pixels of a line of a tile.
 const BLOCK: usize = 2 * WORKGROUP[0] as usize;
+const _: () = assert!(BLOCK.is_multiple_of(SEGMENT));
 
 /// The terms of each pixel: its part of N (xx, xy, yy) and of g, the energy, the roughness of b and of V, D, b, and the
 /// signed residual.

@@ -2,7 +2,7 @@
 
 use crate::base::workers;
 
-/// The least numbers in a band of rows. For fewer, starting a thread takes longer than it saves.
+/// The least numbers in a band of rows. For fewer, waking another thread takes longer than it saves.
 const BAND: usize = 1 << 14;
 
 /// The numbers of a raster that a loop writes, in rows of `width`.

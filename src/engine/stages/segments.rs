@@ -5,7 +5,8 @@ use std::sync::LazyLock;
 
 use super::Number;
 
-/// Adjacent pixels that are computed together. Loops over them are short enough for the cache, and several vectors long.
+/// Adjacent pixels that are computed together. Loops over them are short enough for the cache, and several vectors
+/// long.
 pub(super) const SEGMENT: usize = 32;
 
 /// A number for each pixel of a segment.

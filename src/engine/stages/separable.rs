@@ -1,9 +1,10 @@
-//! A filter along x, then one along y, in one dispatch: for GPUs, instead of two passes of
+//! A filter along x, then one along y, in one dispatch: for GPUs, where scripts of other devices have two passes of
 //! [`convolve`](super::convolve).
 //!
 //! There a filter is bound by its traffic, which this halves, and on small levels by the time of a dispatch. A
 //! workgroup filters 64 lines along x into shared memory, and these along y. Adjacent tiles filter the lines that they
-//! share twice, which would cost a processor more than it saves.
+//! share twice. The CPU device runs the two passes of `convolve` together instead, over bands of rows, which share
+//! fewer lines than tiles do.
 
 use super::convolve::{self, filter_both};
 use super::pass::{Memory, Pass, bindings, push_constants};

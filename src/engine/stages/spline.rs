@@ -308,7 +308,7 @@ pub fn near<N: Number>(coefficients: &Raster<N>, x: usize, y: usize) -> Jet {
     on_pixel(taps)
 }
 
-/// Calls `visit` with the spline at each pixel of the segment from (x, y) to the right. Beyond the border it is mirrored.
+/// Calls `visit` with the spline at each pixel of the segment from (x, y) to the right, mirrored beyond the border.
 #[inline(always)]
 pub(super) fn near_segment<N: Number>(
     coefficients: &Raster<N>,
@@ -394,6 +394,21 @@ fn taps_of_row<N: Number, const COUNT: usize>(raster: &Raster<N>, [x, y]: [isize
     taps
 }
 
+/// `MOST` numbers of each of `COUNT` rows from a corner on, if all are inside.
+#[inline(always)]
+fn inner_rows<N: Number, const COUNT: usize, const MOST: usize>(
+    raster: &Raster<N>,
+    [x, y]: [isize; 2],
+) -> Option<[&[N; MOST]; COUNT]> {
+    let [x, y] = [usize::try_from(x).ok()?, usize::try_from(y).ok()?];
+    let row = |j: usize| raster.data.get((y + j) * raster.width..(y + j + 1) * raster.width)?.get(x..)?.first_chunk();
+    let mut rows = [row(0)?; COUNT];
+    for j in 1..COUNT {
+        rows[j] = row(j)?;
+    }
+    Some(rows)
+}
+
 /// Calls `visit` for each pixel of the segment from (x, y) to the right, displaced by d, with `COUNT` x `COUNT` numbers
 /// about its place, mirrored, and the fractions of its place. The first number is `before` pixels before the place.
 /// Places are moved to between `bounds` of the last column or row.
@@ -409,7 +424,7 @@ pub(super) fn displaced_taps<N: Number, const COUNT: usize>(
     /// The numbers of a row about a segment.
     const MOST: usize = SEGMENT + 3;
     const { assert!(COUNT <= 4) };
-    let size @ [width, height] = [raster.width, raster.height];
+    let size = [raster.width, raster.height];
     let [mut whole, mut fractions] = [[[N::default(); SEGMENT]; 2]; 2];
     for axis in 0..2 {
         let [least, most]: [N; 2] = N::all(bounds(size[axis] as f64 - 1.0));
@@ -423,19 +438,8 @@ pub(super) fn displaced_taps<N: Number, const COUNT: usize>(
     let ([left, right], [top, bottom]) = (range(&whole[0]), range(&whole[1]));
     let first = [x as f64 + left, y as f64 + top].map(|first| first as isize - before as isize);
     // Usually all pixels are displaced by the same whole pixels.
-    if left == right
-        && top == bottom
-        && first[0] >= 0
-        && first[1] >= 0
-        && first[0] as usize + MOST <= width
-        && first[1] as usize + COUNT <= height
-    {
-        let near = &raster.data[first[1] as usize * width + first[0] as usize..];
-        let (outside, mut rows) = ([N::default(); MOST], [None; COUNT]);
-        for j in 0..COUNT {
-            rows[j] = near[j * width..].first_chunk::<MOST>();
-        }
-        let rows = rows.map(|row| row.unwrap_or(&outside));
+    let is_even = left == right && top == bottom;
+    if let Some(rows) = is_even.then(|| inner_rows::<N, COUNT, MOST>(raster, first)).flatten() {
         for n in 0..SEGMENT {
             let mut taps = [[N::default(); COUNT]; COUNT];
             for j in 0..COUNT {
@@ -469,8 +473,8 @@ pub(super) fn displaced_taps<N: Number, const COUNT: usize>(
     }
 }
 
-/// Calls `visit` with the spline at each pixel of the segment from (x, y) to the right, displaced by d. Beyond the border
-/// it is mirrored, and constant beyond the `bounds` of the last column or row.
+/// Calls `visit` with the spline at each pixel of the segment from (x, y) to the right, displaced by d. Beyond the
+/// border it is mirrored, and constant beyond the `bounds` of the last column or row.
 #[inline(always)]
 pub(super) fn read_segment<N: Number>(
     coefficients: &Raster<N>,
@@ -494,6 +498,48 @@ pub(super) fn read_segment<N: Number>(
 mod tests {
     use super::super::harness::smooth_field;
     use super::*;
+
+    /// Calls `check` with spline coefficients of sides about those of segments, and each of their pixels.
+    fn for_pixels(check: impl Fn(&Field, usize, usize)) {
+        for (width, height) in [(1, 1), (2, 5), (33, 2), (35, 7), (66, 6), (131, 9)] {
+            let coefficients = smooth_field(width, height, 1);
+            (0..height).for_each(|y| (0..width).for_each(|x| check(&coefficients, x, y)));
+        }
+    }
+
+    #[test]
+    fn a_segment_on_pixels_is_each_pixel_alone() {
+        for_pixels(|coefficients, x, y| {
+            near_segment(coefficients, [x, y], |n, jet| {
+                if x + n < coefficients.width {
+                    assert_eq!(jet, near(coefficients, x + n, y), "({x}, {y}) {n}");
+                }
+            });
+        });
+    }
+
+    #[test]
+    fn a_displaced_segment_is_each_pixel_alone() {
+        let [zero, shifted, far] = [[0.0; SEGMENT], [-1.7; SEGMENT], [40.25; SEGMENT]];
+        let [slanted, steep] = [0.013, -1.4].map(|step| std::array::from_fn(|n| 0.4 + step * n as f64));
+        for [dx, dy] in [[zero, zero], [shifted, slanted], [slanted, shifted], [steep, zero], [zero, far], [far, steep]]
+        {
+            for_pixels(|coefficients, x, y| {
+                let bounds = |last: f64| [-1.0, last + 1.0];
+                read_segment(coefficients, [x, y], [&dx, &dy], bounds, |n, actual| {
+                    let expected = read(coefficients, (x + n) as f64 + dx[n], y as f64 + dy[n]);
+                    let errors = [
+                        actual.value - expected.value,
+                        actual.dx - expected.dx,
+                        actual.dy - expected.dy,
+                        actual.laplacian - expected.laplacian,
+                    ];
+                    // The fractions of a place are rounded otherwise.
+                    assert!(errors.iter().all(|error| error.abs() < 1e-11), "({x}, {y}) {n}: {errors:?}");
+                });
+            });
+        }
+    }
 
     #[test]
     fn near_a_pixel_the_first_order_is_exact_enough() {

@@ -177,8 +177,8 @@ pub(super) fn between<N: Number>(v: N, count: usize, node: impl Fn(usize) -> (Je
     between_nodes(v, k, node(k), node(k + 1))
 }
 
-/// The pixels of a segment of a blurred image, or of a node of its stack: value, slope by the variance, derivatives along
-/// x and y.
+/// The pixels of a segment of a blurred image, or of a node of its stack: value, slope by the variance, derivatives
+/// along x and y.
 pub(super) type BlurredSegment<N> = [Segment<N>; 4];
 
 /// [`between`] for a segment of pixels. `node` sets a node of the stack.

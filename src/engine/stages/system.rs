@@ -103,6 +103,8 @@ impl Pass for Bindings {
 
 /// Rows of the level that are computed one after the other. Adjacent rows share links.
 const LINES: usize = 16;
+// A cell of the coarse grid is of two rows.
+const _: () = assert!(LINES.is_multiple_of(2));
 
 /// The system of each color, as the device stores it: right side, then the weights of the right, left, lower and upper
 /// neighbour; the sums; and the [cells](super::grid::Cell) of the first coarse grid. `equations` holds D, b, and for a

@@ -81,8 +81,8 @@ fn warped<N: Number>(
     )
 }
 
-/// Fills a raster with the values of segments of pixels from (x, y) to the right, which T displaces by d on a level whose
-/// pixels are `factor` wide.
+/// Fills a raster with the values of segments of pixels from (x, y) to the right, which T displaces by d on a level
+/// whose pixels are `factor` wide.
 pub(super) fn displaced<N: Number>(
     mut raster: Raster<N>,
     (r, factor, centre): (&Registration, f64, [f64; 2]),
@@ -122,16 +122,43 @@ pub(super) fn resampled<N: Number>(
         #[inline(always)]
         |n, jet| values[n] = jet.value,
     );
-    let [last, over] = [N::all([spline2.width as f64 - 1.0, spline2.height as f64 - 1.0]), N::all(centre)];
+    let last: [N; 2] = N::all([spline2.width as f64 - 1.0, spline2.height as f64 - 1.0]);
+    let factors = factors(
+        shading,
+        centre,
+        at,
+        d,
+        #[inline(always)]
+        |place, axis| {
+            let (inner, last) = (place.abs(), last[axis]);
+            (last - inner).choose(inner, last + last - inner)
+        },
+    );
+    for n in 0..SEGMENT {
+        values[n] = factors[n] * values[n];
+    }
+    values
+}
+
+/// The shading's factors at the pixels of the segment from (x, y) to the right, displaced by d. `inside` returns the
+/// place along an axis at which the shading stands for that of a pixel, which may be beyond the border.
+#[inline(always)]
+pub(super) fn factors<N: Number>(
+    shading: &Shading,
+    centre: [f64; 2],
+    at: [usize; 2],
+    d: [&Segment<N>; 2],
+    inside: impl Fn(N, usize) -> N,
+) -> Segment<N> {
+    let (centre, mut factors): ([N; 2], _) = (N::all(centre), [N::default(); SEGMENT]);
     for n in 0..SEGMENT {
         let mut position = [place::<N>(at[0], n) + d[0][n], N::of(at[1] as f64) + d[1][n]];
         for axis in 0..2 {
-            let (inner, last) = (position[axis].abs(), last[axis]);
-            position[axis] = ((last - inner).choose(inner, last + last - inner) - over[axis]) / over[axis];
+            position[axis] = (inside(position[axis], axis) - centre[axis]) / centre[axis];
         }
-        values[n] = shading.factor(position, N::of).max(N::of(0.25)).min(N::of(4.0)) * values[n];
+        factors[n] = shading.factor(position, N::of).max(N::of(0.25)).min(N::of(4.0));
     }
-    values
+    factors
 }
 
 #[cfg(test)]

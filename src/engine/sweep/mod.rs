@@ -250,7 +250,7 @@ fn counter<'a>(work: &[u64], after: f64, report: &'a mut dyn FnMut(Progress)) ->
     move |pixels, ends_level| {
         worked += pixels;
         if ends_level {
-            // The finest level may have had fewer iterations than were counted.
+            // The finest level may have had fewer or more iterations than were counted.
             worked = ends.get(done).copied().unwrap_or(worked);
             done += 1;
         }
