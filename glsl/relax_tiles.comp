@@ -42,7 +42,9 @@ void load(ivec2 size) {
         [[unroll]] for (int color = 0; color < 2; color++) {
             ivec3 place = ivec3(clamp(own + ivec2(0, row), ivec2(0), ivec2((size.x - 1) / 2, size.y - 1)), color);
             int x = 2 * place.x + (place.y + color & 1);
-            right_side[color][row] = imageLoad(normal_equations, ivec3(min(x, size.x - 1), place.y, RIGHT_SIDE)).r;
+            // Nothing beyond an odd width.
+            right_side[color][row] =
+                x < size.x ? imageLoad(normal_equations, ivec3(x, place.y, RIGHT_SIDE)).r : 0.0;
             vec4 w = imageLoad(weights, place);
             halves[color][row] = uvec2(packHalf2x16(w.xy), packHalf2x16(w.zw));
         }

@@ -52,7 +52,7 @@ const int ROUNDS_X = (LAYERS * ALONG_X + TOTAL - 1) / TOTAL, ROUNDS_Y = (LAYERS 
 shared float means[LAYERS][LINES][TILE + 1];
 shared vec4 cells[CELLS * CELLS * 4 / 3];   // of all grids but the last, the finest first
 
-// A pixel of the mirrored level. Twice, for sides that are shorter than the window.
+// A pixel of the mirrored level. Twice: enough for sides of at least 6 pixels.
 int mirrored(int place, int length) {
     int last = length - 1;
     return clamp(abs(last - abs(last - abs(place))), 0, last);

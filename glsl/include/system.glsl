@@ -30,7 +30,8 @@ struct Equation {
 Equation equation(ivec2 x, float d, float b) {
     const ivec2 R = ivec2(1, 0), D = ivec2(0, 1);
     float here = at(x), right = at(x + R), left = at(x - R), below = at(x + D), above = at(x - D);
-    float right_below = at(x + R + D), left_below = at(x - R + D), right_above = at(x + R - D), left_above = at(x - R - D);
+    float right_below = at(x + R + D), left_below = at(x - R + D);
+    float right_above = at(x + R - D), left_above = at(x - R - D);
     vec4 phis = vec4(inverse_gradient(at(x + 2 * R) - here, right_below - right_above),
                      inverse_gradient(here - at(x - 2 * R), left_below - left_above),
                      inverse_gradient(right_below - left_below, at(x + 2 * D) - here),
@@ -41,8 +42,10 @@ Equation equation(ivec2 x, float d, float b) {
     vec4 rises = vec4(right, left, below, above) - here;
     if (!SWEEP) {
         const ivec2 NEAR = ivec2(REACH, 0), FAR = ivec2(REACH + 1, 0);
-        rises -= vec4(slope(at(x - NEAR), here, right, at(x + FAR)), -slope(at(x - FAR), left, here, at(x + NEAR)),
-                      slope(at(x - NEAR.yx), here, below, at(x + FAR.yx)), -slope(at(x - FAR.yx), above, here, at(x + NEAR.yx)));
+        rises -= vec4(slope(at(x - NEAR), here, right, at(x + FAR)),
+                      -slope(at(x - FAR), left, here, at(x + NEAR)),
+                      slope(at(x - NEAR.yx), here, below, at(x + FAR.yx)),
+                      -slope(at(x - FAR.yx), above, here, at(x + NEAR.yx)));
     }
     float pull = dot(a, rises);
     float over = 1.0 / max(d + a.x + a.y + a.z + a.w, 1e-12);

@@ -5,6 +5,7 @@
 //! as the level before.
 
 use super::script::{self, Action, Script};
+use super::stages::state::State;
 use crate::base::Progress;
 
 /// Parts of two iterations each that a level is expected to have beyond its first part, until a level is done.
@@ -64,9 +65,28 @@ impl Costs {
 struct Part {
     /// The level that it belongs to, as a number in order.
     level: usize,
-    /// Whether it is skipped once the level has settled.
-    is_optional: bool,
+    /// The iteration before which it is skipped if the level has settled.
+    optional: Option<Iteration>,
     work: f64,
+}
+
+/// An outer iteration of a level.
+#[derive(Clone, Copy)]
+struct Iteration {
+    /// 0 the finest.
+    level: usize,
+    k: u32,
+}
+
+impl Iteration {
+    /// Whether the level had not settled before it, by a state from then or from later: batches of parts end at once. A
+    /// state that is not known is that of a level that goes on.
+    fn runs(self, state: Option<&State>) -> bool {
+        state.is_none_or(|state| {
+            let level = &state.levels[self.level];
+            level.settled == 0 || level.iterations > self.k
+        })
+    }
 }
 
 /// Counts the work of the parts that are done.
@@ -79,36 +99,35 @@ pub(crate) struct WorkCounter {
     ran: usize,
     expected: usize,
     share: f64,
-    /// Whether the level of the optional parts had settled before the latest one.
-    was_settled: bool,
 }
 
 impl WorkCounter {
     /// Counts the first `parts` parts of a script.
     pub(crate) fn new(script: &Script, parts: usize, costs: Costs) -> Self {
-        let (mut level, mut is_optional, mut done) = (0, false, 0);
+        let (mut level, mut optional, mut done) = (0, None, 0);
         let (mut list, mut levels_done) = (Vec::new(), Vec::new());
         for part in &script.parts[..parts] {
             // Parts without a mark belong to what is before them; after the last iteration come the results.
-            is_optional = part.continues.is_some() || is_optional && part.begins.is_none();
+            let continued = part.continues.zip(part.iteration()).map(|(level, k)| Iteration { level, k });
+            optional = continued.or(optional.filter(|_| part.begins.is_none()));
             let work = part.entries.iter().map(|entry| match &entry.action {
                 Action::Dispatch(dispatch) => costs.work(dispatch),
                 _ => 0.0,
             });
-            list.push(Part { level, is_optional, work: work.sum() });
+            list.push(Part { level, optional, work: work.sum() });
             if part.level_done.is_some() {
-                (level, is_optional, done) = (level + 1, false, done + 1);
+                (level, optional, done) = (level + 1, None, done + 1);
             }
             levels_done.push(done);
         }
-        Self { parts: list, levels_done, done: 0.0, ran: 0, expected: EXPECTED, share: 0.0, was_settled: false }
+        Self { parts: list, levels_done, done: 0.0, ran: 0, expected: EXPECTED, share: 0.0 }
     }
 
-    /// The progress to print once part n is over. `settles`: the level that goes on with it or behind it has settled.
-    pub(crate) fn part_done(&mut self, part: &script::Part, n: usize, settles: bool) -> Option<Progress> {
-        let ran = !self.parts[n].is_optional || !self.was_settled;
-        self.was_settled = settles;
-        let latest = self.after(n, ran, !settles);
+    /// The progress to print once part n is over, by the state that it has left behind or a later one.
+    pub(crate) fn part_done(&mut self, part: &script::Part, n: usize, state: Option<&State>) -> Option<Progress> {
+        let runs = |part: &Part| part.optional.is_none_or(|iteration| iteration.runs(state));
+        let (ran, goes_on) = (runs(&self.parts[n]), self.parts.get(n + 1).is_none_or(runs));
+        let latest = self.after(n, ran, goes_on);
         (latest.total > 0 && (ran || part.level_done.is_some())).then_some(latest)
     }
 
@@ -117,7 +136,7 @@ impl WorkCounter {
         let part = &self.parts[n];
         if ran {
             self.done += part.work;
-            self.ran += usize::from(part.is_optional);
+            self.ran += usize::from(part.optional.is_some());
         }
         let level = part.level;
         let ends = self.parts.get(n + 1).is_none_or(|next| next.level != level);
@@ -132,7 +151,7 @@ impl WorkCounter {
             if part.level != current {
                 (current, left) = (part.level, self.expected);
             }
-            if !part.is_optional {
+            if part.optional.is_none() {
                 remaining += part.work;
             } else if left > 0 {
                 remaining += part.work;
@@ -149,42 +168,62 @@ impl WorkCounter {
 
 #[cfg(test)]
 mod tests {
+    use bytemuck::Zeroable;
+
     use super::*;
     use crate::base::{Channels, Depth, Format, Settings};
     use crate::engine::plan::Plan;
     use crate::engine::script::compose;
 
-    /// The shares after the parts of a solve whose levels run this many optional parts.
-    fn shares(ran: &[usize]) -> Vec<f64> {
+    /// The shares that are printed during a solve whose levels, coarsest first, run this many optional parts.
+    /// `at_once`: all parts are one batch, and end with the last.
+    fn shares(ran: &[usize], at_once: bool) -> Vec<f64> {
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let script = compose(&Plan::new(320, 256, [gray; 2], &Settings::default()).unwrap(), false);
         let mut counter = WorkCounter::new(&script, script.parts.len(), Costs::Vulkan);
-        let (mut optional, mut level) = (0, 0);
-        let mut shares = Vec::new();
+        // Each part copies the state for the optional part behind it.
+        let (mut state, mut optional) = (State::zeroed(), vec![0; ran.len()]);
+        let mut states = Vec::new();
         for n in 0..script.parts.len() {
-            if counter.parts[n].level != level {
-                (level, optional) = (counter.parts[n].level, 0);
+            if let Some(Part { level: place, optional: Some(Iteration { level, k }), .. }) = counter.parts.get(n + 1) {
+                let level = &mut state.levels[*level];
+                if level.settled == 0 {
+                    level.iterations = *k;
+                    level.settled = u32::from(optional[*place] == ran[*place]);
+                }
+                optional[*place] += 1;
             }
-            let runs = !counter.parts[n].is_optional || optional < ran[level];
-            optional += usize::from(counter.parts[n].is_optional);
-            let goes_on = optional < ran.get(level).copied().unwrap_or(0);
-            shares.push(counter.after(n, runs, goes_on).share);
+            states.push(state);
         }
-        shares
+        let done = (0..script.parts.len()).filter_map(|n| {
+            let seen = if at_once { &state } else { &states[n] };
+            counter.part_done(&script.parts[n], n, Some(seen))
+        });
+        done.map(|progress| progress.share).collect()
     }
 
     #[test]
     fn progress_rises_to_one_however_many_iterations_levels_need() {
         for ran in [[5, 2, 2, 2], [9, 3, 8, 20], [0, 0, 0, 0]] {
-            let shares = shares(&ran);
+            let shares = shares(&ran, false);
             assert!(shares.is_sorted() && shares[0] > 0.0, "{shares:?}");
             assert!((shares[shares.len() - 1] - 1.0).abs() < 1e-12, "{shares:?}");
         }
     }
 
     #[test]
+    fn parts_that_end_at_once_count_as_those_that_end_one_by_one() {
+        for ran in [[5, 2, 2, 2], [9, 3, 8, 20], [0, 0, 0, 0], [1, 0, 7, 1]] {
+            let [by_parts, by_batches] = [false, true].map(|at_once| shares(&ran, at_once));
+            assert_eq!(by_parts, by_batches);
+            // One for each level that starts, for each optional part that runs, and for the results.
+            assert!(by_parts.len() > ran.iter().sum(), "{by_parts:?}");
+        }
+    }
+
+    #[test]
     fn the_work_before_the_finest_level_is_a_small_share() {
-        let shares = shares(&[5, 3, 3, 3]);
+        let shares = shares(&[5, 3, 3, 3], false);
         let before = shares.iter().filter(|share| **share < 0.5).count();
         assert!(before > 5, "{shares:?}");
     }

@@ -240,19 +240,15 @@ impl PairMemory for VulkanPair {
         let state_word = self.workspace.buffer(Slot::Progress).clone();
         let RecordedScript { script, recording } = &mut self.current;
         let parts = parts(script);
-        let level_of = |part: usize| script.parts[part].continues;
-        let is_settled = |level: Option<usize>| -> Result<bool, Error> {
-            let state = state_word.read::<State>(0, 1)?[0];
-            Ok(level.is_some_and(|level| state.levels[level].settled == 1))
+        let latest_state = || -> Result<State, Error> { Ok(state_word.read(0, 1)?[0]) };
+        let mut wanted = |part: usize| {
+            let state = latest_state()?;
+            Ok(script.parts[part].continues.is_none_or(|level| state.levels[level].settled == 0))
         };
-        let mut wanted = |part: usize| is_settled(level_of(part)).map(|settled| !settled);
         let mut counter = WorkCounter::new(script, parts, Costs::Vulkan);
         recording.run_parts(parts, deadline, &mut wanted, &mut |over| {
             let part = over - 1;
-            // A progress that cannot be read is shown as that of a level that goes on.
-            let next = (part..parts).find_map(level_of);
-            let settles = is_settled(next).unwrap_or(false);
-            if let Some(latest) = counter.part_done(&script.parts[part], part, settles) {
+            if let Some(latest) = counter.part_done(&script.parts[part], part, latest_state().ok().as_ref()) {
                 progress(latest);
             }
         })

@@ -109,9 +109,8 @@ impl PairMemory for CpuPair {
                 }
             };
             run(&part.entries, &mut self.memory, &mut proceed)?;
-            let next = script.parts[n..count].iter().find_map(|part| part.continues);
-            let settles = next.is_some_and(|level| self.memory.has_settled(level));
-            if let Some(latest) = counter.part_done(&script.parts[n], n, settles) {
+            let state = self.memory.state_in(Slot::State).into();
+            if let Some(latest) = counter.part_done(&script.parts[n], n, Some(&state)) {
                 progress(latest);
             }
         }

@@ -292,6 +292,11 @@ fn share_of_tiles(dispatch: &Dispatch, tiles: f64) -> f64 {
             let c: convolve::Constants = bytemuck::pod_read_unaligned(c);
             (convolve::tile(convolve::is_vertical(dispatch.variant)), [c.length, c.breadth])
         }
+        ("separable", true) => {
+            let c: separable::Constants = bytemuck::pod_read_unaligned(c);
+            let stride = separable::stride(dispatch.variant);
+            (separable::tile(stride, dispatch.variant[0]), [c.width, c.height].map(|side| side.div_ceil(stride)))
+        }
         ("subdivide", true) => {
             let c: subdivide::Constants = bytemuck::pod_read_unaligned(c);
             (subdivide::STAGE.workgroup.map(|side| 2 * side), [c.width, c.height])

@@ -2,6 +2,7 @@
 
 use crate::base::{Channels, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
 use crate::engine::filter::{self, Filter};
+use crate::engine::shaders::system_tiles::TAPS;
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::stack::{self, Slopes, node_count};
@@ -18,6 +19,8 @@ pub(crate) const LEAST_SIZE: u32 = 16;
 const LEAST_COARSEST: u32 = 32;
 /// The least short side of a level that [`Settings::levels`] may ask for.
 const LEAST_LEVEL: u32 = 8;
+// `system_tiles` mirrors a level twice: its window must reach no further beyond the border.
+const _: () = assert!(TAPS / 2 <= 2 * (LEAST_LEVEL - 1));
 /// Outer iterations in which α of the coarsest level, which starts from V = 0, falls to its final value. The others
 /// start from a coarser V and need none: the cascade carries V across a level in one iteration.
 const CONTINUATION: f64 = 6.0;
@@ -114,6 +117,7 @@ impl Plan {
 
     /// The plan with passes shaped for a GPU.
     pub(crate) fn shaped_for_gpu(mut self) -> Self {
+        assert!(2 * self.window.radius < TAPS, "the window of `system_tiles` has at most {TAPS} weights");
         // The tiles of the finest level also state the deviation of T, which is not to depend on the device.
         for level in &mut self.pyramid[1..] {
             level.rows = linearise::rows(level.size, true);

@@ -286,6 +286,7 @@ impl Composer<'_> {
         periods: [u32; 2],
         spacing: u32,
     ) {
+        debug_assert!(self.unsettled.is_none(), "its grid is not that of a level");
         let radii = filters.map(|filter| filter.radius);
         let long = separable::is_long(radii);
         let tile = separable::tile(stride, long).map(|side| side * stride * spacing);

@@ -53,6 +53,14 @@ impl Part {
         let bytes = |entry: &Entry| if let Action::Dispatch(dispatch) = &entry.action { dispatch.bytes } else { 0 };
         self.entries.iter().map(bytes).sum()
     }
+
+    /// The first outer iteration that it has dispatches of.
+    pub(crate) fn iteration(&self) -> Option<u32> {
+        self.entries.iter().find_map(|entry| match &entry.action {
+            Action::Dispatch(dispatch) => dispatch.place.iteration,
+            _ => None,
+        })
+    }
 }
 
 /// An action of a part.

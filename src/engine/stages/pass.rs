@@ -323,11 +323,6 @@ impl<N: Number> Memory<N> {
         &self.states[&slot]
     }
 
-    /// Whether a level of the solve in progress has settled.
-    pub(crate) fn has_settled(&self, level: usize) -> bool {
-        self.states.get(&Slot::State).is_some_and(|state| state.levels[level].settled)
-    }
-
     /// The numbers in a slot; none if it was never written.
     pub(crate) fn numbers_in(&self, slot: Slot) -> &[N] {
         self.numbers.get(&slot).map_or(&[], Vec::as_slice)

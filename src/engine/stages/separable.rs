@@ -104,7 +104,8 @@ impl Pass for Bindings {
     }
 }
 
-fn stride(variant: Variant) -> u32 {
+/// The stride of a variant.
+pub(crate) fn stride(variant: Variant) -> u32 {
     if variant[HALVING] { 2 } else { 1 }
 }
 

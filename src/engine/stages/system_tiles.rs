@@ -47,7 +47,6 @@ push_constants! {
 impl Constants {
     /// Those of `system`, with the window before it and the number of grids behind it.
     pub(crate) fn new(system: &system::Constants, window: FilterRange, grids: usize) -> Self {
-        debug_assert!(2 * window.radius < TAPS, "the window has at most {TAPS} weights");
         let &system::Constants { width, height, alpha, rate, smoothness_eta } = system;
         let (offset, radius, grids) = (window.offset, window.radius, grids.min(GRIDS) as u32);
         Self { width, height, alpha, rate, smoothness_eta, offset, radius, grids }

@@ -12,6 +12,7 @@ mod outlines;
 mod pairs;
 mod parts;
 mod pyramid;
+mod shared;
 mod spacing;
 mod start;
 mod validity;
@@ -21,7 +22,8 @@ use std::time::Duration;
 use self::device::Limits;
 pub use self::pairs::MAX_RELATIVE_BLUR;
 use self::parts::PartSolver;
-use self::pyramid::{IterationDone, PyramidSolver, RELAXATION_SWEEPS, SharedParameters};
+use self::pyramid::{IterationDone, PyramidSolver, RELAXATION_SWEEPS};
+use self::shared::SharedParameters;
 use self::validity::ExcludedPixels;
 use crate::base::{
     Brightness, CancellationToken, Channels, Deadline, Decode, Depth, Error, Format, Frame, Homography, Mask,

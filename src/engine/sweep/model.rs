@@ -2,7 +2,8 @@
 //! [`gpu_model`](crate::engine::gpu_model).
 
 use super::MAX_RELATIVE_BLUR;
-use super::pyramid::{ITERATIONS, RELAXATION_SWEEPS, SharedParameters, first_level};
+use super::pyramid::{RELAXATION_SWEEPS, first_level};
+use super::shared::{ITERATIONS, SharedParameters};
 use crate::base::{Format, Homography, Settings, Shading};
 use crate::engine::plan::{Level, Plan};
 use crate::engine::script::{Script, sweep};

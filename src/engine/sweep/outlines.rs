@@ -3,7 +3,7 @@
 //! It begins on a coarse level, because u may pass from one side to the other over 20 px, and ends on the finest.
 
 use super::device::SweepDevice;
-use super::pyramid::SharedParameters;
+use super::shared::SharedParameters;
 use super::validity::{self, Rectangle};
 use crate::base::Error;
 use crate::engine::arguments;

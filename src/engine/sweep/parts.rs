@@ -3,7 +3,8 @@
 //! T and c are found at half the size, where all of each frame is visible, and stay on the finest level.
 
 use super::device::Limits;
-use super::pyramid::{IterationDone, PyramidSolver, SharedParameters};
+use super::pyramid::{IterationDone, PyramidSolver};
+use super::shared::SharedParameters;
 use super::validity::ExcludedPixels;
 use crate::base::{Error, Frame, Mask, Region, Settings};
 use crate::engine::Engine;

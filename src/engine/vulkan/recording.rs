@@ -107,7 +107,10 @@ impl Recording {
     }
 
     /// Sets which parts end a batch. The host is notified of the others when the next one that does is complete.
-    pub(crate) fn join_batches(&mut self, ends: impl Iterator<Item = bool>) {
+    pub(crate) fn join_batches(&mut self, ends: impl ExactSizeIterator<Item = bool>) {
+        // In a command buffer of the embedding program all parts are one.
+        let is_external = self.pool == vk::CommandPool::null();
+        debug_assert!(is_external || self.parts.len() == ends.len(), "{} parts", self.parts.len());
         self.parts.iter_mut().zip(ends).for_each(|(part, ends)| part.ends_batch = ends);
     }
 
