@@ -1,10 +1,8 @@
 //! Parallel loops over all processors.
 
 use std::num::NonZero;
-use std::sync::{LazyLock, Mutex, PoisonError};
-use std::{process, thread};
-
-use rayon_core::{ThreadPool, ThreadPoolBuilder};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
 
 /// Calls `function` with each item, in parallel. The calling thread takes part, and does all the work if the system
 /// refuses other threads.
@@ -25,9 +23,18 @@ fn on_new_threads(most: usize, work: impl Fn() + Sync) {
     });
 }
 
+#[cfg(not(feature = "files"))]
+pub(crate) use for_each as for_each_short;
+
 /// As [`for_each`], for items of some milliseconds in all: on threads that wait for such work, since starting a thread
 /// takes some 50 µs. Longer items would delay those of other callers.
+#[cfg(feature = "files")]
 pub(crate) fn for_each_short<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) {
+    use std::process;
+    use std::sync::LazyLock;
+
+    use rayon_core::{ThreadPool, ThreadPoolBuilder};
+
     static POOL: LazyLock<Option<(u32, ThreadPool)>> = LazyLock::new(|| match processors() {
         1 => None,
         count => Some((process::id(), ThreadPoolBuilder::new().num_threads(count - 1).build().ok()?)),
