@@ -109,7 +109,11 @@ void main() {
     if (!(difference > max(max(LEVELS * least_jump, share * highest), SURE * length(vec2(near.z, far.z))))) return;
     if (highest > largest || difference > widest) return;
     if (uncertain > 0.0) {
-        float most = max(between(place).y, max(between(place - normal).y, between(place + normal).y));
+        float most = 0.0;
+        for (int k = -1; k <= 1; k++) {
+            float deviation = between(place + float(k) * normal).y;
+            if (deviation > most) most = deviation;   // NaN is not
+        }
         if (most < uncertain * difference) return;
     }
     float numbers[9] = float[](1.0, place.x, place.y, normal.x, normal.y, near.y, far.y, near.z, far.z);

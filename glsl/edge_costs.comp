@@ -4,14 +4,16 @@
 // src/engine/stages/edge_costs.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(constant_id = 2) const bool SWEEP = false;   // two frames of a sweep, on one frame's pixels; costs are added to those of others
+// Two frames of a sweep, on one frame's pixels; costs are added to those of others.
+layout(constant_id = 2) const bool SWEEP = false;
 
 #include "state.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray image2;
 layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;   // u in a sweep
-layout(binding = 3, r32f) uniform coherent image2DArray results;   // of a sweep sums are read that an earlier dispatch wrote
+// Of a sweep sums are read that an earlier dispatch wrote.
+layout(binding = 3, r32f) uniform coherent image2DArray results;
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
@@ -389,7 +391,8 @@ void main() {
             if (reversed && m + 3 == TOTAL) some.w = 1.0;
             if (place_in_row() < 4 && start + row() / ORDERS < count) {
                 int target = reversed ? REVERSED_COSTS : COSTS, number = m + place_in_row();
-                float sum = SWEEP ? number_of(cell, target, number) + share[n] * some[place_in_row()] : some[place_in_row()];
+                float sum = some[place_in_row()];
+                if (SWEEP) sum = number_of(cell, target, number) + share[n] * sum;
                 imageStore(results, place_of(cell, target, number), vec4(sum));
             }
         }

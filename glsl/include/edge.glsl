@@ -22,7 +22,7 @@ float number_of(ivec2 cell, int layer, int n) {
     return imageLoad(results, place_of(cell, layer, n)).r;
 }
 
-// The edge of a cell: near is the side of the larger V.
+// The edge of a cell: near is the side of the larger V. In a sweep V is u, in settings, and SIDES is not used.
 struct Edge {
     bool exists;
     vec2 place;                      // where V is halfway, pixels

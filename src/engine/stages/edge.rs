@@ -78,7 +78,7 @@ pub(super) fn between<N: Number>(field: &Raster<N>, [x, y]: [f64; 2]) -> f64 {
     row(0) * (1.0 - f[1]) + row(1) * f[1]
 }
 
-/// The edge of a cell. Near is the side of the larger V, far the other.
+/// The edge of a cell. Near is the side of the larger V, far the other. In a sweep V is u, in settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Edge {
     /// Where V is halfway, pixels.

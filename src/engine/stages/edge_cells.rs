@@ -10,12 +10,13 @@ use super::{Number, Raster, edge_apply, edge_costs, pixels};
 use crate::engine::shaders::edge_cells as shader;
 use crate::engine::vulkan::Variant;
 
-/// The widest jump of u in a sweep, px of blur. Of the frames with at most 4 px² in all at a jump of D px, the two nearest
-/// to each other are D - 2.8 px apart, so that |V| is D (D - 2.8), which must not exceed [`edge_costs::LARGEST`].
+/// The widest jump of u in a sweep, px of blur. Of the frames with at most 4 px² in all at a jump of D px, the two
+/// nearest to each other are D - 2.8 px apart, so that |V| is D (D - 2.8), which must not exceed
+/// [`edge_costs::LARGEST`].
 const WIDEST: f64 = 5.6;
-/// The least deviation of u at a jump of a sweep, as a share of it. Where a near surface's blur makes u pass from one side
-/// to the other it is 0.08 and more (card, bars and blocks, 11 frames), on the steepest slopes of three generated reliefs
-/// of 41 frames up to 0.04.
+/// The least deviation of u at a jump of a sweep, as a share of it. Where a near surface's blur makes u pass from one
+/// side to the other it is 0.08 and more (card, bars and blocks, 11 frames), on the steepest slopes of three
+/// generated reliefs of 41 frames up to 0.04.
 const UNCERTAIN: f32 = 0.06;
 
 push_constants! {

@@ -342,8 +342,8 @@ mod tests {
         assert!(largest < 1e-3 && median < 1e-5, "{median} {largest}");
     }
 
-    /// A near card over a far ground: with the search for outlines a tenth of the pixels around the rim are wrong that are
-    /// without it.
+    /// A near card over a far ground: with the search for outlines at most a quarter as many pixels around the rim are
+    /// wrong.
     #[test]
     fn outlines_of_a_card_are_sharp() {
         let scene = Scene { width: 320, height: 256, noise: 0.003, ..Preset::Card.scene() };
