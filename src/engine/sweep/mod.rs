@@ -74,6 +74,8 @@ pub struct JointSolution {
     pub focus: Vec<f32>,
     /// The standard deviation of u, in settings; NaN where no pair contributes.
     pub deviation: Vec<f32>,
+    /// The median of the deviation before outlines moved, in settings; `None` if no pixel has one.
+    pub median_deviation: Option<f64>,
     /// The registration of the frames.
     pub registration: JointRegistration,
 }
@@ -160,8 +162,8 @@ impl JointSolver {
         let mut done = counter(&work, FUSION[usize::from(is_color)] * pixels, report);
         self.set_limits(cancel);
         let (mut shared, excluded) = self.descend(frames, input, &mut done)?;
-        let [focus, deviation] = match &mut self.parts {
-            None => self.whole.finish(&mut shared, &excluded, &mut done)?,
+        let ([focus, deviation], median_deviation) = match &mut self.parts {
+            None => (self.whole.finish(&mut shared, &excluded, &mut done)?, self.whole.median_deviation),
             Some(parts) => {
                 let finest = self.whole.finest().clone();
                 let coarse = self.whole.focus(&finest)?;
@@ -171,6 +173,7 @@ impl JointSolver {
         Ok(JointSolution {
             focus: focus.data.iter().map(|u| (u + shared.middle) as f32).collect(),
             deviation: deviation.to_f32(),
+            median_deviation,
             registration: self.registration(shared),
         })
     }

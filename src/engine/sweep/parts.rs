@@ -6,6 +6,7 @@ use super::device::Limits;
 use super::pyramid::{IterationDone, PyramidSolver};
 use super::shared::SharedParameters;
 use super::validity::ExcludedPixels;
+use crate::base::statistics::median;
 use crate::base::{Error, Frame, Mask, Region, Settings};
 use crate::engine::Engine;
 use crate::engine::parts::{self, Grid};
@@ -50,8 +51,8 @@ impl PartSolver {
         std::iter::repeat_n(self.solver.final_work(), self.grid.count())
     }
 
-    /// Solves all parts from u at half the size; returns u relative to the middle setting, and its standard deviation.
-    /// `done` is called after each iteration of a part.
+    /// Solves all parts from u at half the size; returns u relative to the middle setting and its standard deviation, and
+    /// the median of the parts' median deviations before outlines move. `done` is called after each iteration of a part.
     pub(super) fn solve(
         &mut self,
         frames: &[Frame],
@@ -59,16 +60,17 @@ impl PartSolver {
         coarse: &Field,
         shared: &SharedParameters,
         done: &mut IterationDone<'_>,
-    ) -> Result<[Field; 2], Error> {
+    ) -> Result<([Field; 2], Option<f64>), Error> {
         let [width, height] = self.size.map(|side| side as usize);
-        let mut whole = [0, 1].map(|_| Field::zeros(width, height));
+        let (mut whole, mut medians) = ([0, 1].map(|_| Field::zeros(width, height)), Vec::new());
         for part in self.grid.parts().collect::<Vec<_>>() {
             let solved = self.solve_part(part.solved, frames, mask, (coarse, shared), done)?;
+            medians.extend(self.solver.median_deviation);
             for (whole, solved) in whole.iter_mut().zip(solved) {
                 part.copy_interior(&solved.data, &mut whole.data, width, 1);
             }
         }
-        Ok(whole)
+        Ok((whole, median(medians)))
     }
 
     fn solve_part(

@@ -6,6 +6,7 @@ use super::shared::{ITERATIONS, SharedParameters};
 use super::start::Frames;
 use super::validity::{self, ExcludedPixels, FinalSystem};
 use super::{SweepInput, outlines, spacing, start};
+use crate::base::statistics::median;
 use crate::base::{Error, Frame, Homography, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
@@ -58,13 +59,15 @@ pub(super) struct PyramidSolver {
     excluded_words: u32,
     /// Pixels of the current level that count in two frames or more.
     valid_pixels: f64,
+    /// The median standard deviation of u on the finest level before outlines move; `None` if no pixel has one.
+    pub(super) median_deviation: Option<f64>,
 }
 
 impl PyramidSolver {
     /// Prepares for `frames` frames.
     pub(super) fn new(engine: &Engine, plan: Plan, frames: usize) -> Result<Self, Error> {
         let device = SweepDevice::new(engine, &plan, frames as u32)?;
-        Ok(Self { plan, device, frames, excluded_words: 0, valid_pixels: 0.0 })
+        Ok(Self { plan, device, frames, excluded_words: 0, valid_pixels: 0.0, median_deviation: None })
     }
 
     pub(super) fn set_limits(&mut self, limits: Limits) {
@@ -198,6 +201,7 @@ impl PyramidSolver {
         let ends = [end(0)?, end(self.frames - 1)?];
         let unknown = || Field::from_fn(focus.width, focus.height, |_, _| f64::NAN);
         let deviation = system.map_or_else(unknown, |system: FinalSystem| system.deviation(&focus, &ends));
+        self.median_deviation = median(deviation.data.iter().copied());
         match self.plan.settings.edges {
             true => {
                 let (words, per_pixel) = (excluded.words(&level, &shared.transforms), self.excluded_words as usize);

@@ -320,6 +320,7 @@ mod tests {
         let solution = JointSolution {
             focus: (0..pixels).map(|i| if i / 48 < 20 { f32::NAN } else { 1.0 }).collect(),
             deviation: vec![0.1; pixels],
+            median_deviation: Some(0.1),
             registration: JointRegistration {
                 transforms: vec![Homography::IDENTITY; 2],
                 brightness: vec![Brightness::identity([width, height]); 2],

@@ -1,7 +1,7 @@
 //! Judges whether the frames of a sweep determine the focus: whether they differ in it, and by steps that are fine
 //! enough for their blur.
 
-use crate::base::{Error, statistics::median};
+use crate::base::Error;
 use crate::engine::{JointRegistration, MAX_RELATIVE_BLUR};
 
 /// The least blur in the last frame of what is in focus in the first, px: below it the frames do not differ in focus.
@@ -25,12 +25,11 @@ const MOST_DEVIATION: f64 = 0.08;
 /// a u. With 6.4 px (four frames of the metal part) it is 0.24, and 53 % have one; with 8 px 0.16, and 10 to 15 %.
 const LEAST_COMPARED: f64 = 1.0 / 3.0;
 
-/// An error if the frames do not differ in focus. `deviation` is the standard deviation of u by pixel, in steps.
-pub(super) fn differ_in_focus(registration: &JointRegistration, deviation: &[f32]) -> Result<(), Error> {
+/// An error if the frames do not differ in focus. `median_deviation`: of u, in settings; `None` if no pixel has one.
+pub(super) fn differ_in_focus(registration: &JointRegistration, median_deviation: Option<f64>) -> Result<(), Error> {
     let (blur, range) = (blur(registration), registration.settings[registration.settings.len() - 1]);
-    let deviations = deviation.iter().copied().map(f64::from);
-    let is_noise = || median(deviations).is_none_or(|deviation| deviation > MOST_DEVIATION * range);
-    if blur >= MOST_BLUR_OF_NOISE || blur >= LEAST_BLUR && !is_noise() {
+    let is_noise = median_deviation.is_none_or(|deviation| deviation > MOST_DEVIATION * range);
+    if blur >= MOST_BLUR_OF_NOISE || blur >= LEAST_BLUR && !is_noise {
         return Ok(());
     }
     Err(Error::Mismatch(
@@ -88,13 +87,12 @@ mod tests {
 
     #[test]
     fn frames_of_one_focus_setting_are_refused() {
-        let judged = |blur: f64, deviation: f32| {
-            differ_in_focus(&registration(&[0.0, 1.0, 2.0], blur / 2.0), &[f32::NAN, deviation])
-        };
-        for (blur, deviation) in [(0.6, 0.02), (1.5, 0.3), (1.5, f32::NAN)] {
+        let judged =
+            |blur: f64, deviation: Option<f64>| differ_in_focus(&registration(&[0.0, 1.0, 2.0], blur / 2.0), deviation);
+        for (blur, deviation) in [(0.6, Some(0.02)), (1.5, Some(0.3)), (1.5, None)] {
             let error = judged(blur, deviation).unwrap_err().to_string();
             assert!(error.contains("do not differ in focus beyond noise"), "{error}");
         }
-        assert!(judged(0.86, 0.02).is_ok() && judged(5.0, 0.3).is_ok());
+        assert!(judged(0.86, Some(0.02)).is_ok() && judged(5.0, Some(0.3)).is_ok());
     }
 }

@@ -287,7 +287,7 @@ impl<'a> Task<'a> {
 
     /// The result of a solve for the cut frames, in order.
     fn sweep(&self, solution: JointSolution) -> Result<Sweep, Error> {
-        judgement::differ_in_focus(&solution.registration, &solution.deviation)?;
+        judgement::differ_in_focus(&solution.registration, solution.median_deviation)?;
         let registered = self.registered(solution.registration.clone());
         let settings = &solution.registration.settings;
         let last = settings[settings.len() - 1];
