@@ -126,8 +126,7 @@ fn on_level(
     Ok([u.swap_remove(0), deviation.swap_remove(0)])
 }
 
-/// As few frames as leave no more than so much between their settings, where the settings allow that; the first and the
-/// last are among them.
+/// The first and the last frame, and the fewest between them that leave no gap over `apart`, if the settings allow it.
 fn spaced(settings: &[f64], apart: f64) -> Vec<usize> {
     let mut frames = vec![0];
     for n in 1..settings.len() {
