@@ -21,7 +21,7 @@ const float GAIN = 0.0, ORDER = 3.0, WITHIN = 0.9, LENGTH = 4.0;
 // The farthest pixels that change, px from where V was halfway, and from where on they change less.
 const float FARTHEST = 13.0, FADING = 9.0;
 // σ² of the weights of cells by the pixel's distance from the edge, px².
-const float AWAY = 36.0;
+const float AWAY = 16.0;
 
 const int COLUMNS = int(gl_WorkGroupSize.x) / SIDE + 2 * AROUND, LINES = int(gl_WorkGroupSize.y) / SIDE + 2 * AROUND;
 // A bit for each cell, by row: whether an outline is accepted with the near side in front, and with the far side.

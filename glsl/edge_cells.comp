@@ -116,8 +116,8 @@ void main() {
         }
         if (most < uncertain * difference) return;
     }
-    float numbers[9] = float[](1.0, place.x, place.y, normal.x, normal.y, near.y, far.y, near.z, far.z);
-    for (int n = 0; n < 9; n++) imageStore(results, place_of(cell, EDGES, n), vec4(numbers[n]));
+    float numbers[10] = float[](1.0, place.x, place.y, normal.x, normal.y, near.y, far.y, near.z, far.z, 0.0);
+    for (int n = 0; n < 10; n++) imageStore(results, place_of(cell, EDGES, n), vec4(numbers[n]));
     // All invocations that get here write the same.
     uint groups[9] = uint[](tiles_x, tiles_y, 1, cells_x, cells_y, 1, pixels_x, pixels_y, 1);
     for (int n = 0; n < 9; n++) arguments[argument_place + n] = groups[n];

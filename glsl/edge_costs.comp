@@ -202,20 +202,30 @@ float squared_if(vec4 difference, int from_middle, int first, int last) {
     return from_middle >= first && from_middle <= last ? dot(difference, difference) / float(LINES * (last - first + 1)) : 0.0;
 }
 
+// A photograph at sample k less its local mean: where the front is the sharper, over samples from `first` to `last`; where
+// the back is the sharper, over samples up to `last`.
+vec4 of_texture(int kernel, int of_row, vec4 photograph, int k, int first, int last, float average) {
+    return photograph - mean_between(kernel, of_row, k, first, last, row() % ORDERS == 1, average);
+}
+
+// Variance of the texture: in front; outside it in the same photograph; behind, where the front's blur does not reach.
+vec3 texture_variances(bool opposite, vec4 in_sharper, vec4 in_other, float average) {
+    int own = row(), back_row = row() ^ 1, k = place_in_row();
+    vec4 squares = vec4(0.0), back_sharp = opposite ? in_other : in_sharper;
+    if (k < ALONG) {
+        squares.x = squared_if(of_texture(MEAN, own, in_sharper, k, HALF + 2, ALONG - 1, average), k - HALF, 4, 16);
+        squares.y = squared_if(of_texture(MEAN, own, in_sharper, k, 0, HALF + 1, average), k - HALF, -14, 0);
+        squares.z = squared_if(of_texture(TEXTURE, back_row, back_sharp, k, 0, HALF - 2, average), k - HALF, -16, -4);
+    }
+    return row_total(squares).xyz;
+}
+
 // The costs of all displacements in the row's order: a share per invocation. `opposite`: the back is the sharper in the
 // other photograph.
-void share_of_costs(bool opposite, vec4 in_sharper, vec4 in_other, float average, float least, out float shares[DISPLACEMENTS]) {
+void share_of_costs(bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_variance, float average, float least,
+                    out float shares[DISPLACEMENTS]) {
     bool reversed = row() % ORDERS == 1, is_sample = place_in_row() < ALONG;
     int own = row(), back_row = row() ^ 1, k = min(place_in_row(), ALONG - 1), seen = reversed ? ALONG - 1 - k : k;
-    // Variance of the texture: in front; outside it in the same photograph; behind, where the front's blur does not reach.
-    vec4 squares = vec4(0.0);
-    if (is_sample) {
-        squares.x = squared_if(in_sharper - mean_between(MEAN, own, k, HALF + 2, ALONG - 1, reversed, average), k - HALF, 4, 16);
-        squares.y = squared_if(in_sharper - mean_between(MEAN, own, k, 0, HALF + 1, reversed, average), k - HALF, -14, 0);
-        squares.z = squared_if((opposite ? in_other : in_sharper)
-                                   - mean_between(TEXTURE, back_row, k, 0, HALF - 2, reversed, average), k - HALF, -16, -4);
-    }
-    vec4 texture_variance = row_total(squares);
     // Sums over what is inside the outline and outside it. They lose or gain a sample as it moves on by a pixel.
     int outline = HALF - BACKWARD;
     float covered = 0.0, inner_weight = 0.0, outer_weight = 0.0;
@@ -302,38 +312,36 @@ void share_of_costs(bool opposite, vec4 in_sharper, vec4 in_other, float average
     }
 }
 
-// The cost of V as it is, a share per invocation: of S, and of the sharper photograph against its own local mean. S is that
-// of a Gaussian, as in the costs of outlines: that of the solve is less, since it knows the kernel better. Across the
-// normal the blur is that of the side's V.
-float cost_before(Edge edge, float gain, float least) {
-    int k = min(place_in_row(), ALONG - 1), near_row = row() & ~1;
-    bool opposite = edge.near > 0.0 && edge.far <= 0.0, counts = abs(k - HALF) <= WINDOW && place_in_row() < ALONG;
-    ivec2 image = ivec2(edge.near > 0.0 ? 0 : 1, edge.far > 0.0 ? 0 : 1);
-    vec4 residual = vec4(0.0), data = vec4(0.0), photographs[2];
-    if (counts) {
-        photographs[0] = photograph_on_lines(0, gain, edge, k);
-        photographs[1] = photograph_on_lines(1, gain, edge, k);
-        for (int line = 0; line < LINES; line++) {
-            float v = relative_blur_at(place_on(edge, float(line), k));
-            bool near = opposite ? v > 0.0 : v > 0.5 * (edge.near + edge.far);
-            int side = near ? near_row : near_row + 1, sharper = near ? image.x : image.y;
-            float variance = max(abs(v), LEAST_VARIANCE), predicted = 0.0, total = 0.0, local = 0.0;
-            int last = min(int(ceil(EXTENT * sqrt(variance))), REACH);
-            for (int i = -last; i <= last; i++) {
-                float weight = exp(-float(i * i) / (2.0 * variance));
-                predicted += weight * blurred[side][OWN][k + i][line];
-                total += weight;
-            }
-            for (int i = -reach[side][MEAN]; i <= reach[side][MEAN]; i++) {
-                local += kernels[side][MEAN][abs(i)] * blurred[side][MEAN][k + i][line];
-            }
-            float s = predicted / total - photographs[1 - sharper][line];
-            residual[line] = photographs[sharper][line] - local;
-            data[line] = log(1.0 + s * s / least);
+// The cost of V as it is in the row's order, a share per invocation: of S instead of the two layers, with the same prices
+// of texture. Where V is halfway is the front's end. S is that of a Gaussian, as in the costs of outlines: that of the
+// solve is less, since it knows the kernel better. Across the normal the blur is that of the side's V.
+float cost_before(Edge edge, bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_variance, float average, float least) {
+    bool reversed = row() % ORDERS == 1;
+    int own = row(), back_row = row() ^ 1, k = min(place_in_row(), ALONG - 1), seen = reversed ? ALONG - 1 - k : k;
+    if (abs(k - HALF) > WINDOW || place_in_row() >= ALONG) return 0.0;
+    vec4 front = of_texture(MEAN, own, in_sharper, k, HALF, ALONG - 1, average);
+    vec4 back = opposite ? of_texture(TEXTURE, back_row, in_other, k, 0, HALF - 1, average)
+                         : of_texture(MEAN, own, in_sharper, k, 0, HALF - 1, average);
+    float back_variance = opposite ? texture_variance.z : texture_variance.y;
+    vec4 total = vec4(0.0);
+    for (int line = 0; line < LINES; line++) {
+        // Samples of the reversed order keep their lines, on which they are counted from the other end.
+        float v = relative_blur_at(place_on(edge, float(line), seen));
+        bool is_front = v > 0.5 * (edge.near + edge.far) != reversed;
+        int side = is_front ? own : back_row;
+        float variance = max(abs(v), LEAST_VARIANCE), predicted = 0.0, sum = 0.0;
+        int last = min(int(ceil(EXTENT * sqrt(variance))), REACH);
+        for (int i = -last; i <= last; i++) {
+            float weight = exp(-float(i * i) / (2.0 * variance));
+            predicted += weight * blurred[side][OWN][seen + i][line];
+            sum += weight;
         }
+        float residual = predicted / sum - (is_front || !opposite ? in_other : in_sharper)[line];
+        float deviation = (is_front ? front : back)[line];
+        total[line] = log(1.0 + residual * residual / least)
+            + cost(vec4(deviation), vec4(least + (is_front ? texture_variance.x : back_variance)), least).x;
     }
-    float variance = least + row_total(vec4(dot(residual, residual))).x / float(LINES * (2 * WINDOW + 1));
-    return counts ? dot(data + cost(residual, vec4(variance), least), vec4(1.0)) : 0.0;
+    return dot(total, vec4(1.0));
 }
 
 void main() {
@@ -382,19 +390,22 @@ void main() {
         vec4 in_sharper = photograph_on_lines(sharper, gain, edge, seen);
         vec4 in_other = photograph_on_lines(1 - sharper, gain, edge, seen);
         float shares[DISPLACEMENTS];
-        share_of_costs(opposite, in_sharper, in_other, moments.x, least, shares);
-        float before = cost_before(edge, gain, least);
+        vec3 textures = texture_variances(opposite, in_sharper, in_other, moments.x);
+        share_of_costs(opposite, in_sharper, in_other, textures, moments.x, least, shares);
+        float before = cost_before(edge, opposite, in_sharper, in_other, textures, moments.x, least);
         for (int m = 0; m < DISPLACEMENTS + 1; m += 4) {
             vec4 some;
             for (int i = 0; i < 4; i++) some[i] = m + i < DISPLACEMENTS ? shares[min(m + i, DISPLACEMENTS - 1)] : before;
             some = row_total(some);
-            if (reversed && m + 3 == TOTAL) some.w = 1.0;
             if (place_in_row() < 4 && start + row() / ORDERS < count) {
                 int target = reversed ? REVERSED_COSTS : COSTS, number = m + place_in_row();
                 float sum = some[place_in_row()];
                 if (SWEEP) sum = number_of(cell, target, number) + share[n] * sum;
                 imageStore(results, place_of(cell, target, number), vec4(sum));
             }
+        }
+        if (!reversed && place_in_row() == 0 && start + row() / ORDERS < count) {
+            imageStore(results, place_of(cell, EDGES, TOTAL), vec4(number_of(cell, EDGES, TOTAL) + share[n]));
         }
     }
 }

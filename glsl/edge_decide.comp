@@ -14,21 +14,21 @@ layout(push_constant) uniform Constants {
 const int AROUND = 2;
 const float SPREAD = 1.44;
 // The costs of neighbouring samples are not independent: a distribution is exp(-cost / TEMPERATURE).
-const float TEMPERATURE = 1.5;
+const float TEMPERATURE = 0.75;
 
 void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy), count = ivec2(width, height) / SIDE;
     if (any(greaterThanEqual(cell, count))) return;
     Edge edge = edge_of(cell);
     if (!edge.exists) return;
-    float costs[2][DISPLACEMENTS], before = 0.0, sum = 0.0, length = 0.0;
+    float costs[2][DISPLACEMENTS], before[2] = float[](0.0, 0.0), sum = 0.0, length = 0.0;
     for (int n = 0; n < DISPLACEMENTS; n++) costs[0][n] = costs[1][n] = 0.0;
     ivec2 low = max(cell - AROUND, ivec2(0)), high = min(cell + AROUND, count - 1);
     for (int y = low.y; y <= high.y; y++) {
         for (int x = low.x; x <= high.x; x++) {
             ivec2 other = ivec2(x, y), apart = other - cell;
             Edge neighbour = edge_of(other);
-            float total = neighbour.exists ? number_of(other, REVERSED_COSTS, TOTAL) : 0.0;
+            float total = neighbour.exists ? number_of(other, EDGES, TOTAL) : 0.0;
             if (total == 0.0) continue;
             float agree = agreement(edge, neighbour);
             length += agree;
@@ -36,7 +36,8 @@ void main() {
             if (weight == 0.0) continue;
             sum += weight;
             weight /= total;
-            before += weight * number_of(other, COSTS, BEFORE);
+            before[0] += weight * number_of(other, COSTS, BEFORE);
+            before[1] += weight * number_of(other, REVERSED_COSTS, BEFORE);
             for (int n = 0; n < DISPLACEMENTS; n++) {
                 costs[0][n] += weight * number_of(other, COSTS, n);
                 costs[1][n] += weight * number_of(other, REVERSED_COSTS, n);
@@ -65,7 +66,7 @@ void main() {
         }
         place /= total;
         float within = place > 1.0 && place < float(DISPLACEMENTS - 2) ? 1.0 : 0.0;
-        imageStore(results, place_of(cell, DECISIONS, order), vec4((before - least[order]) / sum));
+        imageStore(results, place_of(cell, DECISIONS, order), vec4((before[order] - least[order]) / sum));
         imageStore(results, place_of(cell, DECISIONS, 2 + order), vec4(within));
     }
     imageStore(results, place_of(cell, DECISIONS, 4), vec4((least[1] - least[0]) / sum));

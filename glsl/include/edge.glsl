@@ -11,8 +11,8 @@ const int LAYERS = 10;
 const int BACKWARD = 4, DISPLACEMENTS = 15;
 // The cost of V as it is, behind those of the outlines.
 const int BEFORE = DISPLACEMENTS;
-// The sum of the shares of all pairs of frames, behind the costs of outlines in the reversed order: 1 for a pair.
-const int TOTAL = DISPLACEMENTS;
+// The sum of the shares of all pairs of frames in the costs, behind the edge: 1 for a pair.
+const int TOTAL = 9;
 
 ivec3 place_of(ivec2 cell, int layer, int n) {
     return ivec3(SIDE * cell + ivec2(n % SIDE, n / SIDE), layer);

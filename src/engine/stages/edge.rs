@@ -27,11 +27,11 @@ pub(crate) const LAYERS: u32 = edge::LAYERS;
 pub(crate) const DISPLACEMENTS: usize = edge::DISPLACEMENTS as usize;
 /// The first displacement is this many pixels away from the side in front.
 pub(crate) const BACKWARD: usize = edge::BACKWARD as usize;
-/// The number of the cost of V as it is.
+/// The number of the cost of V as it is, in the layers of the costs.
 pub(crate) const BEFORE: usize = DISPLACEMENTS;
 
-/// The number of the sum of the shares of all pairs of frames, in the layer of the reversed costs: 1 for a pair.
-pub(crate) const TOTAL: usize = DISPLACEMENTS;
+/// The number of the sum of the shares of all pairs of frames in the costs, in the layer of the edges: 1 for a pair.
+pub(crate) const TOTAL: usize = edge::TOTAL as usize;
 
 /// Columns and rows of cells of an image.
 pub(crate) fn cells([width, height]: [u32; 2]) -> [u32; 2] {
@@ -70,6 +70,11 @@ pub(super) fn set<N: Number>(layer: &mut Raster<N>, [x, y]: [usize; 2], first: u
     }
 }
 
+/// Adds to the n-th number of a cell in a layer.
+pub(super) fn add<N: Number>(layer: &mut Raster<N>, cell: [usize; 2], n: usize, more: f64) {
+    set(layer, cell, n, &[number(layer, cell, n) + more]);
+}
+
 /// The value between pixels, of the nearest place inside.
 pub(super) fn between<N: Number>(field: &Raster<N>, [x, y]: [f64; 2]) -> f64 {
     let (low, f) = ([x.floor(), y.floor()], [x - x.floor(), y - y.floor()]);
@@ -103,10 +108,10 @@ impl Edge {
         })
     }
 
-    /// As numbers of a cell.
-    pub(super) fn numbers(&self) -> [f64; 9] {
+    /// As numbers of a cell without costs.
+    pub(super) fn numbers(&self) -> [f64; 10] {
         let Self { place, normal, levels, deviations } = self;
-        [1.0, place[0], place[1], normal[0], normal[1], levels[0], levels[1], deviations[0], deviations[1]]
+        [1.0, place[0], place[1], normal[0], normal[1], levels[0], levels[1], deviations[0], deviations[1], 0.0]
     }
 
     /// How far two cells lie on one edge, 0 to 1: the cosine of the angle between their normals. 0 if one is off the line
@@ -153,8 +158,8 @@ pub(super) mod testing {
         if until > COSTS {
             let photographs = [1, 2].map(|seed| smooth_field(width, height, seed));
             let c = edge_costs::testing::constants(size);
-            [layers[COSTS], layers[REVERSED_COSTS]] =
-                edge_costs::testing::of_pair(&c, photographs.each_ref(), &v, &layers[EDGES]);
+            [layers[COSTS], layers[REVERSED_COSTS], layers[EDGES]] =
+                edge_costs::testing::of_pair(&c, photographs.each_ref(), &v, layers[EDGES].clone());
         }
         if until >= OUTLINES[0] {
             let [near, far, decisions] =

@@ -11,7 +11,7 @@
 //! The outline of a cell is straight and is displaced along the normal. So all filters are along the normal, after one
 //! blur across it. The other order, with the far side in front, is the same seen from the other side.
 
-use super::edge::{self, BACKWARD, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_COSTS, between};
+use super::edge::{self, BACKWARD, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_COSTS, TOTAL, between};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
 use super::{Number, Raster, pixels};
@@ -86,14 +86,14 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let mut costs = [COSTS, REVERSED_COSTS].map(|layer| memory.take_layer(self.results, layer));
+        let mut layers = LAYERS.map(|layer| memory.take_layer(self.results, layer));
         let [first, second] = c.layers.map(|layer| layer as usize);
         let photographs = [memory.layer(self.i1, first), memory.layer(self.i2, second)];
-        let (v, edges) = (memory.layer(self.v, 0), memory.layer(self.results, EDGES));
-        cpu_reference(c, variant, memory.state(self.state), photographs, v, edges, &mut costs);
-        let [costs, reversed] = costs;
-        memory.set_layer(self.results, COSTS, costs);
-        memory.set_layer(self.results, REVERSED_COSTS, reversed);
+        let v = memory.layer(self.v, 0);
+        cpu_reference(c, variant, memory.state(self.state), photographs, v, &mut layers);
+        for (n, layer) in LAYERS.into_iter().zip(layers) {
+            memory.set_layer(self.results, n, layer);
+        }
     }
 }
 
@@ -114,20 +114,22 @@ type Profile = [[f64; ALONG]; ROWS];
 /// The same on the lines that costs are summed over.
 type Lines = [[f64; ALONG]; LINES];
 
-/// Sets the layers of the costs in both orders, or adds to them for two frames of a sweep.
+/// The layers that the pass changes: the costs in both orders, and the edges, for their share.
+const LAYERS: [usize; 3] = [COSTS, REVERSED_COSTS, EDGES];
+
+/// Sets the costs in both orders and their share, or adds to them for two frames of a sweep. `layers`: as in [`LAYERS`].
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
     variant: Variant,
     state: &DoubleState,
     [i1, i2]: [&Raster<N>; 2],
     v: &Raster<N>,
-    edges: &Raster<N>,
-    layers: &mut [Raster<N>; 2],
+    layers: &mut [Raster<N>; 3],
 ) {
     let is_sweep = variant == SWEEP;
     let found: Vec<_> = edge::all_cells([c.width, c.height])
         .filter_map(|cell| {
-            let edge = Edge::of(edges, cell)?;
+            let edge = Edge::of(&layers[2], cell)?;
             let (edge, share) = if is_sweep { c.in_frames(&edge)? } else { (edge, 1.0) };
             Some((cell, edge, share))
         })
@@ -141,24 +143,31 @@ pub(crate) fn cpu_reference<N: Number>(
         let average = samples().sum::<f64>() / (LINES * ALONG) as f64;
         let square = samples().map(|i| i * i).sum::<f64>() / (LINES * ALONG) as f64;
         let least = shader::LEAST.powi(2) + shader::CONTRAST.powi(2) * (square - average * average).max(0.0);
-        let terms = Terms { average, least };
         let [near, far] = edge.levels;
-        let seen_from_behind = profiles.map(|profile| reversed(&profile));
-        let both = [terms.costs(&profiles, [near, far]), terms.costs(&seen_from_behind, [far, near])];
-        let v_at = |x| if is_sweep { c.relative_blur(between(v, x)) } else { between(v, x) };
-        (both, terms.cost_before(&profiles, edge, v_at))
+        let middle = 0.5 * (near + far);
+        let v_at = |line: usize, k: usize| {
+            let v = between(v, place_on(edge, line as f64, k));
+            if is_sweep { c.relative_blur(v) } else { v }
+        };
+        let of_near = Layers::new(&profiles, [near, far], average, least);
+        let of_far = Layers::new(&profiles.map(|profile| reversed(&profile)), [far, near], average, least);
+        let before = [
+            of_near.cost_before(|v| v > middle, v_at),
+            of_far.cost_before(|v| v <= middle, |line, k| v_at(LINES - 1 - line, ALONG - 1 - k)),
+        ];
+        ([of_near.costs(), of_far.costs()], before)
     };
     let size = |layer: &Raster<N>| [layer.width, layer.height];
     if !is_sweep || size(&layers[0]) != size(v) {
-        *layers = [Raster::zeros(v.width, v.height), Raster::zeros(v.width, v.height)];
+        (layers[0], layers[1]) = (Raster::zeros(v.width, v.height), Raster::zeros(v.width, v.height));
     }
     for ((both, before), (cell, _, share)) in workers::map(found.len(), costs).into_iter().zip(&found) {
-        for ((costs, last), layer) in both.iter().zip([before, 1.0]).zip(&mut *layers) {
-            let add = |n: usize, cost: f64| edge::number(layer, *cell, n) + share * cost;
-            let sums: Vec<f64> =
-                costs.iter().copied().chain([last]).enumerate().map(|(n, cost)| add(n, cost)).collect();
-            edge::set(layer, *cell, 0, &sums);
+        for ((costs, before), layer) in both.iter().zip(before).zip(&mut *layers) {
+            for (n, cost) in costs.iter().copied().chain([before]).enumerate() {
+                edge::add(layer, *cell, n, share * cost);
+            }
         }
+        edge::add(&mut layers[2], *cell, TOTAL, *share);
     }
 }
 
@@ -276,82 +285,124 @@ fn mean(kernel: &[f64], k: usize, value: impl Fn(usize) -> f64, counts: impl Fn(
     (weight > 1e-3).then_some(sum / weight)
 }
 
+fn is(condition: bool) -> f64 {
+    f64::from(u8::from(condition))
+}
+
 /// `ln(1 + r²/s) + ½ ln(s/s₀)`.
 fn cost(residual: f64, variance: f64, least: f64) -> f64 {
     let explained = 1.0 + residual * residual / variance;
     0.5 * (explained * explained * variance / least).ln()
 }
 
-/// What the costs of a cell share.
-struct Terms {
+/// The two layers around a cell in one order, and what their costs share.
+struct Layers {
+    /// Whether the back is the sharper in the other photograph.
+    opposite: bool,
+    /// The photograph in which the front is the sharper, and the other.
+    in_sharper: Lines,
+    in_other: Lines,
+    /// The front blurred across the normal by its own kernel, and by that of local means.
+    front: Lines,
+    near: Lines,
+    /// The back, where it is the sharper, by its own kernel and by that of texture; the front by the front's and those.
+    back: [Lines; 2],
+    hiding: [Lines; 2],
+    of_front: Vec<f64>,
+    of_back: [Vec<f64>; 2],
+    of_mean: Vec<f64>,
     /// Of the photograph in which the near side is the sharper, on the lines.
     average: f64,
     /// The least variance of a residual.
     least: f64,
+    /// Variance of the texture: in front; outside it in the same photograph; behind, where the front's blur does not
+    /// reach.
+    textures: [f64; 3],
 }
 
-impl Terms {
-    /// The costs of all displacements, with V of the front, which is at the ends of the lines, and of the back.
-    fn costs(&self, profiles: &[Profile; 2], [front_v, back_v]: [f64; 2]) -> [f64; DISPLACEMENTS] {
+impl Layers {
+    fn new(profiles: &[Profile; 2], [front_v, back_v]: [f64; 2], average: f64, least: f64) -> Self {
         let (sharper, other) = if front_v > 0.0 { (&profiles[0], &profiles[1]) } else { (&profiles[1], &profiles[0]) };
         let opposite = (front_v > 0.0) != (back_v > 0.0);
         let [front_v, back_v] = [front_v.abs(), back_v.abs()];
         let on_lines = |profile: &Profile| -> Lines { std::array::from_fn(|line| profile[REACH + line]) };
-        let (in_sharper, in_other) = (on_lines(sharper), on_lines(other));
-        let (front, near) = (across(sharper, front_v), across(sharper, shader::MEAN_VARIANCE));
         let back_in = if opposite { other } else { sharper };
-        let back = [across(back_in, back_v), across(back_in, shader::TEXTURE_VARIANCE)];
-        let hiding = [across(sharper, front_v + back_v), across(sharper, front_v + shader::TEXTURE_VARIANCE)];
-        let of_front = kernel(front_v);
-        let of_back = [kernel(back_v), kernel(shader::TEXTURE_VARIANCE)];
-        let (of_mean, of_rim) = (kernel(shader::MEAN_VARIANCE), kernel(shader::RIM_VARIANCE));
-
-        // Variance of the texture: in front; outside it in the same photograph; behind, where the front's blur does not
-        // reach.
-        let is = |condition: bool| f64::from(u8::from(condition));
+        let mut layers = Self {
+            opposite,
+            in_sharper: on_lines(sharper),
+            in_other: on_lines(other),
+            front: across(sharper, front_v),
+            near: across(sharper, shader::MEAN_VARIANCE),
+            back: [across(back_in, back_v), across(back_in, shader::TEXTURE_VARIANCE)],
+            hiding: [across(sharper, front_v + back_v), across(sharper, front_v + shader::TEXTURE_VARIANCE)],
+            of_front: kernel(front_v),
+            of_back: [kernel(back_v), kernel(shader::TEXTURE_VARIANCE)],
+            of_mean: kernel(shader::MEAN_VARIANCE),
+            average,
+            least,
+            textures: [0.0; 3],
+        };
         let variance = |from: isize, to: isize, difference: &dyn Fn(usize, usize) -> f64| {
             let range = HALF.wrapping_add_signed(from)..=HALF.wrapping_add_signed(to);
             let squares = range.clone().flat_map(|k| (0..LINES).map(move |line| (line, k)));
             squares.map(|(line, k)| difference(line, k).powi(2)).sum::<f64>() / (LINES * range.count()) as f64
         };
-        let average = |mean: Option<f64>| mean.unwrap_or(self.average);
-        let front_texture = variance(4, 16, &|line, k| {
-            in_sharper[line][k] - average(mean(&of_mean, k, |q| near[line][q], |q| is(q >= HALF + 2)))
-        });
-        let outside_texture = variance(-14, 0, &|line, k| {
-            in_sharper[line][k] - average(mean(&of_mean, k, |q| near[line][q], |q| is(q < HALF + 2)))
-        });
-        let back_sharp = if opposite { &in_other } else { &in_sharper };
-        let back_texture = variance(-16, -4, &|line, k| {
-            back_sharp[line][k] - average(mean(&of_back[1], k, |q| back[1][line][q], |q| is(q <= HALF - 2)))
-        });
+        layers.textures = [
+            variance(4, 16, &|line, k| layers.of_front_texture(line, k, HALF + 2)),
+            variance(-14, 0, &|line, k| layers.of_outside_texture(line, k, HALF + 2)),
+            variance(-16, -4, &|line, k| layers.of_back_texture(line, k, HALF - 1)),
+        ];
+        layers
+    }
 
+    /// The photograph in which the front is the sharper less its local mean over samples from `first` on.
+    fn of_front_texture(&self, line: usize, k: usize, first: usize) -> f64 {
+        let mean = mean(&self.of_mean, k, |q| self.near[line][q], |q| is(q >= first));
+        self.in_sharper[line][k] - mean.unwrap_or(self.average)
+    }
+
+    /// The same less its local mean over samples before `end`.
+    fn of_outside_texture(&self, line: usize, k: usize, end: usize) -> f64 {
+        let mean = mean(&self.of_mean, k, |q| self.near[line][q], |q| is(q < end));
+        self.in_sharper[line][k] - mean.unwrap_or(self.average)
+    }
+
+    /// The photograph in which the back is the sharper less its local mean over samples before `end`.
+    fn of_back_texture(&self, line: usize, k: usize, end: usize) -> f64 {
+        let mean = mean(&self.of_back[1], k, |q| self.back[1][line][q], |q| is(q < end));
+        let back_sharp = if self.opposite { &self.in_other } else { &self.in_sharper };
+        back_sharp[line][k] - mean.unwrap_or(self.average)
+    }
+
+    /// The costs of all displacements.
+    fn costs(&self) -> [f64; DISPLACEMENTS] {
+        let [front_texture, outside_texture, back_texture] = self.textures;
         let last = ALONG - 1;
-        let (in_front, rims) = (inside(&of_front, |_| 1.0), inside(&of_rim, |_| 1.0));
-        let means = inside(&of_mean, |q| is(q <= last));
+        let (in_front, rims) = (inside(&self.of_front, |_| 1.0), inside(&kernel(shader::RIM_VARIANCE), |_| 1.0));
+        let means = inside(&self.of_mean, |q| is(q <= last));
         let mut totals = [0.0; DISPLACEMENTS];
         for line in 0..LINES {
-            let near = inside(&of_mean, |q| if q <= last { near[line][q] } else { 0.0 });
-            let lit = inside(&of_front, |q| front[line][q.min(last)]);
-            let hidden = [0, 1].map(|which| inside(&of_front, |q| hiding[which][line][q.min(last)]));
+            let near = inside(&self.of_mean, |q| if q <= last { self.near[line][q] } else { 0.0 });
+            let lit = inside(&self.of_front, |q| self.front[line][q.min(last)]);
+            let hidden = [0, 1].map(|which| inside(&self.of_front, |q| self.hiding[which][line][q.min(last)]));
             for (n, total) in totals.iter_mut().enumerate() {
                 let outline = FIRST + n;
                 let (mut weights, mut layers) = ([0.0; ALONG], [[0.0; ALONG]; 2]);
                 for k in 0..ALONG {
                     let open = 1.0 - in_front[k][n];
-                    weights[k] = match opposite {
+                    weights[k] = match self.opposite {
                         true if open < shader::DIM => 0.0,
                         true => open * open,
                         false => is(k < outline),
                     };
                     for which in 0..2 {
-                        let back = back[which][line][k];
+                        let back = self.back[which][line][k];
                         let restored = || ((back - hidden[which][k][n]) / open.max(shader::DIM)).clamp(-0.3, 1.3);
-                        layers[which][k] = weights[k] * if opposite { restored() } else { back };
+                        layers[which][k] = weights[k] * if self.opposite { restored() } else { back };
                     }
                 }
-                let [known, known_coarse] = [0, 1].map(|which| along(&of_back[which], &weights));
-                let [fine, coarse] = [0, 1].map(|which| along(&of_back[which], &layers[which]));
+                let [known, known_coarse] = [0, 1].map(|which| along(&self.of_back[which], &weights));
+                let [fine, coarse] = [0, 1].map(|which| along(&self.of_back[which], &layers[which]));
                 for place in 0..COSTED {
                     let (k, known) = (HALF - WINDOW + place, known[place]);
                     let weighed = known_coarse[place];
@@ -363,17 +414,17 @@ impl Terms {
                     let [far, far_weight] = [&near, &means].map(|sums| sums[k][DISPLACEMENTS] - sums[k][n]);
                     let (open, lit, least) = (1.0 - in_front[k][n], lit[k][n], self.least);
                     // The other photograph: the front's blur over the back.
-                    let (behind, texture) = if opposite { (coarse, back_texture) } else { (fine, gap) };
-                    *total += cost(lit + open * behind - in_other[line][k], least + open * open * texture, least);
+                    let (behind, texture) = if self.opposite { (coarse, back_texture) } else { (fine, gap) };
+                    *total += cost(lit + open * behind - self.in_other[line][k], least + open * open * texture, least);
                     // The sharper photograph: inside like its neighbours inside, outside like the back.
                     let rim = rims[k][n];
                     *total += if k >= outline {
-                        cost(in_sharper[line][k] - near_mean, least + front_texture, least)
-                    } else if opposite {
+                        cost(self.in_sharper[line][k] - near_mean, least + front_texture, least)
+                    } else if self.opposite {
                         let variance = least + rim * rim * front_texture + (1.0 - rim).powi(2) * gap;
-                        cost(rim * near_mean + (1.0 - rim) * fine - in_sharper[line][k], variance, least)
+                        cost(rim * near_mean + (1.0 - rim) * fine - self.in_sharper[line][k], variance, least)
                     } else {
-                        cost(in_sharper[line][k] - average(far, far_weight), least + outside_texture, least)
+                        cost(self.in_sharper[line][k] - average(far, far_weight), least + outside_texture, least)
                     };
                 }
             }
@@ -381,35 +432,34 @@ impl Terms {
         totals
     }
 
-    /// The cost of V as it is: of S, and of the sharper photograph against its own local mean.
+    /// The cost of V as it is: of S instead of the two layers, with the same prices of texture. Where V is halfway is
+    /// the front's end.
     ///
     /// S is that of a Gaussian, as in the costs of outlines: that of the solve is less, since it knows the kernel better.
     /// Across the normal the blur is that of the side's V.
-    fn cost_before(&self, profiles: &[Profile; 2], edge: &Edge, v_at: impl Fn([f64; 2]) -> f64) -> f64 {
-        let images = edge.levels.map(|level| usize::from(level <= 0.0));
-        let opposite = images[0] != images[1];
-        let sides = [0, 1].map(|side| {
-            let profile = &profiles[images[side]];
-            [across(profile, edge.levels[side].abs()), across(profile, shader::MEAN_VARIANCE)]
-        });
-        let of_mean = kernel(shader::MEAN_VARIANCE);
+    fn cost_before(&self, is_front: impl Fn(f64) -> bool, v_at: impl Fn(usize, usize) -> f64) -> f64 {
+        let least = self.least;
+        let [front_texture, outside_texture, back_texture] = self.textures;
+        let blurred = |v: f64, lines: &Lines, line: usize, k: usize| {
+            mean(&kernel(v.abs()), k, |q| lines[line][q], |_| 1.0).unwrap_or(self.average)
+        };
         let places = (0..LINES).flat_map(|line| (HALF - WINDOW..=HALF + WINDOW).map(move |k| (line, k)));
-        let residuals: Vec<[f64; 2]> = places
+        places
             .map(|(line, k)| {
-                let v = v_at(place_on(edge, line as f64, k));
-                let near = if opposite { v > 0.0 } else { v > 0.5 * (edge.levels[0] + edge.levels[1]) };
-                let side = usize::from(!near);
-                let sharper = images[side];
-                let blurred = |kernel: &[f64], lines: &Lines| {
-                    mean(kernel, k, |q| lines[line][q], |_| 1.0).unwrap_or(self.average)
+                let v = v_at(line, k);
+                let (s, texture, variance) = if is_front(v) {
+                    let s = blurred(v, &self.front, line, k) - self.in_other[line][k];
+                    (s, self.of_front_texture(line, k, HALF), front_texture)
+                } else if self.opposite {
+                    let s = blurred(v, &self.back[0], line, k) - self.in_sharper[line][k];
+                    (s, self.of_back_texture(line, k, HALF), back_texture)
+                } else {
+                    let s = blurred(v, &self.back[0], line, k) - self.in_other[line][k];
+                    (s, self.of_outside_texture(line, k, HALF), outside_texture)
                 };
-                let s = blurred(&kernel(v.abs()), &sides[side][0]) - profiles[1 - sharper][REACH + line][k];
-                let local = blurred(&of_mean, &sides[side][1]);
-                [profiles[sharper][REACH + line][k] - local, (s * s / self.least).ln_1p()]
+                cost(s, least, least) + cost(texture, least + variance, least)
             })
-            .collect();
-        let square = residuals.iter().map(|[r, _]| r * r).sum::<f64>() / residuals.len() as f64;
-        residuals.iter().map(|[r, data]| data + cost(*r, self.least + square, self.least)).sum()
+            .sum()
     }
 }
 
@@ -425,11 +475,11 @@ pub(super) mod testing {
         Constants::of_pair(size, size.map(|side| (side as f32 - 1.0) / 2.0))
     }
 
-    /// The layers of the costs of a pair whose photographs lie on each other.
-    pub(in super::super) fn of_pair(c: &Constants, photographs: [&Field; 2], v: &Field, edges: &Field) -> [Field; 2] {
-        let mut costs = [Field::default(), Field::default()];
-        cpu_reference(c, NO_VARIANT, &DoubleState::default(), photographs, v, edges, &mut costs);
-        costs
+    /// The layers of the costs of a pair whose photographs lie on each other, and of the edges.
+    pub(in super::super) fn of_pair(c: &Constants, photographs: [&Field; 2], v: &Field, edges: Field) -> [Field; 3] {
+        let mut layers = [Field::default(), Field::default(), edges];
+        cpu_reference(c, NO_VARIANT, &DoubleState::default(), photographs, v, &mut layers);
+        layers
     }
 }
 
@@ -490,6 +540,7 @@ mod tests {
             let trial = Trial::run::<Bindings>(&inputs, &c, SWEEP, [columns, rows, 1]);
             trial.assert_within(0.02);
             let changed = [COSTS, REVERSED_COSTS].map(|layer| trial.layers(3)[layer] != before[layer - COSTS]);
+            assert_eq!(trial.layers(3)[EDGES] != results[EDGES], adds);
             assert_eq!(changed, [adds; 2], "{settings:?}");
         }
     }
@@ -522,7 +573,7 @@ mod tests {
             let deviation = Field::from_fn(width, height, |_, _| 0.05);
             let image = [width as u32, height as u32];
             let edges = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(image, 0), &v, &deviation);
-            let [costs, reversed] = of_pair(&constants(image), photographs.each_ref(), &v, &edges);
+            let [costs, reversed, edges] = of_pair(&constants(image), photographs.each_ref(), &v, edges);
             let mut sums = [[0.0; DISPLACEMENTS]; 2];
             let mut place = 0.0;
             let cells: Vec<_> = edge::all_cells(image)

@@ -3,7 +3,7 @@
 //! The costs E of a cell are averaged with those of its neighbours on the same edge. With a temperature τ the
 //! distribution of the displacement is proportional to `exp(-E/τ)`. Stored is its sum up to each displacement.
 //!
-//! What speaks for an outline: the cost of V as it is less the least cost, for both orders; whether the mean displacement
+//! What speaks for an outline: the cost of V as it is less the least cost, in both orders; whether the mean displacement
 //! is within the range, for both; the least cost of the other order less that of this one; and how many cells within two
 //! continue the edge.
 
@@ -47,10 +47,10 @@ pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], costs: [&Raster<N>; 2], e
     let mut layers = [(); 3].map(|()| Raster::zeros(edges.width, edges.height));
     for cell in edge::all_cells(size) {
         let Some(edge) = Edge::of(edges, cell) else { continue };
-        let (mut mean, mut before, mut sum, mut length) = ([[0.0; DISPLACEMENTS]; 2], 0.0, 0.0, 0.0);
+        let (mut mean, mut before, mut sum, mut length) = ([[0.0; DISPLACEMENTS]; 2], [0.0; 2], 0.0, 0.0);
         for other in edge::cells_around(cell, shader::AROUND as usize, size) {
             let Some(neighbour) = Edge::of(edges, other) else { continue };
-            let total = edge::number(costs[1], other, TOTAL);
+            let total = edge::number(edges, other, TOTAL);
             if total == 0.0 {
                 continue;
             }
@@ -60,9 +60,11 @@ pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], costs: [&Raster<N>; 2], e
             let weight = agreement * (-apart / (2.0 * shader::SPREAD)).exp();
             sum += weight;
             let weight = weight / total;
-            before += weight * edge::number(costs[0], other, BEFORE);
-            for (order, n) in (0..2).flat_map(|order| (0..DISPLACEMENTS).map(move |n| (order, n))) {
-                mean[order][n] += weight * edge::number(costs[order], other, n);
+            for order in 0..2 {
+                before[order] += weight * edge::number(costs[order], other, BEFORE);
+                for (n, mean) in mean[order].iter_mut().enumerate() {
+                    *mean += weight * edge::number(costs[order], other, n);
+                }
             }
         }
         // No pair of frames shows the edge: it stays as it is.
@@ -83,7 +85,7 @@ pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], costs: [&Raster<N>; 2], e
             });
             edge::set(&mut layers[order], cell, 0, &shares);
             let within = place > 1.0 && place < (DISPLACEMENTS - 2) as f64;
-            edge::set(&mut layers[2], cell, order, &[(before - least[order]) / sum]);
+            edge::set(&mut layers[2], cell, order, &[(before[order] - least[order]) / sum]);
             edge::set(&mut layers[2], cell, 2 + order, &[f64::from(u8::from(within))]);
         }
         edge::set(&mut layers[2], cell, 4, &[(least[1] - least[0]) / sum, length]);
@@ -106,14 +108,14 @@ mod tests {
             // In a sweep frames have different shares in the cells, and none in some.
             for cell @ [x, y] in edge::all_cells(size) {
                 let total = [1.0, 0.7, 1.9, 0.0][(x + 2 * y) % 4];
-                edge::set(&mut results[REVERSED_COSTS], cell, TOTAL, &[total]);
+                edge::set(&mut results[EDGES], cell, TOTAL, &[total]);
             }
             let c = Constants { width: size[0], height: size[1] };
             let trial =
                 Trial::run::<Bindings>(&[Input::Image(&results)], &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
             // Costs of some 1000 in single precision, whose differences are divided by a temperature of 1.5.
             trial.assert_within(2e-3);
-            let shown = |&cell: &_| edge::number(&results[REVERSED_COSTS], cell, TOTAL) > 0.0;
+            let shown = |&cell: &_| edge::number(&results[EDGES], cell, TOTAL) > 0.0;
             let mut cells = edge::all_cells(size).filter(shown);
             let cell = cells.find(|&cell| Edge::of(&results[EDGES], cell).is_some()).unwrap();
             for layer in OUTLINES {
