@@ -313,7 +313,7 @@ void share_of_costs(bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_
 }
 
 // The cost of V as it is in the row's order, a share per invocation: of S instead of the two layers, with the same prices
-// of texture. Where V is halfway is the front's end. S is that of a Gaussian, as in the costs of outlines: that of the
+// of texture. The front ends where V is halfway. S is that of a Gaussian, as in the costs of outlines: that of the
 // solve is less, since it knows the kernel better. Across the normal the blur is that of the side's V.
 float cost_before(Edge edge, bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_variance, float average, float least) {
     bool reversed = row() % ORDERS == 1;

@@ -14,7 +14,7 @@ layout(push_constant) uniform Constants {
 const int AROUND = 2;
 const float SPREAD = 1.44;
 // The costs of neighbouring samples are not independent: a distribution is exp(-cost / TEMPERATURE).
-const float TEMPERATURE = 0.75;
+const float TEMPERATURE = 1.5;
 
 void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy), count = ivec2(width, height) / SIDE;

@@ -11,6 +11,8 @@
 //! The outline of a cell is straight and is displaced along the normal. So all filters are along the normal, after one
 //! blur across it. The other order, with the far side in front, is the same seen from the other side.
 
+use std::ops::Range;
+
 use super::edge::{self, BACKWARD, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_COSTS, TOTAL, between};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
@@ -308,6 +310,7 @@ struct Layers {
     /// The back, where it is the sharper, by its own kernel and by that of texture; the front by the front's and those.
     back: [Lines; 2],
     hiding: [Lines; 2],
+    /// The kernels along the normal: of the front; of the back and of texture; of local means.
     of_front: Vec<f64>,
     of_back: [Vec<f64>; 2],
     of_mean: Vec<f64>,
@@ -348,26 +351,20 @@ impl Layers {
             squares.map(|(line, k)| difference(line, k).powi(2)).sum::<f64>() / (LINES * range.count()) as f64
         };
         layers.textures = [
-            variance(4, 16, &|line, k| layers.of_front_texture(line, k, HALF + 2)),
-            variance(-14, 0, &|line, k| layers.of_outside_texture(line, k, HALF + 2)),
+            variance(4, 16, &|line, k| layers.of_front_texture(line, k, HALF + 2..ALONG)),
+            variance(-14, 0, &|line, k| layers.of_front_texture(line, k, 0..HALF + 2)),
             variance(-16, -4, &|line, k| layers.of_back_texture(line, k, HALF - 1)),
         ];
         layers
     }
 
-    /// The photograph in which the front is the sharper less its local mean over samples from `first` on.
-    fn of_front_texture(&self, line: usize, k: usize, first: usize) -> f64 {
-        let mean = mean(&self.of_mean, k, |q| self.near[line][q], |q| is(q >= first));
+    /// The photograph in which the front is the sharper, less its local mean over some samples.
+    fn of_front_texture(&self, line: usize, k: usize, samples: Range<usize>) -> f64 {
+        let mean = mean(&self.of_mean, k, |q| self.near[line][q], |q| is(samples.contains(&q)));
         self.in_sharper[line][k] - mean.unwrap_or(self.average)
     }
 
-    /// The same less its local mean over samples before `end`.
-    fn of_outside_texture(&self, line: usize, k: usize, end: usize) -> f64 {
-        let mean = mean(&self.of_mean, k, |q| self.near[line][q], |q| is(q < end));
-        self.in_sharper[line][k] - mean.unwrap_or(self.average)
-    }
-
-    /// The photograph in which the back is the sharper less its local mean over samples before `end`.
+    /// The photograph in which the back is the sharper, less its local mean over the samples before `end`.
     fn of_back_texture(&self, line: usize, k: usize, end: usize) -> f64 {
         let mean = mean(&self.of_back[1], k, |q| self.back[1][line][q], |q| is(q < end));
         let back_sharp = if self.opposite { &self.in_other } else { &self.in_sharper };
@@ -432,8 +429,8 @@ impl Layers {
         totals
     }
 
-    /// The cost of V as it is: of S instead of the two layers, with the same prices of texture. Where V is halfway is
-    /// the front's end.
+    /// The cost of V as it is: of S instead of the two layers, with the same prices of texture. The front ends
+    /// where V is halfway.
     ///
     /// S is that of a Gaussian, as in the costs of outlines: that of the solve is less, since it knows the kernel better.
     /// Across the normal the blur is that of the side's V.
@@ -449,13 +446,13 @@ impl Layers {
                 let v = v_at(line, k);
                 let (s, texture, variance) = if is_front(v) {
                     let s = blurred(v, &self.front, line, k) - self.in_other[line][k];
-                    (s, self.of_front_texture(line, k, HALF), front_texture)
+                    (s, self.of_front_texture(line, k, HALF..ALONG), front_texture)
                 } else if self.opposite {
                     let s = blurred(v, &self.back[0], line, k) - self.in_sharper[line][k];
                     (s, self.of_back_texture(line, k, HALF), back_texture)
                 } else {
                     let s = blurred(v, &self.back[0], line, k) - self.in_other[line][k];
-                    (s, self.of_outside_texture(line, k, HALF), outside_texture)
+                    (s, self.of_front_texture(line, k, 0..HALF), outside_texture)
                 };
                 cost(s, least, least) + cost(texture, least + variance, least)
             })
@@ -486,6 +483,7 @@ pub(super) mod testing {
 #[cfg(test)]
 mod tests {
     use super::super::Field;
+    use super::super::edge::BEFORE;
     use super::super::edge::testing::{count, layers};
     use super::super::harness::{Input, Trial, random_field, smooth_field};
     use super::super::state::{Registration, State};
@@ -574,7 +572,7 @@ mod tests {
             let image = [width as u32, height as u32];
             let edges = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(image, 0), &v, &deviation);
             let [costs, reversed, edges] = of_pair(&constants(image), photographs.each_ref(), &v, edges);
-            let mut sums = [[0.0; DISPLACEMENTS]; 2];
+            let mut sums = [[0.0; DISPLACEMENTS + 1]; 2];
             let mut place = 0.0;
             let cells: Vec<_> = edge::all_cells(image)
                 .filter(|cell| cell[1] > 3 && cell[1] < 60)
@@ -588,13 +586,15 @@ mod tests {
                     sums.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += number / cells.len() as f64);
                 }
             }
-            let least = |sums: &[f64]| sums.iter().copied().fold(f64::MAX, f64::min);
+            let before = sums.map(|sums| sums[BEFORE]);
+            let least = |sums: &[f64]| sums[..DISPLACEMENTS].iter().copied().fold(f64::MAX, f64::min);
             let best = (0..DISPLACEMENTS).min_by(|&a, &b| sums[0][a].total_cmp(&sums[0][b])).unwrap();
             // The first sample inside is pixel 48.
             let found = place + best as f64 - BACKWARD as f64;
-            println!("{levels:?}: {found:.1}, least {:.0}, reversed {:.0}", least(&sums[0]), least(&sums[1]));
+            println!("{levels:?}: {found:.1}, {:.0}, reversed {:.0}, {before:.0?}", least(&sums[0]), least(&sums[1]));
             assert!((found - 48.0).abs() <= 1.0, "{levels:?}: {found}");
             assert!(least(&sums[0]) < least(&sums[1]), "{levels:?}");
+            assert!(least(&sums[0]) < before[0], "{levels:?}");
         }
     }
 }
