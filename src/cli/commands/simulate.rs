@@ -238,6 +238,10 @@ fn check_output(arguments: &Arguments, possible: &[&str], written: &[&str]) -> R
 
 fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
     check_applicable(arguments)?;
+    if arguments.lens.stated()?.is_some_and(|lens| lens.field.is_some()) {
+        let problem = "the lens has a field, which simulate does not render; give a file without it";
+        return Err(Failure::Usage(problem.to_string()));
+    }
     let mut scene = match arguments.scene.0 {
         Some(preset) => preset.scene(),
         None => image(arguments)?,

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use parfocal::export::{Nearer, Results};
 use parfocal::image_io::{Exif, Input};
+use parfocal::metric::LensField;
 use parfocal::{Lens, internals::bounded_read};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -20,9 +21,9 @@ const MAX_BYTES: u64 = 16 << 20;
 pub(crate) struct LensArguments {
     /// The lens, for depth in mm: JSON as calibrate writes it
     ///
-    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric. Or a file with such
-    /// an object under the key lens: the output of calibrate, truth.json of simulate, report.json. Flags override the
-    /// file.
+    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa, telecentric and field. Or a file with
+    /// such an object under the key lens: the output of calibrate, truth.json of simulate, report.json. Flags override
+    /// the file.
     #[arg(long, value_name = "FILE", help_heading = LENS)]
     lens: Option<PathBuf>,
     #[command(flatten)]
@@ -55,6 +56,10 @@ pub(crate) struct PartOfLens {
     #[arg(long, value_name = "BOOL", help_heading = LENS, num_args = 0..=1, require_equals = true,
           default_missing_value = "true")]
     pub(crate) telecentric: Option<bool>,
+    /// How V changes over the field. Only a file states it
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[arg(skip)]
+    pub(crate) field: Option<LensField>,
 }
 
 fn distances(text: &str) -> Result<[f64; 2], String> {
@@ -70,6 +75,7 @@ impl From<Lens> for PartOfLens {
             focus: Some(lens.focus),
             kappa: Some(lens.kappa),
             telecentric: Some(lens.telecentric),
+            field: lens.field,
         }
     }
 }
@@ -101,6 +107,7 @@ impl PartOfLens {
             focus: self.focus.or(other.focus),
             kappa: self.kappa.or(other.kappa),
             telecentric: self.telecentric.or(other.telecentric),
+            field: self.field.or(other.field),
         }
     }
 
@@ -129,7 +136,7 @@ impl PartOfLens {
             return Err(Failure::Usage(problem));
         };
         let (kappa, telecentric) = (self.kappa.unwrap_or(Lens::DISK), self.telecentric.unwrap_or(false));
-        let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric };
+        let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric, field: self.field };
         lens.check()?;
         Ok(lens)
     }
