@@ -35,8 +35,8 @@ pub struct Lens {
     /// Whether the lens is image-side telecentric, so that its magnification does not change with focus.
     #[cfg_attr(feature = "serde", serde(default))]
     pub telecentric: bool,
-    /// How V changes over the field. `None` if it is the same everywhere. The methods of the lens hold at the image
-    /// centre.
+    /// How V changes over the field. `None` if it is the same everywhere. The methods of the lens take and return V of
+    /// the image centre, to which [`LensField::to_centre`] moves V.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub field: Option<LensField>,
 }

@@ -24,26 +24,34 @@ pub struct LensField {
 impl LensField {
     /// The least value of 1 + g. With less, V at a place hardly depends on depth.
     const LEAST_GAIN: f64 = 0.1;
+    /// The greatest |o|, px²: that of the greatest limit of |V|.
+    const GREATEST_OFFSET: f64 = 256.0;
     /// Places along a side at which a field is inspected.
     const PLACES: usize = 17;
 
-    /// Checks the coefficients.
+    /// Checks the size and the coefficients.
     ///
     /// # Errors
-    /// [`Error::Setting`] for an offset that is not finite, or a gain `1 + g` below 0.1 or above 10 in the frame.
+    /// [`Error::Setting`] for a side of 0 px, an offset beyond ±256 px² in the frame, or a gain `1 + g` below 0.1 or
+    /// above 10 in the frame.
     pub fn check(&self) -> Result<(), Error> {
+        if self.size.contains(&0) {
+            let range = "at least 1 px".to_string();
+            return Err(Error::Setting { name: "side of the field of the lens", value: 0.0, range });
+        }
         let [least, most] = self.gains();
         let gain = if least >= Self::LEAST_GAIN { most } else { least };
         if !(Self::LEAST_GAIN..=1.0 / Self::LEAST_GAIN).contains(&gain) {
             let range = "from 0.1 to 10 all over the frame".to_string();
             return Err(Error::Setting { name: "gain of V over the field", value: gain, range });
         }
-        match self.offset.iter().find(|c| !c.is_finite()) {
-            Some(&value) => {
-                Err(Error::Setting { name: "offset of V over the field", value, range: "finite".to_string() })
-            }
-            None => Ok(()),
+        let [least, most] = self.offsets();
+        let offset = if least >= -Self::GREATEST_OFFSET { most } else { least };
+        if !(-Self::GREATEST_OFFSET..=Self::GREATEST_OFFSET).contains(&offset) {
+            let range = "from -256 to 256 px² all over the frame".to_string();
+            return Err(Error::Setting { name: "offset of V over the field", value: offset, range });
         }
+        Ok(())
     }
 
     /// Returns `1 + g`, and o in px², at a place in the photographs, px.
@@ -86,9 +94,10 @@ impl LensField {
         let pixel = |(i, (&v, &sigma)): (usize, (&f32, &f32))| {
             let place = [origin[0] as usize + i % width, origin[1] as usize + i / width].map(|at| at as f64);
             let ([gain, offset], whole) = (self.at(place), f64::from(v));
-            match v.is_nan() || whole.abs() >= reached {
-                true => (v, sigma),
-                false => (((whole - offset) / gain).clamp(-below, below) as f32, (f64::from(sigma) / gain) as f32),
+            // Nothing is below a limit that is NaN.
+            match whole.abs() < reached {
+                true => (((whole - offset) / gain).clamp(-below, below) as f32, (f64::from(sigma) / gain) as f32),
+                false => (v, sigma),
             }
         };
         let (blur, deviation) = blur.iter().zip(deviation).enumerate().map(pixel).unzip();
@@ -119,15 +128,19 @@ mod tests {
         assert!(found[1].is_nan() && found[2..] == [144.0, -144.0] && deviation[1..] == [0.2; 3]);
         let [beyond, _] = field.to_centre([&[143.0], &[0.2]], 1, [0, 0], 144.0);
         assert!(beyond[0] < 0.999 * 144.0, "a pixel must not reach the limit");
+        assert_eq!(field.to_centre([&[1.0], &[0.2]], 1, [0, 0], f64::NAN), [vec![1.0], vec![0.2]]);
     }
 
     #[test]
-    fn an_impossible_gain_is_refused() {
+    fn an_impossible_field_is_refused() {
         for gain in [-3.0, 30.0, f64::NAN] {
             assert!(LensField { gain: [gain, 0.0, 0.0, 0.0, 0.0], ..field() }.check().is_err(), "{gain}");
         }
-        let mut infinite = field();
-        infinite.offset[3] = f64::INFINITY;
-        assert!(infinite.check().is_err());
+        for offset in [f64::INFINITY, f64::NAN, 1e308, -1e4] {
+            let mut impossible = field();
+            impossible.offset[3] = offset;
+            assert!(impossible.check().is_err(), "{offset}");
+        }
+        assert!(LensField { size: [0, 0], ..field() }.check().is_err());
     }
 }

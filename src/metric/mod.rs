@@ -54,7 +54,8 @@ pub struct MetricDepth {
 }
 
 impl MetricDepth {
-    /// Converts V to depth ([`BlurToDepth`]).
+    /// Converts V to depth ([`BlurToDepth`]). The field of the lens is not used: [`LensField::to_centre`] removes it
+    /// from V and its standard deviation first.
     ///
     /// `blur` is V, px², with NaN where not valid, and `uncertainty` its standard deviation, px². Both are row-major
     /// with `width` values per row. `scale` is s of the registration. Pixels with |V| at the `limit` of the solve, px²,

@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 
 use crate::base::Error;
-use crate::base::smooth_field::{Equation, RobustFit, covers, sum, terms};
+use crate::base::smooth_field::{Equation, RobustFit, TERMS, covers, sum, terms};
 use crate::engine::Solution;
 use crate::engine::stages::uncertainty::LARGEST;
 
@@ -21,7 +21,7 @@ const LEAST_DEVIATION: f32 = 0.1;
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldCurvature {
     size: [u32; 2],
-    coefficients: Vec<f64>,
+    coefficients: [f64; TERMS],
 }
 
 impl FieldCurvature {
@@ -44,7 +44,11 @@ impl FieldCurvature {
         let enough = samples.len() >= LEAST_PIXELS && covers(size, samples.iter().map(|&i| place(i)));
         let fit = enough.then(|| RobustFit::new(&samples.iter().map(equation).collect::<Vec<_>>())).flatten();
         match fit {
-            Some(fit) => Ok(Self { size, coefficients: fit.coefficients.as_slice().to_vec() }),
+            Some(fit) => {
+                let mut coefficients = [0.0; TERMS];
+                coefficients.copy_from_slice(fit.coefficients.as_slice());
+                Ok(Self { size, coefficients })
+            }
             None => Err(Error::Region(format!(
                 "the flat reference has V in {} of {} sampled pixels, too few or not all over the frame: photograph a textured flat target that fills it",
                 samples.len(),

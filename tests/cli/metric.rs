@@ -228,6 +228,25 @@ fn a_plane_at_two_distances_calibrates_the_field_of_the_lens() {
     let warned = stderr_of(&desk.done(&["depth", "part", "--lens", "lens.json"]));
     assert!(warned.contains("96x64") && warned.contains("192x64"), "{warned}");
 
+    // A field in the results is replaced by that of the next lens, or by none.
+    let mut plain: Value = serde_json::from_str(&desk.text("lens.json")).unwrap();
+    plain["lens"].as_object_mut().unwrap().remove("field");
+    desk.write("plain.json", plain["lens"].to_string());
+    for (file, has_field) in [("lens.json", true), ("plain.json", false), ("lens.json", true)] {
+        desk.done(&["depth", "near", "--lens", file]);
+        assert_eq!(desk.report("near")["depth"]["lens"].get("field").is_some(), has_field, "{file}");
+    }
+    desk.refuses(&["depth", "near", "--f-number", "2"], 2, &["--f-number", "lens of the results"]);
+    desk.refuses(&["depth", "near", "--lens", "lens.json", "--focus", "869,529"], 2, &["--focus", "lens.json"]);
+    let known = ["calibrate", "near", "--lens", "plain.json", "--known", "2,2,40,60=560"];
+    desk.refuses(&[&known, &second[..]].concat(), 2, &["--known", "--second"]);
+    let region = ["calibrate", "right", "--lens", "lens.json", "--known", "2,2,30,60=700"];
+    desk.refuses(&region, 1, &["right", "part of the photographs"]);
+    let same = [&first, &["--second", "near", "--second-plane", "800,800,800"][..]].concat();
+    desk.refuses(&same, 2, &["near", "another distance"]);
+    let equal = [&first, &["--second", "far", "--second-plane", "560,560,560"][..]].concat();
+    desk.refuses(&equal, 2, &["--second-plane", "equal"]);
+
     let twice = desk.printed(&["calibrate", "far", "--plane", "800,800,800", "--lens", "lens.json"]);
     assert_eq!(&twice["lens"]["field"], field, "one plane keeps the field");
     desk.refuses(&[&first, &second[..2]].concat(), 2, &["--second-plane"]);
@@ -241,7 +260,7 @@ fn a_plane_at_two_distances_calibrates_the_field_of_the_lens() {
     desk.write("far/report.json", report.to_string());
     desk.refuses(&[&first, &second[..]].concat(), 1, &["far", "--flat"]);
     assert!(stderr_of(&desk.done(&["depth", "far", "--lens", "lens.json"])).contains("--flat"));
-    desk.refuses(&["simulate", "cylinders", "-o", "s", "--lens", "lens.json"], 2, &["field"]);
+    desk.refuses(&["simulate", "cylinders", "-o", "s", "--lens", "lens.json"], 2, &["lens.json", "field"]);
     desk.write("bad.json", desk.text("lens.json").replace("\"gain\": [", "\"gain\": [9,"));
     desk.refuses(&["depth", "far", "--lens", "bad.json"], 1, &["bad.json"]);
 }

@@ -35,8 +35,9 @@ pub(crate) struct Arguments {
     /// Results of the plane at another distance, which determine how V changes over the field
     ///
     /// The lens of the output then has a field: a gain and an offset of V at each place. They are removed from V before
-    /// it is converted to depth.
-    #[arg(long, value_name = "OUT", requires_all = ["plane", "second_plane"])]
+    /// it is converted to depth. An error of a stated depth or tilt goes into the field and into kappa.
+    #[arg(long, value_name = "OUT", requires_all = ["plane", "second_plane"],
+          conflicts_with_all = ["known", "known_from"])]
     second: Option<PathBuf>,
     /// Depths of the plane of --second, at its corners as for --plane (mm)
     #[arg(long, value_name = "Z00,Z10,Z01", value_parser = corners, requires = "second")]
@@ -63,7 +64,7 @@ Example, a plane tilted from left to right:
   parfocal solve other-near.png other-far.png -o part --lens lens.json
 
 Example, how V changes over the field, from a plane square to the axis at two distances:
-  parfocal calibrate target --focus 226.5,233.5 --plane 228,228,228 --second target2 --second-plane 232,232,232 \
+  parfocal calibrate target --focus 226.5,233.5 --plane 228,228,228 --second target2 --second-plane 232,232,232 \\
     --fit kappa,focus2 -o lens.json
 
 Exit status: 0 done, 1 failed (also where the target determines nothing), 2 wrong usage.";
@@ -106,14 +107,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let unknowns = unknowns(&arguments.fit)?;
     let target = target(arguments)?;
     check_output(arguments)?;
+    check_second(arguments)?;
     let folders: Vec<&PathBuf> = std::iter::once(&arguments.of.results).chain(&arguments.second).collect();
     let solved: Vec<Results> = folders.iter().map(|folder| Results::read_pair(folder)).collect::<Result<_, _>>()?;
     let lens = arguments.lens.required(&solved[0])?;
     for (folder, solved) in folders.iter().zip(&solved) {
         let refused = |problem: &str| Err(Failure::Failed(format!("{}: {problem}", folder.display())));
-        if matches!(target, Target::Plane(_)) && solved.report.size != solved.report.photograph {
+        let needs_all = matches!(target, Target::Plane(_)) || lens.field.is_some();
+        if needs_all && solved.report.size != solved.report.photograph {
             return refused(
-                "is of a part of the photographs, whose corners are not the plane's; solve it without --roi and --crop-valid",
+                "is of a part of the photographs, but a plane or a field is of all; solve without --roi and --crop-valid",
             );
         }
         if solved.report.flattened && (arguments.second.is_some() || lens.field.is_some()) {
@@ -139,6 +142,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         export::write_json(arguments.of.force.to(file), FileKind::Lens, &found)?;
     }
     arguments.of.report(&summary(&found, arguments.output.as_deref()), &found)
+}
+
+/// Refuses a second plane that is the first.
+fn check_second(arguments: &Arguments) -> Result<(), Failure> {
+    let (first, Some(second)) = (&arguments.of.results, &arguments.second) else { return Ok(()) };
+    if crate::cli::same_file(first, second) {
+        let problem = "is also the first plane; --second takes results at another distance";
+        return Err(Failure::Usage(format!("{}: {problem}", second.display())));
+    }
+    if arguments.plane == arguments.second_plane {
+        let problem = "--plane and --second-plane are equal; a field needs planes at two distances";
+        return Err(Failure::Usage(problem.to_string()));
+    }
+    Ok(())
 }
 
 /// Suggests another order of the corners of a plane, if one determines the lens.

@@ -98,7 +98,7 @@ impl PartOfLens {
         }
     }
 
-    /// Fills in missing fields from `other`.
+    /// Fills in missing fields from `other`. A lens that states focus distances keeps its own `field`, or has none.
     pub(crate) fn or(self, other: Self) -> Self {
         Self {
             focal_length: self.focal_length.or(other.focal_length),
@@ -107,8 +107,34 @@ impl PartOfLens {
             focus: self.focus.or(other.focus),
             kappa: self.kappa.or(other.kappa),
             telecentric: self.telecentric.or(other.telecentric),
-            field: self.field.or(other.field),
+            field: if self.focus.is_some() { self.field } else { self.field.or(other.field) },
         }
+    }
+
+    /// Refuses optics that differ from those of a lens with a field, which holds for that lens only. `whose` names the
+    /// lens.
+    fn check_field_of(&self, lens: &Self, whose: &str) -> Result<(), Failure> {
+        fn differs<T: PartialEq>(stated: Option<T>, of_lens: Option<T>) -> bool {
+            stated.zip(of_lens).is_some_and(|(stated, of_lens)| stated != of_lens)
+        }
+        let differing: Vec<&str> = [
+            (differs(self.focal_length, lens.focal_length), "--focal-length"),
+            (differs(self.f_number, lens.f_number), "--f-number"),
+            (differs(self.pixel_pitch, lens.pixel_pitch), "--pixel-pitch"),
+            (differs(self.focus, lens.focus), "--focus"),
+            (differs(self.telecentric, lens.telecentric), "--telecentric"),
+        ]
+        .iter()
+        .filter_map(|&(is_different, flag)| is_different.then_some(flag))
+        .collect();
+        if lens.field.is_none() || differing.is_empty() {
+            return Ok(());
+        }
+        Err(Failure::Usage(format!(
+            "{whose} has a field, which was calibrated with another {}; give a whole lens without a field, or \
+             calibrate again",
+            differing.join(", ")
+        )))
     }
 
     /// The lens, if no field is missing.
@@ -152,14 +178,23 @@ impl LensArguments {
     /// The fields of the file and the options; `None` if there are none.
     pub(crate) fn stated(&self) -> Result<Option<PartOfLens>, Failure> {
         let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
-        Ok(self.is_given().then(|| self.flags.or(file)))
+        if let Some(path) = &self.lens {
+            self.flags.check_field_of(&file, &path.display().to_string())?;
+        }
+        Ok(self.is_given().then(|| PartOfLens { field: file.field, ..self.flags.or(file) }))
     }
 
     /// The lens for a command that needs one. Missing fields are taken from the report of the results.
     pub(crate) fn required(&self, results: &Results<'_>) -> Result<Lens, Failure> {
         let known = results.lens().copied().map(PartOfLens::from);
         match self.stated()?.or(known) {
-            Some(stated) => stated.or(known.unwrap_or_default()).whole(),
+            Some(stated) => {
+                let known = known.unwrap_or_default();
+                if stated.focus.is_none() {
+                    stated.check_field_of(&known, "the lens of the results")?;
+                }
+                stated.or(known).whole()
+            }
             None => {
                 let problem = "give the lens: --lens FILE, or --focal-length and the other options of the lens";
                 Err(Failure::Usage(problem.to_string()))
@@ -252,6 +287,25 @@ mod tests {
         assert_eq!(lens(None, &[]).unwrap(), None);
         let part = Only::try_parse_from(["only", "--f-number=4"]).unwrap().lens;
         assert_eq!(part.lens(cup.into()).unwrap(), Some(Lens { f_number: 4.0, ..cup }));
+    }
+
+    #[test]
+    fn a_field_stays_with_its_optics() {
+        let zeros = |n: usize| vec!["0"; n].join(",");
+        let field =
+            format!(r#", "field": {{"size": [96, 64], "gain": [{}], "offset_px2": [{}]}}}}"#, zeros(5), zeros(14));
+        let bowed = CUP.replace('}', &field);
+        let cup = lens(Some(&bowed), &["--focus=529,869", "--kappa=0.4"]).unwrap().unwrap();
+        assert!(cup.field.is_some() && cup.kappa == 0.4);
+        for flag in
+            ["--focus=869,529", "--f-number=2", "--focal-length=30", "--pixel-pitch=0.01", "--telecentric=false"]
+        {
+            let name = flag.split('=').next().unwrap();
+            assert!(matches!(lens(Some(&bowed), &[flag]), Err(Failure::Usage(m)) if m.contains(name)), "{flag}");
+        }
+        let other = PartOfLens { field: None, ..cup.into() };
+        assert_eq!(other.or(cup.into()).field, None, "a whole lens has its own field");
+        assert_eq!(PartOfLens { focus: None, ..other }.or(cup.into()).field, cup.field);
     }
 
     #[test]

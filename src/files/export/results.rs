@@ -300,27 +300,28 @@ impl<'a> Results<'a> {
         self.mark();
     }
 
-    /// Sets the lens of a pair, and from it depth and the nearer image. Returns a description of what contradicts the
-    /// lens, if anything does.
-    pub fn set_lens(&mut self, lens: &Lens) -> Option<String> {
-        let metric = self.depth_through(lens);
+    /// Sets the lens of a pair, and from it depth and the nearer image. Returns a warning for each fact that
+    /// contradicts the lens.
+    pub fn set_lens(&mut self, lens: &Lens) -> Vec<String> {
+        let (metric, blur) = self.depth_through(lens);
         let (scale, limit) = (self.magnification(), self.report.settings.max_relative_blur);
-        let doubt = self.field_doubt(lens).or_else(|| metric.doubt(scale, limit, &self.blur_at_centre(lens)[0]));
+        let doubts: Vec<String> = self.field_doubt(lens).into_iter().chain(metric.doubt(scale, limit, &blur)).collect();
         let depth = DepthReport::new(&metric.depth, &metric.deviation, metric.out_of_range);
         self.report.depth = Some(DepthReport { lens: Some(*lens), ..depth });
         self.report.nearer = Some(Nearer::of_lens(lens).number());
         self.report.nearer_by = Some(NearerBy::Lens);
         self.report.warnings.retain(|warning| !warning.starts_with(DOUBT));
-        self.report.warnings.extend(doubt.clone());
+        self.report.warnings.extend(doubts.iter().cloned());
         self.depth = Some([metric.depth.into(), metric.deviation.into()]);
-        doubt
+        doubts
     }
 
-    fn depth_through(&self, lens: &Lens) -> MetricDepth {
+    /// Returns depth through a lens, and V as it would be at the image centre.
+    fn depth_through(&self, lens: &Lens) -> (MetricDepth, Cow<'_, [f32]>) {
         let (scale, limit, width) =
             (self.magnification(), self.report.settings.max_relative_blur, self.report.size.width);
         let [blur, deviation] = self.blur_at_centre(lens);
-        MetricDepth::new(lens, scale, limit, width, &blur, &deviation)
+        (MetricDepth::new(lens, scale, limit, width, &blur, &deviation), blur)
     }
 
     /// V and its standard deviation, as they would be at the image centre, where the lens holds.
@@ -537,7 +538,7 @@ impl Results<'static> {
     /// Derives depth in mm from the lens or the positions that the report states.
     fn read_depth(&mut self) -> Result<(), Error> {
         if let Some(lens) = self.lens() {
-            let metric = self.depth_through(lens);
+            let (metric, _) = self.depth_through(lens);
             self.depth = Some([metric.depth.into(), metric.deviation.into()]);
             return Ok(());
         }
