@@ -246,7 +246,8 @@ pub(crate) fn nth(strings: &[CString], index: u32) -> *const c_char {
     strings.get(index as usize).map_or(std::ptr::null(), |string| string.as_ptr())
 }
 
-/// A lens that is focused at one distance for each photograph of a pair.
+/// A lens that is focused at one distance for each photograph of a pair. It has no field: V is taken as
+/// if the lens were the same at every place.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_lens {
