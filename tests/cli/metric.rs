@@ -227,6 +227,12 @@ fn a_plane_at_two_distances_calibrates_the_field_of_the_lens() {
     desk.write("part/report.json", report.to_string());
     let warned = stderr_of(&desk.done(&["depth", "part", "--lens", "lens.json"]));
     assert!(warned.contains("96x64") && warned.contains("192x64"), "{warned}");
+    // A second warning is not hidden.
+    let mut wrong: Value = serde_json::from_str(&desk.text("lens.json")).unwrap();
+    wrong["lens"]["pixel_pitch_mm"] = 13.04.into();
+    desk.write("wrong.json", wrong.to_string());
+    let warned = stderr_of(&desk.done(&["depth", "part", "--lens", "wrong.json"]));
+    assert!(warned.contains("192x64") && warned.contains("did you mean a pixel pitch of 0.01304 mm"), "{warned}");
 
     // A field in the results is replaced by that of the next lens, or by none.
     let mut plain: Value = serde_json::from_str(&desk.text("lens.json")).unwrap();
