@@ -1,6 +1,6 @@
 //! Lens models: a thin lens and an image-side telecentric lens, which convert depth to blur and back.
 
-use crate::base::Error;
+use crate::base::{Error, LensField};
 
 /// A lens with the focus distances of the two images.
 ///
@@ -35,6 +35,10 @@ pub struct Lens {
     /// Whether the lens is image-side telecentric, so that its magnification does not change with focus.
     #[cfg_attr(feature = "serde", serde(default))]
     pub telecentric: bool,
+    /// How V changes over the field. `None` if it is the same everywhere. The methods of the lens take and return V of
+    /// the image centre, to which [`LensField::to_centre`] moves V.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub field: Option<LensField>,
 }
 
 /// κ of a lens in a file that does not state it.
@@ -50,7 +54,8 @@ impl Lens {
     /// Checks the ranges of all values.
     ///
     /// # Errors
-    /// [`Error::Setting`] for a value that is not positive, or equal focus distances, or one within the focal length.
+    /// [`Error::Setting`] for a value that is not positive, or equal focus distances, or one within the focal length,
+    /// and those of [`LensField::check`].
     pub fn check(&self) -> Result<(), Error> {
         let positive = |name, value: f64| {
             if value > 0.0 && value < 1e9 {
@@ -74,7 +79,7 @@ impl Lens {
             let range = format!("another than that of I1, {} mm", self.focus[0]);
             return Err(Error::Setting { name: "focus distance of I2", value: self.focus[1], range });
         }
-        Ok(())
+        self.field.as_ref().map_or(Ok(()), LensField::check)
     }
 
     /// Returns the distance v_i from the lens to the sensor, mm, for image 0 (I1) or 1 (I2): `f u_i / (u_i - f)`.
@@ -223,7 +228,7 @@ mod tests {
     /// The lens of the Cup pair, except for the argument.
     fn telecentric(telecentric: bool) -> Lens {
         let (pixel_pitch, focus) = (0.01304, [529.0, 869.0]);
-        Lens { focal_length: 25.0, f_number: 8.3, pixel_pitch, focus, kappa: Lens::DISK, telecentric }
+        Lens { focal_length: 25.0, f_number: 8.3, pixel_pitch, focus, kappa: Lens::DISK, telecentric, field: None }
     }
 
     #[test]
@@ -330,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_may_omit_only_kappa_and_telecentric() {
+    fn a_file_may_omit_only_kappa_telecentric_and_field() {
         let text = r#"{"focal_length_mm": 25, "f_number": 8.3, "pixel_pitch_mm": 0.01304, "focus_mm": [529, 869]}"#;
         assert_eq!(serde_json::from_str::<Lens>(text).unwrap(), telecentric(false));
         let more = text.replace('}', r#", "telecentric": true}"#);

@@ -1,4 +1,4 @@
-//! Calibration of a lens from a target of known depth.
+//! Calibration of a lens from targets of known depth.
 //!
 //! Relative blur is a polynomial in x, a function of depth ([`Lens`]): `V = c0 + c1 x + c2 x²`. The coefficients depend
 //! on κ and the focus distances, x does not. The parameters minimize the weighted squared residuals of V by the
@@ -9,20 +9,10 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use crate::base::Region;
 use crate::base::statistics::{Estimate, TUKEY, correlation_area, deviation, tukey};
-use crate::base::{Error, Lens};
-use crate::metric::measure::Values;
-
-/// A target of known depth.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Target {
-    /// A plane that fills the image: its depths, mm, at the centres of the top left, top right and bottom left pixels.
-    /// Under perspective, 1/z is linear in the pixel coordinates.
-    Plane([f64; 3]),
-    /// Surfaces perpendicular to the axis, each with its depth, mm. Where regions overlap, the first applies.
-    Steps(Vec<(Region, f64)>),
-}
+use crate::base::{BlurToDepth, Error, Lens};
+use crate::metric::field::{self, CalibratedField};
+use crate::metric::target::{Sample, Samples, SolvedTarget};
 
 /// A parameter that a calibration can estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +36,9 @@ pub struct Calibration {
     pub found: Vec<CalibratedParameter>,
     /// The requested parameters that the target does not determine. They keep their stated values.
     pub undetermined: Vec<LensParameter>,
+    /// How much V changes over the field, by two targets. What they determine is in the lens.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub field: Option<CalibratedField>,
     /// RMS residual of V over the inliers, px².
     pub residual_rms_px2: f64,
     /// RMS error of the depth over the inliers, mm. `None` if none has a depth.
@@ -67,10 +60,6 @@ pub struct CalibratedParameter {
     pub estimate: Estimate,
 }
 
-/// The largest number of pixels; more are subsampled, since three parameters need no more.
-const MAX_PIXELS: usize = 1 << 18;
-/// The smallest number of pixels.
-const MIN_PIXELS: usize = 64;
 /// The largest standard error of a determined parameter, in its scaled units ([`Fit`]).
 const MAX_ERROR: f64 = 0.5;
 /// The smallest eigenvalue of the normal matrix, scaled to a unit diagonal, of determined parameters.
@@ -78,123 +67,57 @@ const MIN_EIGENVALUE: f64 = 1e-9;
 /// The threshold of Huber's weight in standard deviations, for 95 % efficiency under Gaussian noise.
 const HUBER: f64 = 1.345;
 
-/// Estimates the parameters `unknowns` from V on a target, starting from the stated lens.
+/// Estimates the parameters `unknowns` from V of targets, starting from the stated lens.
 ///
-/// `blur` is V, px²; `confidence` has the same size; `scale` is s of the registration. If the target does not determine
-/// all parameters, the last ones keep their stated values.
+/// Two planes that fill the frame, at different distances, also determine how V changes over the field. The lens then
+/// holds at the image centre. With one target, the stated lens's field stays. If the targets do not determine all
+/// parameters, the last ones keep their stated values.
 ///
 /// # Errors
 /// [`Error::Setting`] for an invalid lens or depth. [`Error::Region`] for a region outside the image, too few valid
-/// pixels, or a target that does not determine the first parameter.
-pub fn calibrate(
-    start: &Lens,
-    scale: f64,
-    blur: &Values,
-    confidence: &[f32],
-    target: &Target,
-    unknowns: &[LensParameter],
-) -> Result<Calibration, Error> {
+/// pixels, or targets that do not determine the first parameter or the field. [`Error::Mismatch`] for targets of
+/// different sizes, or of another size than the lens's field.
+pub fn calibrate(start: &Lens, targets: &[SolvedTarget<'_>], unknowns: &[LensParameter]) -> Result<Calibration, Error> {
     start.check()?;
-    let samples = Samples::new(start, blur, confidence, &target.depths(start, blur)?)?;
-    for count in (1..=unknowns.len()).rev() {
-        let fit = Fit { start, scale, samples: &samples, unknowns: &unknowns[..count] };
-        if let Some(calibration) = fit.run(&unknowns[count..]) {
-            return Ok(calibration);
-        }
-    }
-    Err(Error::Region(
-        "the target determines none of the unknowns: give depths that differ more, nearer to one focus than to the other"
-            .to_string(),
-    ))
-}
-
-impl Target {
-    /// Returns the depth at each pixel, mm. NaN off the target.
-    fn depths(&self, lens: &Lens, blur: &Values) -> Result<Vec<f64>, Error> {
-        let check = |z: f64| {
-            let range = format!("more than the focal length, {} mm, and less than 1e9", lens.focal_length);
-            if z > lens.focal_length && z < 1e9 {
-                Ok(())
-            } else {
-                Err(Error::Setting { name: "depth of the target", value: z, range })
+    let mut samples = Samples::new(start, targets)?;
+    if targets.len() < 2 {
+        if let Some(field) = &start.field {
+            if field.size != samples.size {
+                let ([w, h], [width, height]) = (field.size, samples.size);
+                let problem =
+                    format!("the field of the lens is of {w}x{h} photographs, and the results are {width}x{height}");
+                return Err(Error::Mismatch(problem));
             }
-        };
-        let (width, pixels) = (blur.width as usize, blur.values.len());
-        match self {
-            Self::Plane(corners) => {
-                corners.iter().try_for_each(|&z| check(z))?;
-                let [q00, q10, q01] = corners.map(|z| 1.0 / z);
-                let last = |length: usize| length.saturating_sub(1).max(1) as f64;
-                let (right, down) = ((q10 - q00) / last(width), (q01 - q00) / last(pixels / width.max(1)));
-                let depth = |i: usize| 1.0 / (q00 + right * (i % width) as f64 + down * (i / width) as f64);
-                // The plane has no depth beyond its horizon.
-                Ok((0..pixels).map(depth).map(|z| if z > lens.focal_length { z } else { f64::NAN }).collect())
-            }
-            Self::Steps(steps) => {
-                let mut depths = vec![f64::NAN; pixels];
-                for &(region, z) in steps.iter().rev() {
-                    check(z)?;
-                    blur.region(region)?;
-                    for y in region.y..region.y + region.height {
-                        let start = y as usize * width + region.x as usize;
-                        depths[start..start + region.width as usize].fill(z);
-                    }
-                }
-                Ok(depths)
-            }
+            samples.move_to_centre(field);
         }
+        return fit(start, &samples, unknowns);
     }
-}
-
-/// V and depth at subsampled pixels.
-struct Samples {
-    /// Samples per row.
-    width: usize,
-    pixels: Vec<Sample>,
-    /// The number of valid samples on the target.
-    valid: usize,
-}
-
-#[derive(Clone, Copy)]
-struct Sample {
-    /// x of the depth.
-    x: f64,
-    /// Depth, mm.
-    z: f64,
-    /// V, px².
-    v: f64,
-    /// The confidence; 0 if not valid or off the target.
-    weight: f64,
-}
-
-impl Samples {
-    fn new(lens: &Lens, blur: &Values, confidence: &[f32], depths: &[f64]) -> Result<Self, Error> {
-        let width = blur.width as usize;
-        let sample = |i: usize| {
-            let (z, v, c) = (depths[i], f64::from(blur.values[i]), f64::from(confidence[i]));
-            let weight = if z.is_finite() && v.is_finite() && c > 0.0 { c } else { 0.0 };
-            Sample { x: lens.coordinate(z), z, v, weight }
-        };
-        let on_target = depths.iter().filter(|z| z.is_finite()).count();
-        let step = (on_target as f64 / MAX_PIXELS as f64).sqrt().ceil().max(1.0) as usize;
-        let rows = (0..blur.values.len() / width.max(1)).step_by(step);
-        let places = rows.flat_map(|y| (0..width).step_by(step).map(move |x| y * width + x));
-        let pixels: Vec<Sample> = places.map(sample).collect();
-        let valid = pixels.iter().filter(|s| s.weight > 0.0).count();
-        if valid < MIN_PIXELS {
-            return Err(Error::Region(format!(
-                "the target has {valid} valid pixels, and {MIN_PIXELS} are needed: give larger regions, or texture on it"
-            )));
-        }
-        Ok(Self { width: width.div_ceil(step), pixels, valid })
+    let even = fit(&Lens { field: None, ..*start }, &samples, unknowns)?;
+    let (field, found) = field::fit(&even.lens, &samples)?;
+    if let Some(field) = &field {
+        samples.move_to_centre(field);
     }
+    Ok(Calibration { field: Some(found), ..fit(&Lens { field, ..*start }, &samples, unknowns)? })
+}
+
+/// Estimates as many of the parameters as the samples determine.
+fn fit(start: &Lens, samples: &Samples, unknowns: &[LensParameter]) -> Result<Calibration, Error> {
+    let fits = (1..=unknowns.len()).rev().map(|count| {
+        let fit = Fit { start, samples, unknowns: &unknowns[..count] };
+        fit.run(&unknowns[count..])
+    });
+    fits.flatten().next().ok_or_else(|| {
+        Error::Region(
+            "the target determines none of the unknowns: give depths that differ more, nearer to one focus than to the other"
+                .to_string(),
+        )
+    })
 }
 
 /// A fit of some parameters, in scaled units: the logarithm of κ over its start, and the change of a focus distance
 /// over the distance between the two.
 struct Fit<'a> {
     start: &'a Lens,
-    scale: f64,
     samples: &'a Samples,
     unknowns: &'a [LensParameter],
 }
@@ -225,12 +148,13 @@ impl Fit<'_> {
         let residuals = self.residuals(lens);
         let limit = TUKEY * deviation(&residuals);
         let used = self.samples.pixels.iter().zip(&residuals).filter(|(_, r)| r.abs() <= limit);
-        let inverse = lens.inverse(self.scale);
-        let in_mm = used.clone().filter_map(|(s, _)| Some(inverse.depth(s.v)? - s.z));
+        let inverses: Vec<BlurToDepth> = self.samples.scales.iter().map(|&scale| lens.inverse(scale)).collect();
+        let in_mm = used.clone().filter_map(|(s, _)| Some(inverses[s.target].depth(s.v)? - s.z));
         Calibration {
             lens: *lens,
             found,
             undetermined: undetermined.to_vec(),
+            field: None,
             residual_rms_px2: rms(used.clone().map(|(_, &r)| r)).unwrap_or(0.0),
             residual_rms_mm: rms(in_mm),
             pixels: self.samples.valid,
@@ -257,8 +181,11 @@ impl Fit<'_> {
 
     /// Returns V minus that of the lens, px². NaN off the target.
     fn residuals(&self, lens: &Lens) -> Vec<f64> {
-        let [c0, c1, c2] = lens.polynomial(self.scale);
-        let residual = |s: &Sample| if s.weight > 0.0 { s.v - (c0 + s.x * (c1 + s.x * c2)) } else { f64::NAN };
+        let polynomials: Vec<[f64; 3]> = self.samples.scales.iter().map(|&scale| lens.polynomial(scale)).collect();
+        let residual = |s: &Sample| {
+            let [c0, c1, c2] = polynomials[s.target];
+            if s.weight > 0.0 { s.v - (c0 + s.x * (c1 + s.x * c2)) } else { f64::NAN }
+        };
         self.samples.pixels.iter().map(residual).collect()
     }
 
@@ -296,25 +223,32 @@ impl Fit<'_> {
 
     /// Returns `Σ w J Jᵀ` and `Σ w J r`, with the derivatives J of V by the parameters.
     fn normal(&self, at: &[f64], residuals: &[f64], weight: impl Fn(usize) -> f64) -> (DMatrix<f64>, DVector<f64>) {
-        // J is K (1, x, x²), so that only sums of powers of x are needed.
-        let derivatives = self.derivatives(at);
-        let (mut powers, mut moments) = (Matrix3::zeros(), Vector3::zeros());
-        for (i, (s, r)) in self.samples.pixels.iter().zip(residuals).enumerate().filter(|(_, (s, _))| s.weight > 0.0) {
-            let basis = Vector3::new(1.0, s.x, s.x * s.x);
-            let w = weight(i);
-            powers.ger(w, &basis, &basis, 1.0);
-            moments.axpy(w * r, &basis, 1.0);
+        let (mut normal, mut gradient) = (DMatrix::zeros(at.len(), at.len()), DVector::zeros(at.len()));
+        for (target, &scale) in self.samples.scales.iter().enumerate() {
+            // J is K (1, x, x²), so that only sums of powers of x are needed.
+            let derivatives = self.derivatives(at, scale);
+            let (mut powers, mut moments) = (Matrix3::zeros(), Vector3::zeros());
+            let own = |s: &Sample| s.target == target && s.weight > 0.0;
+            let samples = self.samples.pixels.iter().zip(residuals).enumerate();
+            for (i, (s, r)) in samples.filter(|(_, (s, _))| own(s)) {
+                let basis = Vector3::new(1.0, s.x, s.x * s.x);
+                let w = weight(i);
+                powers.ger(w, &basis, &basis, 1.0);
+                moments.axpy(w * r, &basis, 1.0);
+            }
+            normal += &derivatives * powers * derivatives.transpose();
+            gradient += derivatives * moments;
         }
-        (&derivatives * powers * derivatives.transpose(), derivatives * moments)
+        (normal, gradient)
     }
 
     /// Returns the derivatives of the polynomial's coefficients, one row per parameter, by central differences.
-    fn derivatives(&self, at: &[f64]) -> DMatrix<f64> {
+    fn derivatives(&self, at: &[f64], scale: f64) -> DMatrix<f64> {
         const STEP: f64 = 1e-5;
         let moved = |unknown: usize, by: f64| {
             let mut moved = at.to_vec();
             moved[unknown] += by;
-            self.lens(&moved).polynomial(self.scale)
+            self.lens(&moved).polynomial(scale)
         };
         let column = |i: usize, j: usize| (moved(i, STEP)[j] - moved(i, -STEP)[j]) / (2.0 * STEP);
         DMatrix::from_fn(at.len(), 3, column)
@@ -350,17 +284,20 @@ fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::base::statistics::tests::smooth_noise;
+    use crate::base::{LensField, Region};
+    use crate::metric::Target;
+    use crate::metric::measure::Values;
 
     const SIZE: [usize; 2] = [160, 120];
 
     fn cup() -> Lens {
         let (pixel_pitch, focus) = (0.01304, [529.0, 869.0]);
-        Lens { focal_length: 25.0, f_number: 8.3, pixel_pitch, focus, kappa: 0.43, telecentric: true }
+        Lens { focal_length: 25.0, f_number: 8.3, pixel_pitch, focus, kappa: 0.43, telecentric: true, field: None }
     }
 
     fn macro_lens() -> Lens {
         let (pixel_pitch, focus) = (0.0075, [226.5, 233.5]);
-        Lens { focal_length: 50.0, f_number: 5.6, pixel_pitch, focus, kappa: 0.43, telecentric: false }
+        Lens { focal_length: 50.0, f_number: 5.6, pixel_pitch, focus, kappa: 0.43, telecentric: false, field: None }
     }
 
     fn plane(lens: &Lens) -> Target {
@@ -377,10 +314,25 @@ mod tests {
     }
 
     fn calibrated(start: &Lens, scale: f64, blur: &[f32], target: &Target, unknowns: &[LensParameter]) -> Calibration {
-        let field = Values { width: SIZE[0] as u32, values: blur };
-        let calibration = calibrate(start, scale, &field, &vec![0.05; blur.len()], target, unknowns).unwrap();
+        let calibration = result(start, &[(scale, blur, target)], unknowns).unwrap();
         println!("{calibration:?}");
         calibration
+    }
+
+    /// Calibrates by s, V and depth of each target.
+    fn result(
+        start: &Lens,
+        targets: &[(f64, &[f32], &Target)],
+        unknowns: &[LensParameter],
+    ) -> Result<Calibration, Error> {
+        let confidence = vec![0.05; SIZE[0] * SIZE[1]];
+        let solved = targets.iter().map(|&(scale, blur, target)| SolvedTarget {
+            target: target.clone(),
+            blur: Values { width: SIZE[0] as u32, values: blur },
+            confidence: &confidence,
+            scale,
+        });
+        calibrate(start, &solved.collect::<Vec<_>>(), unknowns)
     }
 
     const TWO: [LensParameter; 2] = [LensParameter::Kappa, LensParameter::Focus2];
@@ -446,8 +398,7 @@ mod tests {
         let z = truth.depth(0.0, 1.0).unwrap();
         let none = Target::Steps(vec![(region(0), z)]);
         let blur = noisy_blur(&truth, 1.0, &none, 0.02, 4);
-        let field = Values { width: SIZE[0] as u32, values: &blur };
-        let result = calibrate(&start, 1.0, &field, &vec![0.05; blur.len()], &none, &[LensParameter::Kappa]);
+        let result = result(&start, &[(1.0, &blur, &none)], &[LensParameter::Kappa]);
         assert!(matches!(result, Err(Error::Region(m)) if m.contains("none of the unknowns")));
     }
 
@@ -472,7 +423,6 @@ mod tests {
     #[test]
     fn an_invalid_target_is_refused() {
         let (lens, blur) = (cup(), vec![0.0f32; SIZE[0] * SIZE[1]]);
-        let field = Values { width: SIZE[0] as u32, values: &blur };
         let outside = Region { x: 150, y: 0, width: 20, height: 5 };
         for target in [
             Target::Plane([529.0, 20.0, 700.0]),
@@ -481,7 +431,92 @@ mod tests {
             Target::Steps(vec![(Region { x: 0, y: 0, width: 5, height: 5 }, 600.0)]),
             Target::Steps(vec![]),
         ] {
-            assert!(calibrate(&lens, 1.0, &field, &vec![1.0; blur.len()], &target, &TWO).is_err(), "{target:?}");
+            assert!(result(&lens, &[(1.0, &blur, &target)], &TWO).is_err(), "{target:?}");
         }
+    }
+
+    /// V of a plane at one depth under a field, with correlated noise.
+    fn under(field: &LensField, lens: &Lens, z: f64, noise: f64, seed: u64) -> Vec<f32> {
+        let mut blur = noisy_blur(lens, 1.0, &Target::Plane([z; 3]), 0.0, 0);
+        let noise: Vec<f64> = smooth_noise(SIZE, 1.5, seed).into_iter().map(|n| noise * n).collect();
+        for (i, (v, noise)) in blur.iter_mut().zip(noise).enumerate() {
+            let [gain, offset] = field.at([(i % SIZE[0]) as f64, (i / SIZE[0]) as f64]);
+            *v = (gain * f64::from(*v) + offset + noise) as f32;
+        }
+        blur
+    }
+
+    fn bowed() -> LensField {
+        let mut offset = [0.0; 14];
+        (offset[2], offset[4], offset[5]) = (0.3, 0.4, -0.1);
+        LensField { size: SIZE.map(|side| side as u32), gain: [-0.06, 0.0, -0.15, 0.05, -0.2], offset }
+    }
+
+    #[test]
+    fn two_planes_determine_gain_and_offset_over_the_field() {
+        let (truth, field, planes) = (cup(), bowed(), [560.0, 800.0]);
+        let start = Lens { kappa: 0.5, focus: [529.0, 820.0], ..truth };
+        let targets = planes.map(|z| Target::Plane([z; 3]));
+        let calibrated = |noise: f64, seed: u64| {
+            let blurs = [0, 1].map(|i| under(&field, &truth, planes[i], noise, 2 * seed + i as u64));
+            result(&start, &[(1.0, &blurs[0], &targets[0]), (1.0, &blurs[1], &targets[1])], &TWO).unwrap()
+        };
+        let exact = calibrated(0.0, 1);
+        assert!((exact.lens.kappa - 0.43).abs() < 1e-4 && (exact.lens.focus[1] - 869.0).abs() < 0.1, "{exact:?}");
+        let off = |found: &LensField, of: usize| {
+            let squares =
+                LensField::places(field.size).map(|place| (found.at(place)[of] - field.at(place)[of]).powi(2));
+            (squares.sum::<f64>() / LensField::places(field.size).count() as f64).sqrt()
+        };
+        assert!([0, 1].into_iter().all(|of| off(&exact.lens.field.unwrap(), of) < 1e-4), "{exact:?}");
+        let mut errors = [[0.0; 2]; 2];
+        for seed in 1..13 {
+            let noisy = calibrated(0.05, seed);
+            let (found, claimed) = (noisy.lens.field.unwrap(), noisy.field.unwrap());
+            for (of, estimate) in [(0, claimed.gain), (1, claimed.offset)] {
+                errors[of][0] += off(&found, of).powi(2);
+                errors[of][1] += estimate.standard_error.powi(2);
+            }
+        }
+        for [actual, claimed] in errors {
+            let ratio = (claimed / actual).sqrt();
+            println!("off by {:.4} rms, claimed {:.4}", (actual / 12.0).sqrt(), (claimed / 12.0).sqrt());
+            assert!((0.6..1.7).contains(&ratio), "{errors:?}");
+        }
+    }
+
+    #[test]
+    fn a_field_that_is_even_or_not_determined_is_left_out() {
+        let (truth, even) = (cup(), LensField { gain: [0.0; 5], offset: [0.0; 14], ..bowed() });
+        let found = |field: &LensField, planes: [f64; 2], unknowns: &[LensParameter]| {
+            let targets = planes.map(|z| Target::Plane([z; 3]));
+            let blurs = [0, 1].map(|i| under(field, &truth, planes[i], 0.05, 40 + i as u64));
+            result(&truth, &[(1.0, &blurs[0], &targets[0]), (1.0, &blurs[1], &targets[1])], unknowns).unwrap()
+        };
+        let level = found(&even, [560.0, 800.0], &TWO);
+        assert!(level.lens.field.is_none() && level.field.unwrap().gain.value < 0.02, "{level:?}");
+        // Planes at almost the same distance determine the sum of gain and offset only.
+        let near = found(&bowed(), [560.0, 562.0], &[LensParameter::Kappa]);
+        assert_eq!(near.lens.field.unwrap().gain, [0.0; 5], "{near:?}");
+        let curved = LensField { gain: [0.0; 5], ..bowed() };
+        let offset = found(&curved, [560.0, 800.0], &TWO).lens.field.unwrap();
+        assert!(offset.gain == [0.0; 5] && (offset.offset[2] - 0.3).abs() < 0.2, "{offset:?}");
+    }
+
+    #[test]
+    fn one_target_keeps_the_field_and_planes_that_do_not_fill_the_frame_are_refused() {
+        let (truth, field) = (cup(), bowed());
+        let blur = under(&field, &truth, 800.0, 0.0, 0);
+        let (plane, other) = (Target::Plane([800.0; 3]), Target::Plane([560.0; 3]));
+        let start = Lens { kappa: 0.5, field: Some(field), ..truth };
+        let one = result(&start, &[(1.0, &blur, &plane)], &[LensParameter::Kappa]).unwrap();
+        assert!((one.lens.kappa - 0.43).abs() < 1e-4 && one.lens.field == Some(field) && one.field.is_none());
+        let of_others = Lens { field: Some(LensField { size: [320, 240], ..field }), ..start };
+        let refused = result(&of_others, &[(1.0, &blur, &plane)], &[LensParameter::Kappa]).unwrap_err().to_string();
+        assert!(refused.contains("320x240") && refused.contains("160x120"), "{refused}");
+        let mut half = under(&field, &truth, 560.0, 0.0, 0);
+        half.iter_mut().enumerate().filter(|(i, _)| i % SIZE[0] > 100).for_each(|(_, v)| *v = f32::NAN);
+        let refused = result(&start, &[(1.0, &blur, &plane), (1.0, &half, &other)], &TWO).unwrap_err().to_string();
+        assert!(refused.contains("fill the frame"), "{refused}");
     }
 }

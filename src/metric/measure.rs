@@ -17,7 +17,7 @@ pub struct Values<'a> {
 }
 
 impl Values<'_> {
-    fn height(&self) -> u32 {
+    pub(crate) fn height(&self) -> u32 {
         (self.values.len() / self.width.max(1) as usize) as u32
     }
 

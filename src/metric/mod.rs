@@ -3,6 +3,7 @@
 
 mod calibrate;
 mod evidence;
+mod field;
 mod golden;
 mod heights;
 pub mod inspect;
@@ -11,15 +12,18 @@ mod plane;
 mod regions;
 pub mod repeat;
 pub mod roughness;
+mod target;
 
 pub(crate) use evidence::evidence;
 
 pub use golden::{Disagreement, disagreement, golden, least_tolerances};
 
-pub use calibrate::{CalibratedParameter, Calibration, LensParameter, Target, calibrate};
+pub use calibrate::{CalibratedParameter, Calibration, LensParameter, calibrate};
+pub use field::CalibratedField;
+pub use target::{SolvedTarget, Target};
 
 use crate::base::Lens;
-pub use crate::base::{Aperture, BlurToDepth, Estimate};
+pub use crate::base::{Aperture, BlurToDepth, Estimate, LensField};
 
 /// The start of warnings about a lens.
 pub(crate) const DOUBT: &str = "the lens: ";
@@ -50,7 +54,8 @@ pub struct MetricDepth {
 }
 
 impl MetricDepth {
-    /// Converts V to depth ([`BlurToDepth`]).
+    /// Converts V to depth ([`BlurToDepth`]). The field of the lens is not used: [`LensField::to_centre`] removes it
+    /// from V and its standard deviation first.
     ///
     /// `blur` is V, px², with NaN where not valid, and `uncertainty` its standard deviation, px². Both are row-major
     /// with `width` values per row. `scale` is s of the registration. Pixels with |V| at the `limit` of the solve, px²,
@@ -108,6 +113,7 @@ mod tests {
         focus: [226.5, 233.5],
         kappa: Lens::DISK,
         telecentric: false,
+        field: None,
     };
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use parfocal::{Lens, image_io};
 use serde_json::Value;
 
-use crate::desk::Desk;
+use crate::desk::{Desk, stderr_of};
 use crate::synthetic::{CUP_LENS, write_field, write_pair};
 
 const SIZE: (usize, usize) = (96, 64);
@@ -18,6 +18,7 @@ const CUP: Lens = Lens {
     focus: [529.0, 869.0],
     kappa: Lens::DISK,
     telecentric: true,
+    field: None,
 };
 /// Returns a results folder with the files that these commands read.
 ///
@@ -168,6 +169,106 @@ fn known_steps_calibrate_the_lens_and_undetermined_parameters_are_reported() {
     desk.refuses(&twice, 2, &["twice"]);
     let onto = [&start, &["--known-from", "steps.json", "-o", "steps.json"][..]].concat();
     desk.refuses(&onto, 1, &["steps.json", "is an input"]);
+}
+
+/// Writes results of a surface at `depth`, from column `left` of the photographs on. V has a gain and an offset that
+/// grow towards the corners, and noise of up to 0.02 px².
+fn write_bowed(desk: &Desk, folder: &str, left: usize, depth: impl Fn(usize, usize) -> f64 + Sync) {
+    let square = |x: usize, y: usize| {
+        ((x as f64 - 47.5).powi(2) + (y as f64 - 31.5).powi(2))
+            / (SIZE.0 as f64 / 2.0).hypot(SIZE.1 as f64 / 2.0).powi(2)
+    };
+    let blur = |x: usize, y: usize| {
+        let (x, noise) = (left + x, 0.02 * f64::from((x * 7919 + y * 104_729) as u32 % 13) / 6.0 - 0.02);
+        ((1.0 - 0.2 * square(x, y)) * CUP.relative_blur(depth(x, y), 1.0) + 0.3 * square(x, y) + noise) as f32
+    };
+    let part = (SIZE.0 - left, SIZE.1);
+    write_pair(desk, folder, part, 2, [&blur, &|_, _| 0.02]);
+    write_field(&desk.path(&format!("{folder}/confidence.exr")), part, |_, _| 0.99);
+    let mut report = desk.report(folder);
+    report["photograph"]["width"] = SIZE.0.into();
+    report["region"]["x"] = left.into();
+    desk.write(&format!("{folder}/report.json"), report.to_string());
+}
+
+#[test]
+fn a_plane_at_two_distances_calibrates_the_field_of_the_lens() {
+    let desk = Desk::new();
+    write_bowed(&desk, "near", 0, |_, _| 560.0);
+    write_bowed(&desk, "far", 0, |_, _| 800.0);
+    write_bowed(&desk, "part", 0, |x, _| if x < 48 { 600.0 } else { 700.0 });
+    let first = [&["calibrate", "near", "--plane", "560,560,560"], &CUP_LENS[..]].concat();
+    let second = ["--second", "far", "--second-plane", "800,800,800"];
+    let both = [&first, &second[..], &["--fit", "kappa,focus2", "-o", "lens.json"]].concat();
+    let found = desk.printed(&both);
+    assert!((number(&found["lens"]["kappa"]) - 0.5).abs() < 2e-3, "{found}");
+    let field = &found["lens"]["field"];
+    assert!(
+        (number(&field["gain"][2]) + 0.2).abs() < 0.03 && (number(&field["gain"][4]) + 0.2).abs() < 0.03,
+        "{found}"
+    );
+    assert!(number(&found["field"]["gain"]["standard_error"]) < 0.01, "{found}");
+    let text = stderr_of(&desk.done(&[&both[..], &["--force"]].concat()));
+    assert!(text.contains("gain of V      0.8") && text.contains("px² over the field"), "{text}");
+
+    // Off the centre V is not that of the lens.
+    let range = |depth: &Value| [number(&depth["min"]), number(&depth["max"])];
+    let [near, far] = range(&desk.printed(&[&["depth", "part"], &CUP_LENS[..]].concat()));
+    assert!(near < 590.0 || far > 715.0, "{near} to {far} mm without the field");
+    let [near, far] = range(&desk.printed(&["depth", "part", "--lens", "lens.json"]));
+    assert!(near > 594.0 && far < 710.0, "{near} to {far} mm");
+    // A part of the photographs has its place in the field.
+    write_bowed(&desk, "right", 60, |_, _| 700.0);
+    let [near, far] = range(&desk.printed(&["depth", "right", "--lens", "lens.json"]));
+    assert!(near > 690.0 && far < 710.0, "{near} to {far} mm of a part");
+    // Photographs of another size have another field.
+    let mut report = desk.report("part");
+    (report["photograph"]["width"], report["region"]["x"]) = (192.into(), 96.into());
+    desk.write("part/report.json", report.to_string());
+    let warned = stderr_of(&desk.done(&["depth", "part", "--lens", "lens.json"]));
+    assert!(warned.contains("96x64") && warned.contains("192x64"), "{warned}");
+    // A second warning is not hidden.
+    let mut wrong: Value = serde_json::from_str(&desk.text("lens.json")).unwrap();
+    wrong["lens"]["pixel_pitch_mm"] = 13.04.into();
+    desk.write("wrong.json", wrong.to_string());
+    let warned = stderr_of(&desk.done(&["depth", "part", "--lens", "wrong.json"]));
+    assert!(warned.contains("192x64") && warned.contains("did you mean a pixel pitch of 0.01304 mm"), "{warned}");
+
+    // A field in the results is replaced by that of the next lens, or by none.
+    let mut plain: Value = serde_json::from_str(&desk.text("lens.json")).unwrap();
+    plain["lens"].as_object_mut().unwrap().remove("field");
+    desk.write("plain.json", plain["lens"].to_string());
+    for (file, has_field) in [("lens.json", true), ("plain.json", false), ("lens.json", true)] {
+        desk.done(&["depth", "near", "--lens", file]);
+        assert_eq!(desk.report("near")["depth"]["lens"].get("field").is_some(), has_field, "{file}");
+    }
+    desk.refuses(&["depth", "near", "--f-number", "2"], 2, &["--f-number", "lens of the results"]);
+    desk.refuses(&["depth", "near", "--lens", "lens.json", "--focus", "869,529"], 2, &["--focus", "lens.json"]);
+    let known = ["calibrate", "near", "--lens", "plain.json", "--known", "2,2,40,60=560"];
+    desk.refuses(&[&known, &second[..]].concat(), 2, &["--known", "--second"]);
+    let region = ["calibrate", "right", "--lens", "lens.json", "--known", "2,2,30,60=700"];
+    desk.refuses(&region, 1, &["right", "part of the photographs"]);
+    let same = [&first, &["--second", "near", "--second-plane", "800,800,800"][..]].concat();
+    desk.refuses(&same, 2, &["near", "another distance"]);
+    let equal = [&first, &["--second", "far", "--second-plane", "560,560,560"][..]].concat();
+    desk.refuses(&equal, 2, &["--second-plane", "equal"]);
+
+    let twice = desk.printed(&["calibrate", "far", "--plane", "800,800,800", "--lens", "lens.json"]);
+    assert_eq!(&twice["lens"]["field"], field, "one plane keeps the field");
+    desk.refuses(&[&first, &second[..2]].concat(), 2, &["--second-plane"]);
+    desk.refuses(&[&first, &["--second-plane", "8,8,8"][..]].concat(), 2, &["--second"]);
+    desk.refuses(&[&first, &second[..], &["-o", "far/report.json"]].concat(), 1, &["far/report.json"]);
+    write_pair(&desk, "small", (48, 64), 2, [&|_, _| 1.0, &|_, _| 0.02]);
+    let small = [&first, &["--second", "small", "--second-plane", "800,800,800"][..]].concat();
+    desk.refuses(&small, 1, &["96x64", "48x64"]);
+    let mut report = desk.report("far");
+    report["flattened"] = true.into();
+    desk.write("far/report.json", report.to_string());
+    desk.refuses(&[&first, &second[..]].concat(), 1, &["far", "--flat"]);
+    assert!(stderr_of(&desk.done(&["depth", "far", "--lens", "lens.json"])).contains("--flat"));
+    desk.refuses(&["simulate", "cylinders", "-o", "s", "--lens", "lens.json"], 2, &["lens.json", "field"]);
+    desk.write("bad.json", desk.text("lens.json").replace("\"gain\": [", "\"gain\": [9,"));
+    desk.refuses(&["depth", "far", "--lens", "bad.json"], 1, &["bad.json"]);
 }
 
 /// Renders a plane in perspective (linear in 1/z) through a lens, solves the pair, and calibrates the lens by it.

@@ -374,7 +374,8 @@ typedef struct {
   double scale_deviation;
 } parfocal_solution_view;
 
-// A lens that is focused at one distance for each photograph of a pair.
+// A lens that is focused at one distance for each photograph of a pair. It has no field: V is taken as
+// if the lens were the same at every place.
 typedef struct {
   // sizeof(parfocal_lens).
   size_t size;

@@ -246,7 +246,8 @@ pub(crate) fn nth(strings: &[CString], index: u32) -> *const c_char {
     strings.get(index as usize).map_or(std::ptr::null(), |string| string.as_ptr())
 }
 
-/// A lens that is focused at one distance for each photograph of a pair.
+/// A lens that is focused at one distance for each photograph of a pair. It has no field: V is taken as
+/// if the lens were the same at every place.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_lens {
@@ -292,7 +293,8 @@ pub unsafe extern "C" fn parfocal_solution_depth(
         let fields = solution.fields.as_ref().ok_or_else(|| Fault::argument("a registration has no depth"))?;
         let kappa = if stated.kappa == 0.0 { Lens::DISK } else { stated.kappa };
         let parfocal_lens { focal_length, f_number, pixel_pitch, focus, .. } = stated;
-        let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric: stated.telecentric != 0 };
+        let telecentric = stated.telecentric != 0;
+        let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric, field: None };
         lens.check()?;
         check_count("depth", count, fields.relative_blur.len())?;
         let (scale, blur) = (fields.transform.scale(), &fields.relative_blur);

@@ -296,7 +296,7 @@ fn lens(
     kappa: f64,
     telecentric: bool,
 ) -> PyResult<Lens> {
-    let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric };
+    let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric, field: None };
     lens.check().map(|()| lens).map_err(exception)
 }
 

@@ -1,4 +1,4 @@
-//! `parfocal calibrate`: finds constants of a lens from a target of known depth.
+//! `parfocal calibrate`: finds constants of a lens, and its field, from targets of known depth.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use parfocal::metric::measure::Values;
 use parfocal::{
     Error,
     internals::bounded_read,
-    metric::{Calibration, LensParameter, Target, calibrate},
+    metric::{Calibration, LensField, LensParameter, SolvedTarget, Target, calibrate},
 };
 use serde::Deserialize;
 
@@ -20,7 +20,7 @@ use crate::cli::options::run::ResultsArguments;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
-/// Find the blur constant kappa and focus distances from the results of a known target
+/// Find the blur constant kappa, focus distances and the field of a lens from the results of known targets
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
@@ -32,6 +32,16 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "Z00,Z10,Z01", value_parser = corners, required_unless_present_any = ["known", "known_from"],
           conflicts_with_all = ["known", "known_from"])]
     plane: Option<[f64; 3]>,
+    /// Results of the plane at another distance, which determine how V changes over the field
+    ///
+    /// The lens of the output then has a field: a gain and an offset of V at each place. They are removed from V before
+    /// it is converted to depth. An error of a stated depth or tilt goes into the field and into kappa.
+    #[arg(long, value_name = "OUT", requires_all = ["plane", "second_plane"],
+          conflicts_with_all = ["known", "known_from"])]
+    second: Option<PathBuf>,
+    /// Depths of the plane of --second, at its corners as for --plane (mm)
+    #[arg(long, value_name = "Z00,Z10,Z01", value_parser = corners, requires = "second")]
+    second_plane: Option<[f64; 3]>,
     /// Region of the target and its depth (px, mm); can be repeated
     #[arg(long, value_name = "X,Y,W,H=Z", value_parser = region_at_depth)]
     known: Vec<(Region, f64)>,
@@ -52,6 +62,10 @@ Example, a plane tilted from left to right:
   parfocal calibrate target --focal-length 50 --f-number 5.6 --pixel-pitch 0.0075 --focus 226.5,233.5 \\
     --plane 227,233,227 --fit kappa,focus2 -o lens.json
   parfocal solve other-near.png other-far.png -o part --lens lens.json
+
+Example, how V changes over the field, from a plane square to the axis at two distances:
+  parfocal calibrate target --focus 226.5,233.5 --plane 228,228,228 --second target2 --second-plane 232,232,232 \\
+    --fit kappa,focus2 -o lens.json
 
 Exit status: 0 done, 1 failed (also where the target determines nothing), 2 wrong usage.";
 
@@ -93,20 +107,55 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let unknowns = unknowns(&arguments.fit)?;
     let target = target(arguments)?;
     check_output(arguments)?;
-    let solved = Results::read_pair(&arguments.of.results)?;
-    let lens = arguments.lens.required(&solved)?;
-    if matches!(target, Target::Plane(_)) && solved.report.size != solved.report.photograph {
-        let problem = "is of a part of the photographs, whose corners are not the plane's; solve it without --roi and --crop-valid";
-        return Err(Failure::Failed(format!("{}: {problem}", arguments.of.results.display())));
+    check_second(arguments)?;
+    let folders: Vec<&PathBuf> = std::iter::once(&arguments.of.results).chain(&arguments.second).collect();
+    let solved: Vec<Results> = folders.iter().map(|folder| Results::read_pair(folder)).collect::<Result<_, _>>()?;
+    let lens = arguments.lens.required(&solved[0])?;
+    for (folder, solved) in folders.iter().zip(&solved) {
+        let refused = |problem: &str| Err(Failure::Failed(format!("{}: {problem}", folder.display())));
+        let needs_all = matches!(target, Target::Plane(_)) || lens.field.is_some();
+        if needs_all && solved.report.size != solved.report.photograph {
+            return refused(
+                "is of a part of the photographs, but a plane or a field is of all; solve without --roi and --crop-valid",
+            );
+        }
+        if solved.report.flattened && (arguments.second.is_some() || lens.field.is_some()) {
+            return refused(
+                "was solved with --flat, which has changed V over the field already; solve it without --flat",
+            );
+        }
     }
-    let blur = Values { width: solved.report.size.width, values: solved.values() };
-    let confidence = solved.confidence_without_scale();
-    let fit = |target: &Target| calibrate(&lens, solved.magnification(), &blur, &confidence, target, &unknowns);
+    let confidence: Vec<Vec<f32>> = solved.iter().map(Results::confidence_without_scale).collect();
+    let fit = |target: &Target| {
+        let targets = std::iter::once(target.clone()).chain(arguments.second_plane.map(Target::Plane));
+        let results = solved.iter().zip(&confidence).zip(targets);
+        let solved = results.map(|((solved, confidence), target)| SolvedTarget {
+            target,
+            blur: Values { width: solved.report.size.width, values: solved.values() },
+            confidence,
+            scale: solved.magnification(),
+        });
+        calibrate(&lens, &solved.collect::<Vec<_>>(), &unknowns)
+    };
     let found = fit(&target).map_err(|e| with_turned_corners(e, &target, |target| fit(target).is_ok()))?;
     if let Some(file) = &arguments.output {
         export::write_json(arguments.of.force.to(file), FileKind::Lens, &found)?;
     }
     arguments.of.report(&summary(&found, arguments.output.as_deref()), &found)
+}
+
+/// Refuses a second plane that is the first.
+fn check_second(arguments: &Arguments) -> Result<(), Failure> {
+    let (first, Some(second)) = (&arguments.of.results, &arguments.second) else { return Ok(()) };
+    if crate::cli::same_file(first, second) {
+        let problem = "is also the first plane; --second takes results at another distance";
+        return Err(Failure::Usage(format!("{}: {problem}", second.display())));
+    }
+    if arguments.plane == arguments.second_plane {
+        let problem = "--plane and --second-plane are equal; a field needs planes at two distances";
+        return Err(Failure::Usage(problem.to_string()));
+    }
+    Ok(())
 }
 
 /// Suggests another order of the corners of a plane, if one determines the lens.
@@ -165,7 +214,8 @@ pub(crate) fn reads(file: &Path) {
 /// Refuses an output file that cannot be written or that is an input. An earlier lens may be replaced.
 fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };
-    let results = export::result_files().map(|name| arguments.of.results.join(name));
+    let folders = std::iter::once(&arguments.of.results).chain(&arguments.second);
+    let results = folders.flat_map(|folder| export::result_files().map(|name| folder.join(name)));
     let inputs: Vec<PathBuf> = results.chain(arguments.known_from.clone()).collect();
     let inputs: Vec<&PathBuf> = inputs.iter().collect();
     destination::check_file(arguments.of.force.to(file), FileKind::Lens, " for the lens", &inputs)
@@ -185,6 +235,22 @@ fn summary(found: &Calibration, file: Option<&Path>) -> String {
     }
     for &unknown in &found.undetermined {
         lines.push(format!("{:<14} not determined by this target; left as stated", name(unknown).0));
+    }
+    if let Some(estimates) = &found.field {
+        let field = found.lens.field.as_ref();
+        let (gain, offset) = (estimates.gain.standard_error, estimates.offset.standard_error);
+        let is_even = |coefficients: &[f64]| coefficients.iter().all(|c| *c == 0.0);
+        lines.push(match field.filter(|field| !is_even(&field.gain)).map(LensField::gains) {
+            Some([least, most]) => format!("gain of V      {least:.3} to {most:.3} ± {gain:.3} over the field"),
+            None => format!("gain of V      1 over the field, or not determined: ± {gain:.3}"),
+        });
+        let digits = decimals(offset);
+        lines.push(match field.filter(|field| !is_even(&field.offset)).map(LensField::offsets) {
+            Some([least, most]) => {
+                format!("offset of V    {least:+.digits$} to {most:+.digits$} ± {offset:.digits$} px² over the field")
+            }
+            None => format!("offset of V    0 over the field, or not determined: ± {offset:.digits$} px²"),
+        });
     }
     let in_mm = found.residual_rms_mm.map_or(String::new(), |mm| format!(", {mm:.4} mm"));
     let part = 100.0 * found.outliers as f64 / found.pixels as f64;

@@ -63,15 +63,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pixel = arguments.pixel.pixel_size;
     solved.report.pixel_size_um = pixel.or(solved.report.pixel_size_um);
     let is_stated = arguments.lens.is_given() || arguments.focus_at.positions().is_some() || arguments.nearer.is_some();
-    let doubt = if pixel.is_some() && !is_stated {
+    let doubts = if pixel.is_some() && !is_stated {
         // Depth stays as it is.
-        None
+        Vec::new()
     } else if solved.report.kind == Kind::Sweep {
         let positions = arguments.focus_at.positions().filter(|_| !arguments.lens.is_given());
         let positions = positions.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
         let nearer = photographs::nearer_end(arguments.nearer, &positions)?;
         solved.set_positions(&positions, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
-        None
+        Vec::new()
     } else {
         if arguments.focus_at.positions().is_some() || arguments.nearer.is_some() {
             return Err(usage("holds a pair, which needs a lens for depth; leave out --focus-at and --nearer"));
@@ -91,7 +91,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut lines: Vec<String> =
         solved.report.depth.iter().map(|depth| format!("depth          {}", summary(depth))).collect();
     lines.extend(pixel.map(|um| format!("pixel          {um} µm on the surface")));
-    lines.extend(doubt.map(|doubt| format!("warning        {doubt}")));
+    lines.extend(doubts.iter().map(|doubt| format!("warning        {doubt}")));
     lines.extend(derived.warning());
     let view = results.join(VIEW);
     lines.extend(

@@ -238,6 +238,12 @@ fn check_output(arguments: &Arguments, possible: &[&str], written: &[&str]) -> R
 
 fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
     check_applicable(arguments)?;
+    // Only a file states a field.
+    let bowed = arguments.lens.stated()?.and_then(|lens| lens.field).and(arguments.lens.file());
+    if let Some(file) = bowed {
+        let problem = "the lens has a field, which simulate does not render; give a file without it";
+        return Err(Failure::Usage(format!("{}: {problem}", file.display())));
+    }
     let mut scene = match arguments.scene.0 {
         Some(preset) => preset.scene(),
         None => image(arguments)?,

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use parfocal::export::{Nearer, Results};
 use parfocal::image_io::{Exif, Input};
+use parfocal::metric::LensField;
 use parfocal::{Lens, internals::bounded_read};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -20,9 +21,9 @@ const MAX_BYTES: u64 = 16 << 20;
 pub(crate) struct LensArguments {
     /// The lens, for depth in mm: JSON as calibrate writes it
     ///
-    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric. Or a file with such
-    /// an object under the key lens: the output of calibrate, truth.json of simulate, report.json. Flags override the
-    /// file.
+    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa, telecentric and field. Or a file with
+    /// such an object under the key lens: the output of calibrate, truth.json of simulate, report.json. Flags override
+    /// the file.
     #[arg(long, value_name = "FILE", help_heading = LENS)]
     lens: Option<PathBuf>,
     #[command(flatten)]
@@ -55,6 +56,10 @@ pub(crate) struct PartOfLens {
     #[arg(long, value_name = "BOOL", help_heading = LENS, num_args = 0..=1, require_equals = true,
           default_missing_value = "true")]
     pub(crate) telecentric: Option<bool>,
+    /// How V changes over the field. Only a file states it
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[arg(skip)]
+    pub(crate) field: Option<LensField>,
 }
 
 fn distances(text: &str) -> Result<[f64; 2], String> {
@@ -70,6 +75,7 @@ impl From<Lens> for PartOfLens {
             focus: Some(lens.focus),
             kappa: Some(lens.kappa),
             telecentric: Some(lens.telecentric),
+            field: lens.field,
         }
     }
 }
@@ -92,7 +98,7 @@ impl PartOfLens {
         }
     }
 
-    /// Fills in missing fields from `other`.
+    /// Fills in missing fields from `other`. A lens that states focus distances keeps its own `field`, or has none.
     pub(crate) fn or(self, other: Self) -> Self {
         Self {
             focal_length: self.focal_length.or(other.focal_length),
@@ -101,7 +107,34 @@ impl PartOfLens {
             focus: self.focus.or(other.focus),
             kappa: self.kappa.or(other.kappa),
             telecentric: self.telecentric.or(other.telecentric),
+            field: if self.focus.is_some() { self.field } else { self.field.or(other.field) },
         }
+    }
+
+    /// Refuses optics that differ from those of a lens with a field, which holds for that lens only. `whose` names the
+    /// lens.
+    fn check_field_of(&self, lens: &Self, whose: &str) -> Result<(), Failure> {
+        fn differs<T: PartialEq>(stated: Option<T>, of_lens: Option<T>) -> bool {
+            stated.zip(of_lens).is_some_and(|(stated, of_lens)| stated != of_lens)
+        }
+        let differing: Vec<&str> = [
+            (differs(self.focal_length, lens.focal_length), "--focal-length"),
+            (differs(self.f_number, lens.f_number), "--f-number"),
+            (differs(self.pixel_pitch, lens.pixel_pitch), "--pixel-pitch"),
+            (differs(self.focus, lens.focus), "--focus"),
+            (differs(self.telecentric, lens.telecentric), "--telecentric"),
+        ]
+        .iter()
+        .filter_map(|&(is_different, flag)| is_different.then_some(flag))
+        .collect();
+        if lens.field.is_none() || differing.is_empty() {
+            return Ok(());
+        }
+        Err(Failure::Usage(format!(
+            "{whose} has a field, which was calibrated with another {}; give a whole lens without a field, or \
+             calibrate again",
+            differing.join(", ")
+        )))
     }
 
     /// The lens, if no field is missing.
@@ -129,7 +162,7 @@ impl PartOfLens {
             return Err(Failure::Usage(problem));
         };
         let (kappa, telecentric) = (self.kappa.unwrap_or(Lens::DISK), self.telecentric.unwrap_or(false));
-        let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric };
+        let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric, field: self.field };
         lens.check()?;
         Ok(lens)
     }
@@ -145,14 +178,23 @@ impl LensArguments {
     /// The fields of the file and the options; `None` if there are none.
     pub(crate) fn stated(&self) -> Result<Option<PartOfLens>, Failure> {
         let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
-        Ok(self.is_given().then(|| self.flags.or(file)))
+        if let Some(path) = &self.lens {
+            self.flags.check_field_of(&file, &path.display().to_string())?;
+        }
+        Ok(self.is_given().then(|| PartOfLens { field: file.field, ..self.flags.or(file) }))
     }
 
     /// The lens for a command that needs one. Missing fields are taken from the report of the results.
     pub(crate) fn required(&self, results: &Results<'_>) -> Result<Lens, Failure> {
         let known = results.lens().copied().map(PartOfLens::from);
         match self.stated()?.or(known) {
-            Some(stated) => stated.or(known.unwrap_or_default()).whole(),
+            Some(stated) => {
+                let known = known.unwrap_or_default();
+                if stated.focus.is_none() {
+                    stated.check_field_of(&known, "the lens of the results")?;
+                }
+                stated.or(known).whole()
+            }
             None => {
                 let problem = "give the lens: --lens FILE, or --focal-length and the other options of the lens";
                 Err(Failure::Usage(problem.to_string()))
@@ -245,6 +287,25 @@ mod tests {
         assert_eq!(lens(None, &[]).unwrap(), None);
         let part = Only::try_parse_from(["only", "--f-number=4"]).unwrap().lens;
         assert_eq!(part.lens(cup.into()).unwrap(), Some(Lens { f_number: 4.0, ..cup }));
+    }
+
+    #[test]
+    fn a_field_stays_with_its_optics() {
+        let zeros = |n: usize| vec!["0"; n].join(",");
+        let field =
+            format!(r#", "field": {{"size": [96, 64], "gain": [{}], "offset_px2": [{}]}}}}"#, zeros(5), zeros(14));
+        let bowed = CUP.replace('}', &field);
+        let cup = lens(Some(&bowed), &["--focus=529,869", "--kappa=0.4"]).unwrap().unwrap();
+        assert!(cup.field.is_some() && cup.kappa == 0.4);
+        for flag in
+            ["--focus=869,529", "--f-number=2", "--focal-length=30", "--pixel-pitch=0.01", "--telecentric=false"]
+        {
+            let name = flag.split('=').next().unwrap();
+            assert!(matches!(lens(Some(&bowed), &[flag]), Err(Failure::Usage(m)) if m.contains(name)), "{flag}");
+        }
+        let other = PartOfLens { field: None, ..cup.into() };
+        assert_eq!(other.or(cup.into()).field, None, "a whole lens has its own field");
+        assert_eq!(PartOfLens { focus: None, ..other }.or(cup.into()).field, cup.field);
     }
 
     #[test]

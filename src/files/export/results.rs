@@ -12,11 +12,11 @@ use super::image_files::{
     BEYOND, CONFIDENCE, Description, FOCUS, FOCUS_UNCERTAINTY, FRAMES, RELATIVE_BLUR, RESIDUAL, UNCERTAINTY, VALID,
 };
 use super::report::{
-    DepthReport, FieldReport, Kind, NearerBy, ProfileReport, REPORT_FILE, Report, TextureReport, UNITS, invalid,
-    read_json,
+    DepthReport, FieldReport, Kind, NearerBy, ProfileReport, REPORT_FILE, Report, SizeReport, TextureReport, UNITS,
+    invalid, read_json,
 };
 use super::scale::{Nearer, Palette, Quantity, Scale};
-use crate::base::{Channels, Depth, Error, Frame, Lens, Samples};
+use crate::base::{Channels, Depth, Error, Frame, Lens, Region, Samples};
 use crate::engine::Solution;
 use crate::engine::solution::confidence;
 use crate::engine::stages::scale_deviation::without_scale;
@@ -300,26 +300,54 @@ impl<'a> Results<'a> {
         self.mark();
     }
 
-    /// Sets the lens of a pair, and from it depth and the nearer image. Returns a description of what contradicts the
-    /// lens, if anything does.
-    pub fn set_lens(&mut self, lens: &Lens) -> Option<String> {
-        let metric = self.depth_through(lens);
+    /// Sets the lens of a pair, and from it depth and the nearer image. Returns a warning for each fact that
+    /// contradicts the lens.
+    pub fn set_lens(&mut self, lens: &Lens) -> Vec<String> {
+        let (metric, blur) = self.depth_through(lens);
         let (scale, limit) = (self.magnification(), self.report.settings.max_relative_blur);
-        let doubt = metric.doubt(scale, limit, self.values());
+        let doubts: Vec<String> = self.field_doubt(lens).into_iter().chain(metric.doubt(scale, limit, &blur)).collect();
         let depth = DepthReport::new(&metric.depth, &metric.deviation, metric.out_of_range);
         self.report.depth = Some(DepthReport { lens: Some(*lens), ..depth });
         self.report.nearer = Some(Nearer::of_lens(lens).number());
         self.report.nearer_by = Some(NearerBy::Lens);
         self.report.warnings.retain(|warning| !warning.starts_with(DOUBT));
-        self.report.warnings.extend(doubt.clone());
+        self.report.warnings.extend(doubts.iter().cloned());
         self.depth = Some([metric.depth.into(), metric.deviation.into()]);
-        doubt
+        doubts
     }
 
-    fn depth_through(&self, lens: &Lens) -> MetricDepth {
+    /// Returns depth through a lens, and V as it would be at the image centre.
+    fn depth_through(&self, lens: &Lens) -> (MetricDepth, Cow<'_, [f32]>) {
         let (scale, limit, width) =
             (self.magnification(), self.report.settings.max_relative_blur, self.report.size.width);
-        MetricDepth::new(lens, scale, limit, width, self.values(), self.uncertainty())
+        let [blur, deviation] = self.blur_at_centre(lens);
+        (MetricDepth::new(lens, scale, limit, width, &blur, &deviation), blur)
+    }
+
+    /// V and its standard deviation, as they would be at the image centre, where the lens holds.
+    fn blur_at_centre(&self, lens: &Lens) -> [Cow<'_, [f32]>; 2] {
+        let fields = [self.values(), self.uncertainty()];
+        match &lens.field {
+            Some(field) if self.field_doubt(lens).is_none() => {
+                let (Region { x, y, .. }, limit) = (self.report.region, self.report.settings.max_relative_blur);
+                field.to_centre(fields, self.report.size.width, [x, y], limit).map(Cow::from)
+            }
+            _ => fields.map(Cow::from),
+        }
+    }
+
+    /// Why the field of a lens does not apply, if it does not.
+    fn field_doubt(&self, lens: &Lens) -> Option<String> {
+        let ([w, h], SizeReport { width, height }) = (lens.field?.size, self.report.photograph);
+        if [w, h] != [width, height] {
+            let problem = format!("is of {w}x{h} photographs, and these are {width}x{height}");
+            return Some(format!(
+                "{DOUBT}its field {problem}, so that it is left out: calibrate with photographs of their size"
+            ));
+        }
+        self.report.flattened.then(|| {
+            format!("{DOUBT}its field is left out, because --flat has already changed V: solve without --flat")
+        })
     }
 
     /// Sets the focus positions of the frames of a sweep in mm, and computes depth from them. `nearer` states whether
@@ -510,7 +538,7 @@ impl Results<'static> {
     /// Derives depth in mm from the lens or the positions that the report states.
     fn read_depth(&mut self) -> Result<(), Error> {
         if let Some(lens) = self.lens() {
-            let metric = self.depth_through(lens);
+            let (metric, _) = self.depth_through(lens);
             self.depth = Some([metric.depth.into(), metric.deviation.into()]);
             return Ok(());
         }

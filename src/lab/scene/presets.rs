@@ -97,6 +97,7 @@ const MACRO: Lens = Lens {
     focus: [226.5, 233.5],
     kappa: Lens::DISK,
     telecentric: false,
+    field: None,
 };
 
 impl Scene {

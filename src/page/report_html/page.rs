@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::{COLORMAPS, Contents, Photographed, Picture, Pixels, Readout};
-use crate::base::{Decode, Frame, Region};
+use crate::base::{Decode, Frame, Lens, Region};
 use crate::files::bounded_read;
 use crate::files::export::{Extra, Kind, PAGE_FILE, Palette, Results};
 use crate::page::view::relief_to_scale;
@@ -152,10 +152,10 @@ fn write(
     fields.extend(confidence.as_deref().map(|values| Readout::confidence(values).computed()));
     if let Some(depth) = &depth {
         let [values, sigma] = Readout::depth_with_deviation(&depth.values, &depth.deviation, depth.nearer);
-        // The page itself computes depth from a lens.
+        // The page itself computes depth from a lens whose field is even.
         match results.lens() {
-            Some(_) => fields.extend([values.computed(), sigma.computed()]),
-            None => fields.extend([values.rounded_by(&depth.deviation), sigma]),
+            Some(Lens { field: None, .. }) => fields.extend([values.computed(), sigma.computed()]),
+            _ => fields.extend([values.rounded_by(&depth.deviation), sigma]),
         }
     }
     fields.extend(residual.as_deref().map(Readout::residual));

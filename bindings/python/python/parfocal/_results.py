@@ -42,6 +42,8 @@ class Brightness(NamedTuple):
 class Lens:
     """A lens in front of the sensor. Raises ValueError if it cannot exist.
 
+    It has no field: V is taken as if the lens were the same at every place.
+
     focal_length: focal length, mm.
     f_number: f-number, at infinity.
     pixel_pitch: distance between pixels on the sensor, mm.
