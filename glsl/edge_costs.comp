@@ -12,7 +12,7 @@ layout(constant_id = 2) const bool SWEEP = false;
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray image2;
 layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;   // u in a sweep
-// Of a sweep sums are read that an earlier dispatch wrote.
+// Of a sweep costs are read that an earlier dispatch wrote; of each cell its share.
 layout(binding = 3, r32f) uniform coherent image2DArray results;
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
@@ -183,18 +183,23 @@ void blur_across(int image, float gain, Edge edge, float variances[KERNELS]) {
     for (int n = 0; n < RIM; n++) blurred[row()][n][k] = kernels[row()][n][0] * sums[n];
 }
 
-// The mean of a blurred photograph over samples from `first` to `last`, by a kernel of this row. In the reversed order
-// samples are counted from the other end.
-vec4 mean_between(int kernel, int of_row, int k, int first, int last, bool reversed, float otherwise) {
+// The mean of a blurred photograph over samples from `first` to `last`, by a kernel of this row; over all where none of
+// them is in reach. In the reversed order samples are counted from the other end.
+vec4 mean_between(int kernel, int of_row, int k, int first, int last) {
+    bool reversed = row() % ORDERS == 1;
     vec4 sum = vec4(0.0);
     float weight = 0.0;
-    int most = reach[row()][kernel];
-    for (int i = max(-most, first - k); i <= min(most, last - k); i++) {
+    int most = reach[row()][kernel], low = max(-most, first - k), high = min(most, last - k);
+    if (low > high) {
+        low = max(-most, -k);
+        high = min(most, ALONG - 1 - k);
+    }
+    for (int i = low; i <= high; i++) {
         int q = k + i;
         sum += kernels[row()][kernel][abs(i)] * blurred[of_row][kernel][reversed ? ALONG - 1 - q : q];
         weight += kernels[row()][kernel][abs(i)];
     }
-    return weight > 1e-3 ? sum / weight : vec4(otherwise);
+    return sum / weight;
 }
 
 // The mean square of a difference over samples from `first` to `last` from the middle, as a share of the sum over a row.
@@ -202,20 +207,14 @@ float squared_if(vec4 difference, int from_middle, int first, int last) {
     return from_middle >= first && from_middle <= last ? dot(difference, difference) / float(LINES * (last - first + 1)) : 0.0;
 }
 
-// A photograph at sample k less its local mean: where the front is the sharper, over samples from `first` to `last`; where
-// the back is the sharper, over samples up to `last`.
-vec4 of_texture(int kernel, int of_row, vec4 photograph, int k, int first, int last, float average) {
-    return photograph - mean_between(kernel, of_row, k, first, last, row() % ORDERS == 1, average);
-}
-
 // Variance of the texture: in front; outside it in the same photograph; behind, where the front's blur does not reach.
-vec3 texture_variances(bool opposite, vec4 in_sharper, vec4 in_other, float average) {
+vec3 texture_variances(bool opposite, vec4 in_sharper, vec4 in_other) {
     int own = row(), back_row = row() ^ 1, k = place_in_row();
     vec4 squares = vec4(0.0), back_sharp = opposite ? in_other : in_sharper;
     if (k < ALONG) {
-        squares.x = squared_if(of_texture(MEAN, own, in_sharper, k, HALF + 2, ALONG - 1, average), k - HALF, 4, 16);
-        squares.y = squared_if(of_texture(MEAN, own, in_sharper, k, 0, HALF + 1, average), k - HALF, -14, 0);
-        squares.z = squared_if(of_texture(TEXTURE, back_row, back_sharp, k, 0, HALF - 2, average), k - HALF, -16, -4);
+        squares.x = squared_if(in_sharper - mean_between(MEAN, own, k, HALF + 2, ALONG - 1), k - HALF, 4, 16);
+        squares.y = squared_if(in_sharper - mean_between(MEAN, own, k, 0, HALF + 1), k - HALF, -14, 0);
+        squares.z = squared_if(back_sharp - mean_between(TEXTURE, back_row, k, 0, HALF - 2), k - HALF, -16, -4);
     }
     return row_total(squares).xyz;
 }
@@ -312,23 +311,25 @@ void share_of_costs(bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_
     }
 }
 
-// The cost of V as it is in the row's order, a share per invocation: of S instead of the two layers, with the same prices
-// of texture. The front ends where V is halfway. S is that of a Gaussian, as in the costs of outlines: that of the
-// solve is less, since it knows the kernel better. Across the normal the blur is that of the side's V.
-float cost_before(Edge edge, bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_variance, float average, float least) {
+// The cost of V as it is in the row's order, a share per invocation: S takes the place of the two layers, and texture
+// costs the same as there. The front ends where V is halfway. S is that of a Gaussian, as in the costs of outlines: the
+// solve's is less, since it knows the kernel better. Across the normal the blur is that of the side's V.
+float cost_before(Edge edge, bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_variance, float least) {
     bool reversed = row() % ORDERS == 1;
     int own = row(), back_row = row() ^ 1, k = min(place_in_row(), ALONG - 1), seen = reversed ? ALONG - 1 - k : k;
     if (abs(k - HALF) > WINDOW || place_in_row() >= ALONG) return 0.0;
-    vec4 front = of_texture(MEAN, own, in_sharper, k, HALF, ALONG - 1, average);
-    vec4 back = opposite ? of_texture(TEXTURE, back_row, in_other, k, 0, HALF - 1, average)
-                         : of_texture(MEAN, own, in_sharper, k, 0, HALF - 1, average);
+    vec4 front = in_sharper - mean_between(MEAN, own, k, HALF, ALONG - 1);
+    vec4 back = opposite ? in_other - mean_between(TEXTURE, back_row, k, 0, HALF - 1)
+                         : in_sharper - mean_between(MEAN, own, k, 0, HALF - 1);
     float back_variance = opposite ? texture_variance.z : texture_variance.y;
     vec4 total = vec4(0.0);
     for (int line = 0; line < LINES; line++) {
         // Samples of the reversed order keep their lines, on which they are counted from the other end.
         float v = relative_blur_at(place_on(edge, float(line), seen));
         bool is_front = v > 0.5 * (edge.near + edge.far) != reversed;
-        int side = is_front ? own : back_row;
+        // S by the photograph that is the sharper at this V.
+        bool by_front = opposite ? v > 0.0 == (reversed ? edge.far : edge.near) > 0.0 : is_front;
+        int side = by_front ? own : back_row;
         float variance = max(abs(v), LEAST_VARIANCE), predicted = 0.0, sum = 0.0;
         int last = min(int(ceil(EXTENT * sqrt(variance))), REACH);
         for (int i = -last; i <= last; i++) {
@@ -336,7 +337,7 @@ float cost_before(Edge edge, bool opposite, vec4 in_sharper, vec4 in_other, vec3
             predicted += weight * blurred[side][OWN][seen + i][line];
             sum += weight;
         }
-        float residual = predicted / sum - (is_front || !opposite ? in_other : in_sharper)[line];
+        float residual = predicted / sum - (by_front || !opposite ? in_other : in_sharper)[line];
         float deviation = (is_front ? front : back)[line];
         total[line] = log(1.0 + residual * residual / least)
             + cost(vec4(deviation), vec4(least + (is_front ? texture_variance.x : back_variance)), least).x;
@@ -390,9 +391,9 @@ void main() {
         vec4 in_sharper = photograph_on_lines(sharper, gain, edge, seen);
         vec4 in_other = photograph_on_lines(1 - sharper, gain, edge, seen);
         float shares[DISPLACEMENTS];
-        vec3 textures = texture_variances(opposite, in_sharper, in_other, moments.x);
+        vec3 textures = texture_variances(opposite, in_sharper, in_other);
         share_of_costs(opposite, in_sharper, in_other, textures, moments.x, least, shares);
-        float before = cost_before(edge, opposite, in_sharper, in_other, textures, moments.x, least);
+        float before = cost_before(edge, opposite, in_sharper, in_other, textures, least);
         for (int m = 0; m < DISPLACEMENTS + 1; m += 4) {
             vec4 some;
             for (int i = 0; i < 4; i++) some[i] = m + i < DISPLACEMENTS ? shares[min(m + i, DISPLACEMENTS - 1)] : before;

@@ -8,9 +8,9 @@ use crate::engine::shaders::edge;
 
 /// Side of a cell, pixels.
 pub(crate) const SIDE: usize = edge::SIDE as usize;
-/// The layer of the costs with the near side in front; and of the cost of V as it is, behind them.
+/// The layer of the costs with the near side in front, and of the cost of V as it is in that order, behind them.
 pub(crate) const COSTS: usize = edge::COSTS as usize;
-/// The layer of the costs with the far side in front.
+/// The layer of the same with the far side in front.
 pub(crate) const REVERSED_COSTS: usize = edge::REVERSED_COSTS as usize;
 /// The layer of the edges.
 pub(crate) const EDGES: usize = edge::EDGES as usize;
@@ -108,7 +108,7 @@ impl Edge {
         })
     }
 
-    /// As numbers of a cell without costs.
+    /// As numbers of a cell that has no costs yet.
     pub(super) fn numbers(&self) -> [f64; 10] {
         let Self { place, normal, levels, deviations } = self;
         [1.0, place[0], place[1], normal[0], normal[1], levels[0], levels[1], deviations[0], deviations[1], 0.0]

@@ -88,12 +88,12 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let mut layers = LAYERS.map(|layer| memory.take_layer(self.results, layer));
+        let mut layers = CHANGED_LAYERS.map(|layer| memory.take_layer(self.results, layer));
         let [first, second] = c.layers.map(|layer| layer as usize);
         let photographs = [memory.layer(self.i1, first), memory.layer(self.i2, second)];
         let v = memory.layer(self.v, 0);
         cpu_reference(c, variant, memory.state(self.state), photographs, v, &mut layers);
-        for (n, layer) in LAYERS.into_iter().zip(layers) {
+        for (n, layer) in CHANGED_LAYERS.into_iter().zip(layers) {
             memory.set_layer(self.results, n, layer);
         }
     }
@@ -116,10 +116,11 @@ type Profile = [[f64; ALONG]; ROWS];
 /// The same on the lines that costs are summed over.
 type Lines = [[f64; ALONG]; LINES];
 
-/// The layers that the pass changes: the costs in both orders, and the edges, for their share.
-const LAYERS: [usize; 3] = [COSTS, REVERSED_COSTS, EDGES];
+/// The layers that the pass changes: the costs in both orders; the edges, which hold the share.
+const CHANGED_LAYERS: [usize; 3] = [COSTS, REVERSED_COSTS, EDGES];
 
-/// Sets the costs in both orders and their share, or adds to them for two frames of a sweep. `layers`: as in [`LAYERS`].
+/// Sets the costs in both orders and their share, or adds to them for two frames of a sweep. `layers`: those of
+/// [`CHANGED_LAYERS`].
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
     variant: Variant,
@@ -151,8 +152,8 @@ pub(crate) fn cpu_reference<N: Number>(
             let v = between(v, place_on(edge, line as f64, k));
             if is_sweep { c.relative_blur(v) } else { v }
         };
-        let of_near = Layers::new(&profiles, [near, far], average, least);
-        let of_far = Layers::new(&profiles.map(|profile| reversed(&profile)), [far, near], average, least);
+        let of_near = TwoLayers::new(&profiles, [near, far], average, least);
+        let of_far = TwoLayers::new(&profiles.map(|profile| reversed(&profile)), [far, near], average, least);
         let before = [
             of_near.cost_before(|v| v > middle, v_at),
             of_far.cost_before(|v| v <= middle, |line, k| v_at(LINES - 1 - line, ALONG - 1 - k)),
@@ -287,6 +288,12 @@ fn mean(kernel: &[f64], k: usize, value: impl Fn(usize) -> f64, counts: impl Fn(
     (weight > 1e-3).then_some(sum / weight)
 }
 
+/// The mean of the values around place k over some samples; over all where none of them is in reach.
+fn mean_of(kernel: &[f64], k: usize, values: &[f64; ALONG], samples: Range<usize>) -> f64 {
+    let mean = |samples: Range<usize>| mean(kernel, k, |q| values[q], |q| is(samples.contains(&q)));
+    mean(samples).or_else(|| mean(0..ALONG)).unwrap_or_default()
+}
+
 fn is(condition: bool) -> f64 {
     f64::from(u8::from(condition))
 }
@@ -298,7 +305,9 @@ fn cost(residual: f64, variance: f64, least: f64) -> f64 {
 }
 
 /// The two layers around a cell in one order, and what their costs share.
-struct Layers {
+struct TwoLayers {
+    /// Whether V of the front is positive.
+    front_is_positive: bool,
     /// Whether the back is the sharper in the other photograph.
     opposite: bool,
     /// The photograph in which the front is the sharper, and the other.
@@ -323,23 +332,23 @@ struct Layers {
     textures: [f64; 3],
 }
 
-impl Layers {
+impl TwoLayers {
     fn new(profiles: &[Profile; 2], [front_v, back_v]: [f64; 2], average: f64, least: f64) -> Self {
         let (sharper, other) = if front_v > 0.0 { (&profiles[0], &profiles[1]) } else { (&profiles[1], &profiles[0]) };
         let opposite = (front_v > 0.0) != (back_v > 0.0);
-        let [front_v, back_v] = [front_v.abs(), back_v.abs()];
         let on_lines = |profile: &Profile| -> Lines { std::array::from_fn(|line| profile[REACH + line]) };
         let back_in = if opposite { other } else { sharper };
         let mut layers = Self {
+            front_is_positive: front_v > 0.0,
             opposite,
             in_sharper: on_lines(sharper),
             in_other: on_lines(other),
-            front: across(sharper, front_v),
+            front: across(sharper, front_v.abs()),
             near: across(sharper, shader::MEAN_VARIANCE),
-            back: [across(back_in, back_v), across(back_in, shader::TEXTURE_VARIANCE)],
-            hiding: [across(sharper, front_v + back_v), across(sharper, front_v + shader::TEXTURE_VARIANCE)],
-            of_front: kernel(front_v),
-            of_back: [kernel(back_v), kernel(shader::TEXTURE_VARIANCE)],
+            back: [across(back_in, back_v.abs()), across(back_in, shader::TEXTURE_VARIANCE)],
+            hiding: [back_v.abs(), shader::TEXTURE_VARIANCE].map(|behind| across(sharper, front_v.abs() + behind)),
+            of_front: kernel(front_v.abs()),
+            of_back: [back_v.abs(), shader::TEXTURE_VARIANCE].map(kernel),
             of_mean: kernel(shader::MEAN_VARIANCE),
             average,
             least,
@@ -360,15 +369,13 @@ impl Layers {
 
     /// The photograph in which the front is the sharper, less its local mean over some samples.
     fn of_front_texture(&self, line: usize, k: usize, samples: Range<usize>) -> f64 {
-        let mean = mean(&self.of_mean, k, |q| self.near[line][q], |q| is(samples.contains(&q)));
-        self.in_sharper[line][k] - mean.unwrap_or(self.average)
+        self.in_sharper[line][k] - mean_of(&self.of_mean, k, &self.near[line], samples)
     }
 
     /// The photograph in which the back is the sharper, less its local mean over the samples before `end`.
     fn of_back_texture(&self, line: usize, k: usize, end: usize) -> f64 {
-        let mean = mean(&self.of_back[1], k, |q| self.back[1][line][q], |q| is(q < end));
         let back_sharp = if self.opposite { &self.in_other } else { &self.in_sharper };
-        back_sharp[line][k] - mean.unwrap_or(self.average)
+        back_sharp[line][k] - mean_of(&self.of_back[1], k, &self.back[1][line], 0..end)
     }
 
     /// The costs of all displacements.
@@ -429,30 +436,31 @@ impl Layers {
         totals
     }
 
-    /// The cost of V as it is: of S instead of the two layers, with the same prices of texture. The front ends
+    /// The cost of V as it is: S takes the place of the two layers, and texture costs the same as there. The front ends
     /// where V is halfway.
     ///
-    /// S is that of a Gaussian, as in the costs of outlines: that of the solve is less, since it knows the kernel better.
+    /// S is that of a Gaussian, as in the costs of outlines: the solve's is less, since it knows the kernel better.
     /// Across the normal the blur is that of the side's V.
     fn cost_before(&self, is_front: impl Fn(f64) -> bool, v_at: impl Fn(usize, usize) -> f64) -> f64 {
         let least = self.least;
         let [front_texture, outside_texture, back_texture] = self.textures;
-        let blurred = |v: f64, lines: &Lines, line: usize, k: usize| {
-            mean(&kernel(v.abs()), k, |q| lines[line][q], |_| 1.0).unwrap_or(self.average)
-        };
         let places = (0..LINES).flat_map(|line| (HALF - WINDOW..=HALF + WINDOW).map(move |k| (line, k)));
         places
             .map(|(line, k)| {
                 let v = v_at(line, k);
-                let (s, texture, variance) = if is_front(v) {
-                    let s = blurred(v, &self.front, line, k) - self.in_other[line][k];
-                    (s, self.of_front_texture(line, k, HALF..ALONG), front_texture)
-                } else if self.opposite {
-                    let s = blurred(v, &self.back[0], line, k) - self.in_sharper[line][k];
-                    (s, self.of_back_texture(line, k, HALF), back_texture)
-                } else {
-                    let s = blurred(v, &self.back[0], line, k) - self.in_other[line][k];
-                    (s, self.of_front_texture(line, k, 0..HALF), outside_texture)
+                let front = is_front(v);
+                // S by the photograph that is the sharper at this V.
+                let by_front = if self.opposite { (v > 0.0) == self.front_is_positive } else { front };
+                let (lines, against) = match (by_front, self.opposite) {
+                    (true, _) => (&self.front, &self.in_other),
+                    (false, true) => (&self.back[0], &self.in_sharper),
+                    (false, false) => (&self.back[0], &self.in_other),
+                };
+                let s = mean_of(&kernel(v.abs()), k, &lines[line], 0..ALONG) - against[line][k];
+                let (texture, variance) = match (front, self.opposite) {
+                    (true, _) => (self.of_front_texture(line, k, HALF..ALONG), front_texture),
+                    (false, true) => (self.of_back_texture(line, k, HALF), back_texture),
+                    (false, false) => (self.of_front_texture(line, k, 0..HALF), outside_texture),
                 };
                 cost(s, least, least) + cost(texture, least + variance, least)
             })
@@ -526,6 +534,9 @@ mod tests {
         let mut results = layers(image, [2.0, -1.5], 0);
         let before = [5, 6].map(|seed| random_field(width, height, seed));
         [results[COSTS], results[REVERSED_COSTS]] = before.clone();
+        for cell in edge::all_cells(image).filter(|[x, y]| (x + y) % 2 == 0) {
+            edge::add(&mut results[EDGES], cell, TOTAL, 0.7);
+        }
         let frames = [1, 2, 3].map(|seed| smooth_field(width, height, seed));
         let u = [results[0].clone()];
         let state = State::new(&Registration::new(Similarity::new(0.0, 0.0, 0.0, 1.0), &Photometric::IDENTITY));

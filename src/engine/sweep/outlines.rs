@@ -19,7 +19,7 @@ const COARSEST: usize = 2;
 const LEAST_BLUR: f64 = 0.75;
 /// The least blur at a jump that is searched for on a coarser level than the finest, px² of the level. At less the next
 /// finer level finds the jump too, and sees more: with 0.75 px² here too, 1.0 and 17.8 % of the pixels at a card and
-/// at blocks were off by more than half a frame, with 2 px² 0.4 and 15.6 %.
+/// at blocks were off by more than half a frame, with 2 px² 0.4 and 15.6 % (by the earlier price of V as it is).
 const COARSE_BLUR: f64 = 2.0;
 /// σ² of the weights of cells along an edge, px². With the 4 px² of pairs 14.0 % at bars were off, with 8 to 16 px²
 /// 13.2 %, and the sides of a metal part are straighter.
