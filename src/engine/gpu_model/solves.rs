@@ -252,7 +252,7 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         }
         ("update_transform", _) => {
             let rows = bytemuck::pod_read_unaligned::<update_transform::Constants>(c).rows;
-            (22.9 + f64::from(update_transform::rounds(rows, dispatch.variant))) / (22.9 + 8.0)
+            (19.7 + f64::from(update_transform::rounds(rows, dispatch.variant))) / (19.7 + 8.0)
         }
         ("linearise", _) => {
             // The fixed cost of an invocation, in lines, by variant.
@@ -260,12 +260,12 @@ fn rounds(dispatch: &Dispatch) -> f64 {
             (once + f64::from(bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows)) / (once + 8.0)
         }
         ("exposure", shades) => {
-            // In the cost of a sample of a round: a fixed cost, the moments, and the four rounds of the shading.
+            // In the cost of a sample of a round: the moments, the three rounds of the shading, and what these leave.
             let c: exposure::Constants = bytemuck::pod_read_unaligned(c);
             let [width, height] = exposure::STAGE.workgroup;
             let each = c.samples().div_ceil((width * height) as usize) as f64;
             if shades {
-                (1.4 + 0.98 * each + 4.0 * (2.85 + each)) / (1.4 + 0.98 * 8.0 + 8.0 * (2.85 + 4.0))
+                (2.6 + 1.42 * each + 3.0 * (2.46 + each)) / (2.6 + 1.42 * 8.0 + 8.0 * (2.46 + 4.0))
             } else {
                 (1.5 + 2.0 * each) / (1.5 + 2.0 * 8.0)
             }
