@@ -7,10 +7,11 @@ use crate::engine::arguments::{Edges, Grid};
 use crate::engine::plan::{Allocation, Plan};
 use crate::engine::script::{Action, Dispatch, Part, Script, compose};
 use crate::engine::slot::Slot;
+use crate::engine::stages::cascade::Coarser;
 use crate::engine::stages::state::{LevelState, MAX_LEVELS};
 use crate::engine::stages::{
-    coarsest_grids, convolve, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles,
-    separable, subdivide, update_transform,
+    convolve, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles, separable,
+    subdivide, update_transform,
 };
 use crate::engine::sweep::model as sweep;
 use crate::engine::vulkan::{Stage, Variant};
@@ -235,20 +236,13 @@ fn bytes(dispatch: &Dispatch) -> f64 {
 fn rounds(dispatch: &Dispatch) -> f64 {
     let c = &dispatch.constants;
     match (dispatch.stage.shader.name, dispatch.variant[0]) {
-        ("coarsest_grids_shared", _) => {
-            let c: coarsest_grids::Constants = bytemuck::pod_read_unaligned(c);
-            // Once, for each grid, and for each sweep on one.
-            let rounds = |grids: f64, sweeps: f64| 3.0 + 6.0 * grids + sweeps;
-            let sweeps = c.coarsest_sweeps + (c.grids - 1) * c.sweeps;
-            rounds(c.grids.into(), sweeps.into()) / rounds(8.0, 8.0 * 4.0)
-        }
-        ("relax_tiles", _) => {
+        ("relax_tiles", joined) => {
             let c: relax_tiles::Constants = bytemuck::pod_read_unaligned(c);
-            (7.3 + f64::from(c.sweeps)) / (7.3 + 8.0)
+            rounds_of_relaxation(if joined { 12.5 } else { 7.3 }, c.sweeps, joined.then_some(c.coarser))
         }
-        ("relax_grid_tiles", _) => {
+        ("relax_grid_tiles", joined) => {
             let c: relax_grid_tiles::Constants = bytemuck::pod_read_unaligned(c);
-            (4.5 + f64::from(c.sweeps)) / (4.5 + 8.0)
+            rounds_of_relaxation(4.5, c.sweeps, joined.then_some(c.coarser))
         }
         ("update_transform", _) => {
             let rows = bytemuck::pod_read_unaligned::<update_transform::Constants>(c).rows;
@@ -278,6 +272,19 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         }
         _ => 1.0,
     }
+}
+
+/// The same of the relaxation of a grid or level that takes as long as `once` sweeps besides its own. Of coarser grids:
+/// those on tiles, each with 3.4 sweeps besides its own; and in the cost of a sweep on a small grid, the small ones once,
+/// each of them, and each sweep on one.
+fn rounds_of_relaxation(once: f64, sweeps: u32, coarser: Option<Coarser>) -> f64 {
+    let Some(c) = coarser else { return (once + f64::from(sweeps)) / (once + 8.0) };
+    let rounds = |sweeps: [f64; 3], tiles: f64, small: f64| {
+        once + sweeps[0] + tiles * (3.4 + sweeps[1]) + 0.49 * (3.0 + 6.0 * small + sweeps[2])
+    };
+    let on_small = c.coarsest_sweeps + (c.small_grids - 1) * sweeps;
+    let each = [sweeps, sweeps, on_small].map(f64::from);
+    rounds(each, c.grids.into(), c.small_grids.into()) / rounds([8.0, 4.0, 8.0 * 4.0], 8.0, 8.0)
 }
 
 /// The share of the image that the listed tiles of a sweep cover; 1 for passes over the whole image.
@@ -367,9 +374,14 @@ mod tests {
         let work = Solve::pair(&PAIRS[1], false).work();
         let rounds = |name, level| of(&work, name).find(|work| work.level == level).unwrap().rounds;
         // Three sweeps, and what takes as long as 7.3.
-        assert_eq!(rounds("relax_tiles", 5), (7.3 + 3.0) / 15.3);
-        // Grids of 16 x 16 and 8 x 8 cells: 3 sweeps and 30.
-        assert_eq!(rounds("coarsest_grids_shared", 5), (3.0 + 2.0 * 6.0 + 33.0) / (3.0 + 8.0 * 6.0 + 32.0));
+        assert_eq!(rounds("relax_tiles", 0), (7.3 + 3.0) / 15.3);
+        // Grids of 16 x 16 and 8 x 8 cells before the level: 3 sweeps and 30.
+        let compiled = 12.5 + 8.0 + 8.0 * 7.4 + 0.49 * (3.0 + 8.0 * 6.0 + 32.0);
+        assert_eq!(rounds("relax_tiles", 5), (12.5 + 3.0 + 0.49 * (3.0 + 2.0 * 6.0 + 33.0)) / compiled);
+        // Grids of 125, 250 and 500 cells along a side after three small ones.
+        let compiled = compiled - 12.5 + 4.5;
+        let small = 0.49 * (3.0 + 3.0 * 6.0 + 36.0);
+        assert!((rounds("relax_grid_tiles", 0) - (4.5 + 3.0 + 3.0 * 6.4 + small) / compiled).abs() < 1e-12);
         // Lines per invocation: one on small levels; and what takes as long as 0.3, with a warped I2 as 1.2.
         assert_eq!([5, 0].map(|level| rounds("linearise", level)), [(0.3 + 1.0) / 8.3, 1.0]);
         assert_eq!(rounds("system_tiles", 0), 1.0);

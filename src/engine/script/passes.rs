@@ -7,14 +7,14 @@ use crate::base::{Decode, RegistrationStep};
 use crate::engine::arguments::{self, Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
 use crate::engine::slot;
+use crate::engine::stages::cascade::Coarser;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, coarsest_grids_shared, exposure, grid, halve_grid,
-    ingest, linearise, mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles, relax_level,
-    relax_tiles, shape, shape_median, shape_windows, sums, system, system_tiles, uncertainty_terms, unpack, update,
-    update_transform,
+    NO_VARIANT, appearance, blur_matched_pair, cascade, coarsest_grids, exposure, grid, halve_grid, ingest, linearise,
+    mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles, relax_level, relax_tiles, shape,
+    shape_median, shape_windows, sums, system, system_tiles, uncertainty_terms, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -360,14 +360,14 @@ impl Composer<'_> {
 
     /// The finest grid that one workgroup takes with all coarser ones.
     fn first_small_grid(&self, grids: &[grid::Place]) -> usize {
-        let is_small = |grid: &grid::Place| {
-            if self.plan.for_gpu {
-                coarsest_grids_shared::takes(grid.size)
-            } else {
-                pixels(grid.size[0], grid.size[1]) <= coarsest_grids::MOST_CELLS
-            }
-        };
-        grids.iter().position(is_small).unwrap_or(grids.len() - 1)
+        let joins = grids.iter().position(|grid| self.joins(grid));
+        let is_small = |grid: &grid::Place| pixels(grid.size[0], grid.size[1]) <= coarsest_grids::MOST_CELLS;
+        joins.or_else(|| grids.iter().position(is_small)).unwrap_or(grids.len() - 1)
+    }
+
+    /// Whether each tile of a grid or level also computes the coarser grids, if this is the finest small one.
+    fn joins(&self, small: &grid::Place) -> bool {
+        self.plan.relaxes_tiles() && cascade::joins(self.plan.settings.relaxation_sweeps, small.size)
     }
 
     /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level. Then
@@ -375,26 +375,48 @@ impl Composer<'_> {
     pub(super) fn relaxation(&mut self, level: &Level, update: &update::Constants) {
         let grids = grid::grids(level.size);
         let small = self.first_small_grid(&grids);
-        let last_of_system = if self.plan.relaxes_tiles() { system_tiles::GRIDS - 1 } else { 0 };
-        for n in last_of_system..small {
+        if self.plan.relaxes_tiles() {
+            return self.relaxation_on_tiles(level, &grids, small, update);
+        }
+        for n in 0..small {
             self.halve_grid(level, n, [grids[n], grids[n + 1]]);
         }
         self.coarsest_grids(level, &grids[small..]);
         for n in (0..small).rev() {
-            if self.plan.relaxes_tiles() {
-                self.relax_grid_tiles(level, n, [grids[n], grids[n + 1]]);
-                continue;
-            }
             for sweep in 0..self.plan.settings.relaxation_sweeps {
                 self.relax_grid(level, n, [grids[n], grids[n + 1]], RED, sweep);
                 self.relax_grid(level, n, [grids[n], grids[n + 1]], BLACK, sweep);
             }
         }
-        if self.plan.relaxes_tiles() {
-            return self.relax_tiles(level, update);
-        }
         self.relax_pixels(level);
         self.update(level, update);
+    }
+
+    /// The same on tiles. The grid or level that follows the small grids computes them too, and all in between.
+    fn relaxation_on_tiles(&mut self, level: &Level, grids: &[grid::Place], small: usize, update: &update::Constants) {
+        for n in system_tiles::GRIDS - 1..small {
+            self.halve_grid(level, n, [grids[n], grids[n + 1]]);
+        }
+        let joins = self.joins(&grids[small]);
+        // The grids that are relaxed by dispatches of their own.
+        let alone = if joins {
+            let sizes = [level.size].into_iter().chain(grids.iter().map(|grid| grid.size));
+            sizes.take(small + 1).position(|size| self.has_few_tiles(size)).unwrap_or(small)
+        } else {
+            self.coarsest_grids(level, &grids[small..]);
+            small
+        };
+        let coarser = |n: usize| {
+            if joins && n == alone { Coarser::joined(&grids[n..], small - n) } else { Coarser::stored(grids[n].first) }
+        };
+        for n in (0..alone).rev() {
+            self.relax_grid_tiles(level, n, grids[n], coarser(n + 1));
+        }
+        self.relax_tiles(level, coarser(0), update);
+    }
+
+    fn has_few_tiles(&self, size: [u32; 2]) -> bool {
+        relax_tiles::has_few_tiles(size, self.plan.settings.relaxation_sweeps)
     }
 
     /// Sums the system of the n-th grid up to the next one.
@@ -417,20 +439,20 @@ impl Composer<'_> {
     }
 
     /// All relaxation sweeps on the n-th grid.
-    fn relax_grid_tiles(&mut self, level: &Level, n: usize, [grid, next]: [grid::Place; 2]) {
+    fn relax_grid_tiles(&mut self, level: &Level, n: usize, grid: grid::Place, coarser: Coarser) {
         let ([width, height], settings) = (grid.size, &self.plan.settings);
         let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
-        let (first, next) = (grid.first, next.first);
-        let constants = relax_grid_tiles::Constants { width, height, first, next, sweeps, over_relaxation };
+        let constants =
+            relax_grid_tiles::Constants { width, height, first: grid.first, sweeps, over_relaxation, coarser };
         let bindings = relax_grid_tiles::Bindings {
             equations: slot::GRID_EQUATIONS.read(),
             coarse: slot::GRID_STEPS.read(),
             steps: slot::GRID_STEPS.write(),
         };
-        self.within(level, Over::CoarseTiles(n), bindings, &constants, NO_VARIANT);
+        self.within(level, Over::CoarseTiles(n), bindings, &constants, coarser.variant());
     }
 
-    /// The smallest grids: in shared memory on GPUs if they fit.
+    /// The smallest grids, by one workgroup.
     fn coarsest_grids(&mut self, level: &Level, grids: &[grid::Place]) {
         let ([width, height], settings) = (grids[0].size, &self.plan.settings);
         let constants = coarsest_grids::Constants {
@@ -442,11 +464,6 @@ impl Composer<'_> {
             coarsest_sweeps: coarsest_grids::COARSEST_SWEEPS,
             over_relaxation: settings.over_relaxation as f32,
         };
-        if self.plan.for_gpu && coarsest_grids_shared::takes(grids[0].size) {
-            let (equations, steps) = (slot::GRID_EQUATIONS.read(), slot::GRID_STEPS.write());
-            let bindings = coarsest_grids_shared::Bindings { equations, steps };
-            return self.within(level, Over::One, bindings, &constants, NO_VARIANT);
-        }
         let bindings =
             coarsest_grids::Bindings { equations: slot::GRID_EQUATIONS.update(), steps: slot::GRID_STEPS.update() };
         self.within(level, Over::One, bindings, &constants, NO_VARIANT);
@@ -464,7 +481,7 @@ impl Composer<'_> {
     }
 
     /// All relaxation sweeps on the level, and the update of V.
-    fn relax_tiles(&mut self, level: &Level, update: &update::Constants) {
+    fn relax_tiles(&mut self, level: &Level, coarser: Coarser, update: &update::Constants) {
         let bindings = relax_tiles::Bindings {
             smoothed: slot::SCRATCH.read(),
             weights: slot::WEIGHTS.read(),
@@ -472,9 +489,10 @@ impl Composer<'_> {
             v: slot::relative_blur(level.index).update(),
             state: slot::STATE.update(),
             kept: slot::UNCERTAINTY_TERMS.update(),
+            equations: slot::GRID_EQUATIONS.read(),
         };
-        let constants = relax_tiles::Constants::new(&self.sweeps(level), update);
-        self.within(level, Over::RelaxTiles, bindings, &constants, NO_VARIANT);
+        let constants = relax_tiles::Constants::new(coarser, &self.sweeps(level), update);
+        self.within(level, Over::RelaxTiles, bindings, &constants, coarser.variant());
     }
 
     fn relax_level(&mut self, level: &Level) {
