@@ -247,7 +247,8 @@ void step_once() {
     state.at_limit = 0;
     float variance = totals[VARIANCE] / max(totals[VARIANCE + 1], 1e-30);
     state.variance = variance;
-    bool rests = moved < still * factor || decrease < steady * variance || decrease < steady_by_tiles * variance_by_tiles();
+    bool rests = moved < still * factor || decrease < steady * variance ||
+        decrease < steady_by_tiles * variance_by_tiles();
     settled = may_settle == 1 && rests && few && change <= flatness * before;
     // While T moves, its errors would count as noise.
     if (level == 0 && moved <= FOLLOWED * factor) find_spread();

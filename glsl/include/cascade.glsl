@@ -1,6 +1,6 @@
-// The part of the cascade that comes before a target, which is a grid or the level, for a workgroup's tile of the
-// target: the small grids in shared memory, then a tile of each grid in between. Other workgroups compute some of it
-// too, with the same values. Included after the buffers `equations` and `steps` and the push constants.
+// The part of the cascade that comes before a target, which is a grid or the level. A workgroup computes it for its
+// tile of the target: first the small grids, in shared memory, then a tile of each grid in between. Other workgroups
+// compute some of the same values. Included after the buffers `equations` and `steps` and the push constants.
 
 #include "grid.glsl"
 

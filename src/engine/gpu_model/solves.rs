@@ -231,8 +231,8 @@ fn bytes(dispatch: &Dispatch) -> f64 {
 /// The rounds of the loop in which a pass spends its time, as a share of those that the compiler counts: 8, in a loop
 /// within it 4 for each, and 2 in those within that. 1 for passes whose rounds are not in their push constants.
 ///
-/// What the passes of the relaxation do besides their sweeps counts as a number of sweeps: by the latency on navi21, as
-/// compiled without the loop over sweeps and with one round of it.
+/// Other work of the passes of the relaxation counts as a number of sweeps: by the latency on navi21, as compiled without
+/// the loop over sweeps and with one round of it.
 fn rounds(dispatch: &Dispatch) -> f64 {
     let c = &dispatch.constants;
     match (dispatch.stage.shader.name, dispatch.variant[0]) {
@@ -274,9 +274,9 @@ fn rounds(dispatch: &Dispatch) -> f64 {
     }
 }
 
-/// The same of the relaxation of a grid or level that takes as long as `once` sweeps besides its own. Of coarser grids:
-/// those on tiles, each with 3.4 sweeps besides its own; and in the cost of a sweep on a small grid, the small ones once,
-/// each of them, and each sweep on one.
+/// The rounds of a relaxation of a grid or level, as a share of those that the compiler counts. Its other work takes as
+/// long as `once` sweeps, and that of each coarser grid on tiles as long as 3.4. A sweep on a small grid takes 0.49 of
+/// one on a tile. In its cost, other work of the small grids takes 3 sweeps once, and 6 for each of them.
 fn rounds_of_relaxation(once: f64, sweeps: u32, coarser: Option<Coarser>) -> f64 {
     let Some(c) = coarser else { return (once + f64::from(sweeps)) / (once + 8.0) };
     let rounds = |sweeps: [f64; 3], tiles: f64, small: f64| {

@@ -358,16 +358,18 @@ impl Composer<'_> {
         self.within(level, Over::Pixels, bindings, constants, variant);
     }
 
-    /// The finest grid that one workgroup takes with all coarser ones.
+    /// The finest grid that one workgroup takes with all coarser ones: on tiles in shared memory. With too many
+    /// relaxation sweeps for tiles, a GPU runs the passes of a processor. There `coarsest_grids` takes longer than in
+    /// shared memory, as it waits for a buffer in each half-sweep.
     fn first_small_grid(&self, grids: &[grid::Place]) -> usize {
-        let joins = grids.iter().position(|grid| self.joins(grid));
-        let is_small = |grid: &grid::Place| pixels(grid.size[0], grid.size[1]) <= coarsest_grids::MOST_CELLS;
-        joins.or_else(|| grids.iter().position(is_small)).unwrap_or(grids.len() - 1)
-    }
-
-    /// Whether each tile of a grid or level also computes the coarser grids, if this is the finest small one.
-    fn joins(&self, small: &grid::Place) -> bool {
-        self.plan.relaxes_tiles() && cascade::joins(self.plan.settings.relaxation_sweeps, small.size)
+        let is_small = |grid: &grid::Place| {
+            if self.plan.relaxes_tiles() {
+                cascade::fits(grid.size)
+            } else {
+                pixels(grid.size[0], grid.size[1]) <= coarsest_grids::MOST_CELLS
+            }
+        };
+        grids.iter().position(is_small).unwrap_or(grids.len() - 1)
     }
 
     /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level. Then
@@ -392,16 +394,17 @@ impl Composer<'_> {
         self.update(level, update);
     }
 
-    /// The same on tiles. The grid or level that follows the small grids computes them too, and all in between.
+    /// The same on tiles. The finest grid or level of few tiles computes all coarser grids too. With many sweeps it is
+    /// the one that follows the small grids. If even the coarsest grid does not fit, it has a dispatch of its own.
     fn relaxation_on_tiles(&mut self, level: &Level, grids: &[grid::Place], small: usize, update: &update::Constants) {
         for n in system_tiles::GRIDS - 1..small {
             self.halve_grid(level, n, [grids[n], grids[n + 1]]);
         }
-        let joins = self.joins(&grids[small]);
+        let joins = cascade::fits(grids[small].size);
         // The grids that are relaxed by dispatches of their own.
         let alone = if joins {
             let sizes = [level.size].into_iter().chain(grids.iter().map(|grid| grid.size));
-            sizes.take(small + 1).position(|size| self.has_few_tiles(size)).unwrap_or(small)
+            sizes.take(small + 1).position(|size| self.joins_tiles(size)).unwrap_or(small)
         } else {
             self.coarsest_grids(level, &grids[small..]);
             small
@@ -415,8 +418,10 @@ impl Composer<'_> {
         self.relax_tiles(level, coarser(0), update);
     }
 
-    fn has_few_tiles(&self, size: [u32; 2]) -> bool {
-        relax_tiles::has_few_tiles(size, self.plan.settings.relaxation_sweeps)
+    /// Whether a grid or level of this size also relaxes coarser grids that do not fit shared memory.
+    fn joins_tiles(&self, size: [u32; 2]) -> bool {
+        let sweeps = self.plan.settings.relaxation_sweeps;
+        cascade::covers(sweeps) && relax_tiles::has_few_tiles(size, sweeps)
     }
 
     /// Sums the system of the n-th grid up to the next one.

@@ -1,20 +1,20 @@
 //! The part of the cascade that comes before a [grid] or the level, in the same dispatch.
 //!
-//! On a GPU a small grid takes as long as its latency and its barrier. So each workgroup of a grid or level computes all
-//! that its tile starts from: the smallest grids in shared memory, as [`coarsest_grids`] does in a buffer, and a tile of
-//! each grid in between. `glsl/include/cascade.glsl`.
+//! On a GPU a small grid takes as long as its latency and its barrier. So each workgroup of a grid or level computes
+//! all that its tile starts from: the smallest grids in shared memory, as [`coarsest_grids`] does in a buffer, and a
+//! tile of each grid in between. `glsl/include/cascade.glsl`.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::coarsest_grids::{self, COARSEST_SWEEPS};
-use super::grid::{self, FLOATS, Grid, halved, prolonged};
+use super::grid::{self, Grid, halved, prolonged};
 use super::{Number, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
 const _: () = assert!(WORKGROUP[0] * WORKGROUP[1] == shaders::cascade::TOTAL);
 
-/// The most relaxation sweeps: with more, the interior of a grid's tile does not cover the next finer grid's tile.
+/// The most relaxation sweeps with which a tile of each grid in between is enough.
 const MOST_SWEEPS: u32 = 4;
 
 /// What a pass on a target, a grid or the level, starts from.
@@ -48,18 +48,8 @@ impl Coarser {
         [self.small_grids > 0, false, false, false]
     }
 
-    /// Compulsory traffic: dV of the next coarser grid, a quarter of a number per pixel of the target's tiles with their
-    /// halos; if joined, the equations of the coarser grids.
-    pub(crate) fn bytes(&self, [width, height]: [u32; 2], pixels_with_halos: u64) -> u64 {
-        if self.small_grids == 0 {
-            return pixels_with_halos;
-        }
-        let cells = (1..=self.grids + 1).map(|n| pixels(width.div_ceil(1 << n), height.div_ceil(1 << n)));
-        4 * FLOATS as u64 * cells.sum::<u64>()
-    }
-
-    /// dV of the next coarser grid than a target of a size. `equations` and `steps` are those of all grids; joined, steps
-    /// are not read.
+    /// dV of the next coarser grid than a target of a size. `equations` and `steps` are those of all grids. If joined,
+    /// `steps` is not read.
     pub(crate) fn cpu_reference<N: Number>(
         &self,
         target: [u32; 2],
@@ -70,30 +60,28 @@ impl Coarser {
         if self.small_grids == 0 {
             return steps[self.next as usize..].to_vec();
         }
-        let size_of = |n| (0..n).fold(target, |size, _| halved(size));
-        let ([width, height], mut first) = (size_of(self.grids + 1), self.next);
+        let ([width, height], mut first) = (size_of(target, self.grids + 1), self.next);
         let &Self { small_grids: grids, coarsest_sweeps, .. } = self;
         let c = coarsest_grids::Constants { width, height, first, grids, sweeps, coarsest_sweeps, over_relaxation };
         let mut dv = coarsest_grids::cpu_reference(&c, &Grid::of(equations, first as usize, [width, height]));
-        for size in (1..=self.grids).rev().map(size_of) {
+        for size in (1..=self.grids).rev().map(|n| size_of(target, n)) {
             first -= size[0] * size[1];
             dv = prolonged(&dv, size.map(|side| side as usize));
-            relax(&Grid::of(equations, first as usize, size), &mut dv, sweeps, over_relaxation);
+            Grid::of(equations, first as usize, size).relax_all(&mut dv, sweeps, over_relaxation);
         }
         dv
     }
 }
 
-/// All relaxation sweeps on a grid.
-pub(crate) fn relax<N: Number>(grid: &Grid<N>, dv: &mut [N], sweeps: u32, over_relaxation: f32) {
-    for color in (0..2 * sweeps).map(|half| half % 2) {
-        grid.relax(dv, color as usize, over_relaxation.into());
-    }
+/// The size of the n-th grid after a target.
+pub(crate) fn size_of(target: [u32; 2], n: u32) -> [u32; 2] {
+    (0..n).fold(target, |size, _| halved(size))
 }
 
-/// Whether a workgroup takes all coarser grids with a tile, from one of this size on in shared memory.
-pub(crate) fn joins(sweeps: u32, finest_small: [u32; 2]) -> bool {
-    sweeps <= MOST_SWEEPS && fits(finest_small)
+/// Whether the interior of a grid's tile covers the next finer grid's tile, with a halo for this number of relaxation
+/// sweeps.
+pub(crate) fn covers(sweeps: u32) -> bool {
+    sweeps <= MOST_SWEEPS
 }
 
 /// Whether a grid and all coarser ones fit the shared memory and the invocations of a workgroup.

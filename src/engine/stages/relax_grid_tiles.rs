@@ -3,7 +3,7 @@
 //!
 //! [`relax_tiles`](super::relax_tiles) does the same on a level.
 
-use super::cascade::{self, Coarser};
+use super::cascade::Coarser;
 use super::grid::{FLOATS, Grid, prolonged};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, pixels, relax_tiles};
@@ -21,7 +21,7 @@ push_constants! {
     sweeps: u32,
     /// ω of successive over-relaxation.
     over_relaxation: f32,
-    /// What it starts from.
+    /// The coarser grids, stored or joined.
     coarser: Coarser,
 }
 
@@ -36,12 +36,12 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: for tiles with their halos, the equations, and dV of the coarser grid, a quarter of a number
-    /// per cell, or the equations of the coarser grids; dV written once.
+    /// Compulsory traffic: for tiles with their halos, the equations and what they start from; dV written once.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let size = [c.width, c.height];
-        let cells = relax_tiles::pixels_with_halos(size, c.sweeps);
-        4 * FLOATS as u64 * cells + c.coarser.bytes(size, cells) + 4 * pixels(c.width, c.height)
+        let cells = relax_tiles::pixels_with_halos(size, 0, c.sweeps);
+        let before = relax_tiles::bytes_before(size, c.sweeps, &c.coarser);
+        4 * FLOATS as u64 * cells + before + 4 * pixels(c.width, c.height)
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
@@ -57,12 +57,13 @@ impl Pass for Bindings {
 /// dV of a grid, relaxed from that of the next coarser one.
 pub fn cpu_reference<N: Number>(c: &Constants, grid: &Grid<N>, coarse: &[N]) -> Vec<N> {
     let mut dv = prolonged(coarse, [grid.width, grid.height]);
-    cascade::relax(grid, &mut dv, c.sweeps, c.over_relaxation);
+    grid.relax_all(&mut dv, c.sweeps, c.over_relaxation);
     dv
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::cascade::{covers, fits};
     use super::super::coarsest_grids::COARSEST_SWEEPS;
     use super::super::grid::tests::random_grid;
     use super::super::grid::{grids, halved};
@@ -116,12 +117,17 @@ mod tests {
             ([120, 17], 3),
             ([17, 18], 3),
             ([400, 36], 4),
+            ([9, 8], 3),
+            ([3, 2], 3),
+            ([64, 64], 6),
+            ([30, 128], 8),
             ([821, 777], 3),
         ] {
             let [width, height] = size;
             let (first, mut places) = (5, grids(size));
             places.iter_mut().for_each(|place| place.first += first + width * height);
-            let small = places.iter().position(|place| cascade::joins(sweeps, place.size)).unwrap();
+            let small = places.iter().position(|place| fits(place.size)).unwrap();
+            assert!(covers(sweeps) || small == 0);
             let last = places[places.len() - 1];
             let mut cells = vec![[f64::NAN; FLOATS]; (last.first + last.size[0] * last.size[1]) as usize];
             let mut grid = random_grid(size, 5);
