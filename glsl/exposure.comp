@@ -116,9 +116,9 @@ shared float diagonals[ALL];
 shared float coefficients[ALL];
 shared float scale;                  // of residuals, from which on a sample is an outlier
 
-// All sums over all samples: an invocation adds up its own in registers, then subgroups theirs, then these in order.
-// One sum per invocation, over samples in shared memory, took 20 times as long.
-void add_up(Registration r, float constant, bool first) {
+// All sums over all samples, or those of the squares alone: an invocation adds up its own in registers, then subgroups
+// theirs, then these in order. One sum per invocation, over samples in shared memory, took 20 times as long.
+void add_up(Registration r, float constant, bool first, const bool all) {
     float sums[FITTED];
     [[unroll]] for (int n = 0; n < FITTED; n++) sums[n] = 0.0;
     float applied[TERMS] = state.applied_shading, before[TERMS] = shading;
@@ -130,6 +130,10 @@ void add_up(Registration r, float constant, bool first) {
         float left = target - constant * second * shading_at(before, p.place), alone = target - constant * second;
         float counts = first ? p.share : p.share / (1.0 + p.weight * left * left / (scale * scale));
         float weight = counts * p.weight;
+        sums[COUNT] += counts;
+        sums[LEFT] += weight * left * left;
+        sums[BEFORE] += weight * alone * alone;
+        if (!all) continue;
         float px[5], py[5], terms[ALL + 1];
         legendre(p.place.x, px);
         legendre(p.place.y, py);
@@ -143,11 +147,8 @@ void add_up(Registration r, float constant, bool first) {
             float weighed = weight * terms[i];
             [[unroll]] for (int j = i; j <= ALL; j++, at++) sums[at] += weighed * terms[j];
         }
-        sums[COUNT] += counts;
-        sums[LEFT] += weight * left * left;
-        sums[BEFORE] += weight * alone * alone;
     }
-    [[unroll]] for (int batch = 0; batch < FITTED; batch += BATCH) {
+    [[unroll]] for (int batch = all ? 0 : COUNT; batch < FITTED; batch += BATCH) {
         [[unroll]] for (int k = 0; k < BATCH && batch + k < FITTED; k++) {
             float sum = subgroupAdd(sums[batch + k]);
             if (subgroupElect()) shares[gl_SubgroupID][k] = sum;
@@ -198,23 +199,20 @@ void match_shading(Registration r) {
     if (n == 0) coefficients[0] = gain;
     if (n < TERMS) shading[n] = state.shading[n];
     barrier();
-    for (int round = 0; round <= ROUNDS; round++) {
-        add_up(r, coefficients[0], round == 0);
-        if (round < ROUNDS) solve();
-        if (n == 0) {
-            if (round < ROUNDS) {
-                for (int i = 0; i < TERMS; i++) shading[i] = coefficients[i + 1] / max(coefficients[0], 1e-3);
-            }
-            // Twice the deviation of the residuals in the dark; in the first round those of the previous polynomial.
-            scale = 2.0 * sqrt(fitted[LEFT] / max(fitted[COUNT], 1.0)) + 1e-6;
-        }
+    for (int round = 0; round < ROUNDS; round++) {
+        add_up(r, coefficients[0], round == 0, true);
+        solve();
+        if (n < TERMS) shading[n] = coefficients[n + 1] / max(coefficients[0], 1e-3);
+        // Twice the deviation of the residuals in the dark; in the first round those of the previous polynomial.
+        if (n == 0) scale = 2.0 * sqrt(fitted[LEFT] / max(fitted[COUNT], 1.0)) + 1e-6;
         barrier();
     }
-    if (n != 0) return;
+    add_up(r, coefficients[0], false, false);
+    if (n >= TERMS) return;
     // James and Stein: subtracts what chance explains with as many terms and independent samples.
     float chance = fitted[LEFT] * float(TERMS) * dependent / max(fitted[COUNT], 1.0), explained = fitted[BEFORE] - fitted[LEFT];
     float significant = explained > chance ? 1.0 - chance / explained : 0.0;
-    for (int i = 0; i < TERMS; i++) state.shading[i] = significant * shading[i];
+    state.shading[n] = significant * shading[n];
 }
 
 void main() {

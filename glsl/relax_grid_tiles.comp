@@ -1,6 +1,6 @@
 #version 460
-// All relaxation sweeps on a coarse grid of the cascade, on tiles with a halo. CPU reference:
-// src/engine/stages/relax_grid_tiles.rs.
+// All relaxation sweeps on a coarse grid of the cascade, on tiles with a halo; JOINED: also on all coarser ones. CPU
+// reference: src/engine/stages/relax_grid_tiles.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 
@@ -10,50 +10,25 @@ layout(binding = 1, std430) readonly buffer CoarseSteps { float steps[]; };   //
 layout(binding = 2, std430) writeonly buffer GridSteps { float own_steps[]; }; // dV of the grid, in the same buffer
 layout(push_constant) uniform Constants {
     int width, height;
-    int first, next;                 // first cell of the grid and of the next coarser one
+    int first;                       // its first cell
     int sweeps;
     float over_relaxation;
+    int next;                        // first cell of the coarser grid; JOINED: of the finest small grid
+    int grids;                       // JOINED: grids between that one and this
+    int small_grids;                 // JOINED
+    int coarsest_sweeps;             // JOINED
 };
 
-vec4 links[2][8];                    // divided by the diagonal, by color and row
+#include "cascade.glsl"
 
 vec4 weights_at(int color, int row) { return links[color][row]; }
 
-#include "relaxation_tile.glsl"
-
-// The equations of this invocation's cells. Beyond the border they only have to exist, since links across it are zero.
-void load() {
-    int x = 2 * own.x, columns[2] = { clamp(x, 0, width - 1), clamp(x + 1, 0, width - 1) };
-    vec4 here[2][ROWS];
-    float left[ROWS], above[2];      // links
-    [[unroll]] for (int row = 0; row < ROWS; row++) {
-        int line = first + clamp(own.y + row, 0, height - 1) * width;
-        here[0][row] = equations[line + columns[0]];
-        here[1][row] = equations[line + columns[1]];
-        left[row] = equations[line + max(columns[0] - 1, 0)].z;
-    }
-    int line = first + clamp(own.y - 1, 0, height - 1) * width;
-    above[0] = equations[line + columns[0]].w;
-    above[1] = equations[line + columns[1]].w;
-    [[unroll]] for (int row = 0; row < ROWS; row++) {
-        [[unroll]] for (int n = 0; n < 2; n++) {
-            int color = row + n & 1;
-            vec4 cell = here[n][row];
-            float before = n == 1 ? here[0][row].z : x > 0 ? left[row] : 0.0;
-            vec4 link = vec4(cell.z, before, cell.w, own.y + row > 0 ? above[n] : 0.0);
-            float over = 1.0 / max(cell.x + link.x + link.y + link.z + link.w, 1e-12);
-            right_side[color][row] = over * cell.y;
-            links[color][row] = over * link;
-            above[n] = cell.w;
-        }
-    }
-}
-
 void main() {
     ivec2 size = ivec2(width, height);
-    place_tile(sweeps);
-    load();
-    start(next, size);
+    if (JOINED) relax_coarser_grids();
+    place_tile(corner_of(0));
+    load_grid(first, size);
+    start(size);
     relax_tile(sweeps, over_relaxation);
     [[unroll]] for (int row = 0; row < ROWS; row++) {
         if (!is_written(row, size, sweeps)) continue;

@@ -1,6 +1,6 @@
 #version 460
-// All relaxation sweeps on the linear system for dV, on tiles with a halo; then V ← V + share clamp(dV). CPU reference:
-// src/engine/stages/relax_tiles.rs.
+// All relaxation sweeps on the linear system for dV, on tiles with a halo; then V ← V + share clamp(dV). JOINED: also
+// those on all grids, before. CPU reference: src/engine/stages/relax_tiles.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -14,6 +14,7 @@ layout(binding = 2, std430) readonly buffer GridSteps { float steps[]; };   // d
 layout(binding = 3, r32f) uniform image2DArray relative_blur;
 layout(binding = 4, std430) buffer StateBuffer { State state; };
 layout(binding = 5, r32f) uniform image2DArray kept; // layer KEPT: the sums of a whole step over blocks of 2 x 2 pixels
+layout(binding = 6, std430) readonly buffer GridEquations { vec4 equations[]; };
 layout(push_constant) uniform Constants {
     int width, height;
     int sweeps;
@@ -23,18 +24,24 @@ layout(push_constant) uniform Constants {
     float limit;                         // px² of the level
     float share;                         // of dV that is added
     int extrapolation;                   // KEEP, EXTRAPOLATE, or 0
+    int next;                            // first cell of the first grid; JOINED: of the finest small grid
+    int grids;                           // JOINED: grids between that one and the level
+    int small_grids;                     // JOINED
+    int coarsest_sweeps;                 // JOINED
 };
 
 const int RIGHT_SIDE = 1;            // the layer of the right sides
 
-uvec2 halves[2][8];                  // weights as they are stored, by color and row
+#include "cascade.glsl"
+
+uvec2 halves[2][ROWS];               // weights as they are stored, by color and row; JOINED: see links
 
 vec4 weights_at(int color, int row) {
+    if (JOINED) return links[color][row];
     uvec2 w = halves[color][row];
     return vec4(unpackHalf2x16(w.x), unpackHalf2x16(w.y));
 }
 
-#include "relaxation_tile.glsl"
 #include "update.glsl"
 
 void load(ivec2 size) {
@@ -46,16 +53,18 @@ void load(ivec2 size) {
             right_side[color][row] =
                 x < size.x ? imageLoad(normal_equations, ivec3(x, place.y, RIGHT_SIDE)).r : 0.0;
             vec4 w = imageLoad(weights, place);
-            halves[color][row] = uvec2(packHalf2x16(w.xy), packHalf2x16(w.zw));
+            if (JOINED) links[color][row] = w;
+            else halves[color][row] = uvec2(packHalf2x16(w.xy), packHalf2x16(w.zw));
         }
     }
 }
 
 void main() {
     ivec2 size = ivec2(width, height);
-    place_tile(sweeps);
+    if (JOINED) relax_coarser_grids();
+    place_tile(corner_of(0));
     load(size);
-    start(0, size);
+    start(size);
     relax_tile(sweeps, over_relaxation);
     Block blocks[ROWS / 2];
     // The blocks of the halo are written by other workgroups, and must not be read.

@@ -98,6 +98,26 @@ void add_up() {
 
 shared bool settled, warps, cancelled;
 
+// The state before the step. Invocation 0 reads it first, since it would otherwise wait for the memory once for each
+// member that it has written before.
+Registration registration, warped;
+float alpha, spread, shading_changed;
+uint moving, moving_far, at_limit;
+LevelState progress;
+
+void load_state() {
+    registration = state.registration;
+    warped = state.warped;
+    alpha = state.alpha;
+    spread = state.spread;
+    moving = state.moving;
+    moving_far = state.moving_far;
+    at_limit = state.at_limit;
+    progress = state.levels[level];
+    shading_changed = 0.0;
+    for (int n = 0; n < TERMS; n++) shading_changed += abs(state.shading[n] - state.applied_shading[n]);
+}
+
 float normal(int i, int j) {
     float sum = 0.0;
     for (int c = 0; c < 2; c++) {
@@ -192,22 +212,16 @@ Registration step_of(float x[8]) {
                         factor * x[0], factor * x[1], g.x, g.y, 0.0, 0.0);
 }
 
-float shading_changes() {
-    float sum = 0.0;
-    for (int n = 0; n < TERMS; n++) sum += abs(state.shading[n] - state.applied_shading[n]);
-    return sum;
-}
-
 // α = 0.14 (mean √|b|)² / mean |∇V|. It changes only by more than a tenth, since each change takes iterations.
 void find_alpha() {
     float count = max(totals[VALID], 1.0), root = totals[ROUGHNESS] / count, steep = totals[ROUGHNESS + 1] / count;
     float estimate = clamp(0.14 * root * root / clamp(steep, LEAST_STEEP, MOST_STEEP), LEAST_ALPHA, MOST_ALPHA);
-    if (abs(log(estimate / state.alpha)) > 0.1) state.alpha = estimate;
+    if (abs(log(estimate / alpha)) > 0.1) state.alpha = estimate;
 }
 
 void find_spread() {
     float share = totals[SPREAD] / max(totals[VALID], 1.0);
-    state.spread = max(state.spread, least_spread) * min(share / max(1.0 - share, 1e-6), MOST_GROWTH);
+    state.spread = max(spread, least_spread) * min(share / max(1.0 - share, 1e-6), MOST_GROWTH);
 }
 
 void step_once() {
@@ -220,32 +234,30 @@ void step_once() {
     }
     Registration moves = step_of(x);
     float moved = corner_moves(moves);
-    state.registration = after(state.registration, moves);
-    float energy = totals[ENERGY] / max(totals[VALID], 1.0);
-    float before = state.levels[level].energy;
+    registration = after(registration, moves);
+    state.registration = registration;
+    float energy = totals[ENERGY] / max(totals[VALID], 1.0), before = progress.energy;
     float change = abs(energy - before);
-    state.levels[level].energy = energy;
-    state.levels[level].valid = totals[VALID];
-    state.levels[level].iterations += 1;
     energies[energy_place] = energy;
-    float free = max(max(totals[VALID] - float(state.at_limit), LEAST_FREE * totals[VALID]), 1.0);
-    float moving = float(state.moving) / free;
-    bool few = moving <= most_moving && float(state.moving_far) <= most_far * totals[VALID];
+    float free = max(max(totals[VALID] - float(at_limit), LEAST_FREE * totals[VALID]), 1.0);
+    float share_moving = float(moving) / free;
+    bool few = share_moving <= most_moving && float(moving_far) <= most_far * totals[VALID];
     state.moving = 0;
     state.moving_far = 0;
     state.at_limit = 0;
-    state.variance = totals[VARIANCE] / max(totals[VARIANCE + 1], 1e-30);
-    state.levels[level].moving = moving;
-    bool rests = moved < still * factor || decrease < steady * state.variance ||
-                 decrease < steady_by_tiles * variance_by_tiles();
+    float variance = totals[VARIANCE] / max(totals[VARIANCE + 1], 1e-30);
+    state.variance = variance;
+    bool rests = moved < still * factor || decrease < steady * variance ||
+        decrease < steady_by_tiles * variance_by_tiles();
     settled = may_settle == 1 && rests && few && change <= flatness * before;
-    state.levels[level].settled = uint(settled);
     // While T moves, its errors would count as noise.
     if (level == 0 && moved <= FOLLOWED * factor) find_spread();
     if (finds_alpha == 1) find_alpha();
-    bool follows = corner_moves(moved_since(state.warped, state.registration)) <= FOLLOWED * factor && shading_changes() <= EVEN;
+    bool follows = corner_moves(moved_since(warped, registration)) <= FOLLOWED * factor && shading_changed <= EVEN;
     warps = warp_count > 0 && !settled && !follows;
-    if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);
+    uint iterations = progress.iterations + 1, warped_before = progress.warps;
+    if (warps) warped_before |= 1u << findMSB(iterations);
+    state.levels[level] = LevelState(iterations, energy, totals[VALID], warped_before, uint(settled), share_moving);
 }
 
 // Ends this level and all finer ones.
@@ -257,7 +269,10 @@ void cancel() {
 
 void main() {
     // Loaded first, since the memory may be slow.
-    if (gl_LocalInvocationIndex == 0) cancelled = all_arguments[all_arguments.length() - 1] != 0;
+    if (gl_LocalInvocationIndex == 0) {
+        cancelled = all_arguments[all_arguments.length() - 1] != 0;
+        load_state();
+    }
     add_up();
     solve();
     if (gl_LocalInvocationIndex == 0) {

@@ -1,5 +1,5 @@
 // Red-black relaxation sweeps on a tile and its halo, by a workgroup of 256 invocations (temporal blocking). Included
-// after the buffer `steps` and the function `weights_at`.
+// by cascade.glsl, before the function `weights_at`.
 //
 // A halo is as wide as there are half-sweeps. Each half-sweep carries wrong values at its rim one pixel inwards, so
 // that none reaches the interior.
@@ -11,7 +11,10 @@ const int SIDE = 64;                 // pixels of a tile with its halo, along x 
 const int COLUMNS = 32;              // of one color
 const int ROWS = 8;                  // of an invocation
 
-shared float of_tile[2][SIDE * COLUMNS];  // dV, by color
+// dV, by color and row; before that, equations of small grids.
+shared float of_tile[JOINED ? 4 * ALL_CELLS : 2 * SIDE * COLUMNS];
+// dV of the small grid that is being relaxed; then a place for each surplus invocation, which it alone reads.
+shared float small_steps[JOINED ? CELLS + TOTAL : 1];
 
 // Of this invocation: its column and its first row in the tile, and the same in the level or grid.
 ivec2 in_tile, own;
@@ -21,11 +24,10 @@ float dv[2][ROWS], right_side[2][ROWS];
 // The pixels of a tile without its halo, along x and y.
 int interior(int sweeps) { return SIDE - 4 * sweeps; }
 
-// Finds this invocation's pixels.
-void place_tile(int sweeps) {
+// Finds this invocation's pixels of the tile with an even corner.
+void place_tile(ivec2 corner) {
     int n = int(gl_LocalInvocationIndex);
     in_tile = ivec2(n % COLUMNS, n / COLUMNS * ROWS);
-    ivec2 corner = interior(sweeps) * ivec2(gl_WorkGroupID.xy) - 2 * sweeps;
     own = ivec2(corner.x / 2, corner.y) + in_tile;
 }
 
@@ -37,33 +39,32 @@ bool is_written(int row, ivec2 size, int sweeps) {
         2 * own.x < size.x && own.y + row < size.y;
 }
 
-// dV before the first sweep: that of the coarser grid, whose first cell is `next`. Beyond the border it only has to
-// exist, since weights across the border are zero.
-void start(int next, ivec2 size) {
-    ivec2 coarse = (size + 1) / 2;
-    [[unroll]] for (int row = 0; row < ROWS; row += 2) {
-        ivec2 x = clamp(ivec2(own.x, (own.y + row) / 2), ivec2(0), coarse - 1);
-        float value = steps[next + x.y * coarse.x + x.x];
-        [[unroll]] for (int n = 0; n < 4; n++) {
-            int color = n & 1, odd = (n >> 1) + color & 1;
+// The weights of the right, left, lower and upper neighbour.
+vec4 weights_at(int color, int row);
+
+int place_of(int color, int row) { return (color * SIDE + row) * COLUMNS + in_tile.x; }
+
+// Sets dV before the first sweep: that of a cell of the coarser grid for each pair of rows.
+void start_from(float values[ROWS / 2], ivec2 size) {
+    [[unroll]] for (int row = 0; row < ROWS; row++) {
+        [[unroll]] for (int color = 0; color < 2; color++) {
             // Nothing beyond an odd width.
-            dv[color][row + (n >> 1)] = 2 * own.x + odd < size.x ? value : 0.0;
+            dv[color][row] = 2 * own.x + (row + color & 1) < size.x ? values[row / 2] : 0.0;
+            of_tile[place_of(color, in_tile.y + row)] = dv[color][row];
         }
     }
-    [[unroll]] for (int n = 0; n < 2 * ROWS; n++)
-        of_tile[n & 1][(in_tile.y + n / 2) * COLUMNS + in_tile.x] = dv[n & 1][n / 2];
     barrier();
 }
 
 void relax(int color, float over_relaxation) {
     int other = 1 - color;
-    int left = max(in_tile.x - 1, 0), right = min(in_tile.x + 1, COLUMNS - 1);
+    int left = in_tile.x > 0 ? -1 : 0, right = in_tile.x + 1 < COLUMNS ? 1 : 0;
     // Read before anything is written: the compiler does not know the two colors apart.
-    float before = of_tile[other][max(in_tile.y - 1, 0) * COLUMNS + in_tile.x];
-    float behind = of_tile[other][min(in_tile.y + ROWS, SIDE - 1) * COLUMNS + in_tile.x];
+    float before = of_tile[place_of(other, max(in_tile.y - 1, 0))];
+    float behind = of_tile[place_of(other, min(in_tile.y + ROWS, SIDE - 1))];
     float sides[ROWS];
     [[unroll]] for (int row = 0; row < ROWS; row++)
-        sides[row] = of_tile[other][(in_tile.y + row) * COLUMNS + ((row + color & 1) == 1 ? right : left)];
+        sides[row] = of_tile[place_of(other, in_tile.y + row) + ((row + color & 1) == 1 ? right : left)];
     // Term by term, since those of a pixel wait for each other.
     float target[ROWS];
     [[unroll]] for (int row = 0; row < ROWS; row++) {
@@ -80,7 +81,7 @@ void relax(int color, float over_relaxation) {
         target[row] += weights_at(color, row)[1 - (row + color & 1)] * sides[row];
     [[unroll]] for (int row = 0; row < ROWS; row++) {
         dv[color][row] = mix(dv[color][row], target[row], over_relaxation);
-        of_tile[color][(in_tile.y + row) * COLUMNS + in_tile.x] = dv[color][row];
+        of_tile[place_of(color, in_tile.y + row)] = dv[color][row];
     }
     barrier();
 }

@@ -7,10 +7,11 @@ use crate::engine::arguments::{Edges, Grid};
 use crate::engine::plan::{Allocation, Plan};
 use crate::engine::script::{Action, Dispatch, Part, Script, compose};
 use crate::engine::slot::Slot;
+use crate::engine::stages::cascade::Coarser;
 use crate::engine::stages::state::{LevelState, MAX_LEVELS};
 use crate::engine::stages::{
-    coarsest_grids, convolve, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles,
-    separable, subdivide, update_transform,
+    convolve, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles, separable,
+    subdivide, update_transform,
 };
 use crate::engine::sweep::model as sweep;
 use crate::engine::vulkan::{Stage, Variant};
@@ -230,29 +231,22 @@ fn bytes(dispatch: &Dispatch) -> f64 {
 /// The rounds of the loop in which a pass spends its time, as a share of those that the compiler counts: 8, in a loop
 /// within it 4 for each, and 2 in those within that. 1 for passes whose rounds are not in their push constants.
 ///
-/// What the passes of the relaxation do besides their sweeps counts as a number of sweeps: by the latency on navi21, as
-/// compiled without the loop over sweeps and with one round of it.
+/// Other work of the passes of the relaxation counts as a number of sweeps: by the latency on navi21, as compiled without
+/// the loop over sweeps and with one round of it.
 fn rounds(dispatch: &Dispatch) -> f64 {
     let c = &dispatch.constants;
     match (dispatch.stage.shader.name, dispatch.variant[0]) {
-        ("coarsest_grids_shared", _) => {
-            let c: coarsest_grids::Constants = bytemuck::pod_read_unaligned(c);
-            // Once, for each grid, and for each sweep on one.
-            let rounds = |grids: f64, sweeps: f64| 3.0 + 6.0 * grids + sweeps;
-            let sweeps = c.coarsest_sweeps + (c.grids - 1) * c.sweeps;
-            rounds(c.grids.into(), sweeps.into()) / rounds(8.0, 8.0 * 4.0)
-        }
-        ("relax_tiles", _) => {
+        ("relax_tiles", joined) => {
             let c: relax_tiles::Constants = bytemuck::pod_read_unaligned(c);
-            (7.3 + f64::from(c.sweeps)) / (7.3 + 8.0)
+            rounds_of_relaxation(if joined { 12.5 } else { 7.3 }, c.sweeps, joined.then_some(c.coarser))
         }
-        ("relax_grid_tiles", _) => {
+        ("relax_grid_tiles", joined) => {
             let c: relax_grid_tiles::Constants = bytemuck::pod_read_unaligned(c);
-            (4.5 + f64::from(c.sweeps)) / (4.5 + 8.0)
+            rounds_of_relaxation(4.5, c.sweeps, joined.then_some(c.coarser))
         }
         ("update_transform", _) => {
             let rows = bytemuck::pod_read_unaligned::<update_transform::Constants>(c).rows;
-            (22.9 + f64::from(update_transform::rounds(rows, dispatch.variant))) / (22.9 + 8.0)
+            (19.7 + f64::from(update_transform::rounds(rows, dispatch.variant))) / (19.7 + 8.0)
         }
         ("linearise", _) => {
             // The fixed cost of an invocation, in lines, by variant.
@@ -260,12 +254,12 @@ fn rounds(dispatch: &Dispatch) -> f64 {
             (once + f64::from(bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows)) / (once + 8.0)
         }
         ("exposure", shades) => {
-            // In the cost of a sample of a round: a fixed cost, the moments, and the four rounds of the shading.
+            // In the cost of a sample of a round: the moments, the three rounds of the shading, and what these leave.
             let c: exposure::Constants = bytemuck::pod_read_unaligned(c);
             let [width, height] = exposure::STAGE.workgroup;
             let each = c.samples().div_ceil((width * height) as usize) as f64;
             if shades {
-                (1.4 + 0.98 * each + 4.0 * (2.85 + each)) / (1.4 + 0.98 * 8.0 + 8.0 * (2.85 + 4.0))
+                (2.6 + 1.42 * each + 3.0 * (2.46 + each)) / (2.6 + 1.42 * 8.0 + 8.0 * (2.46 + 4.0))
             } else {
                 (1.5 + 2.0 * each) / (1.5 + 2.0 * 8.0)
             }
@@ -278,6 +272,19 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         }
         _ => 1.0,
     }
+}
+
+/// The rounds of a relaxation of a grid or level, as a share of those that the compiler counts. Its other work takes as
+/// long as `once` sweeps, and that of each coarser grid on tiles as long as 3.4. A sweep on a small grid takes 0.49 of
+/// one on a tile. In its cost, other work of the small grids takes 3 sweeps once, and 6 for each of them.
+fn rounds_of_relaxation(once: f64, sweeps: u32, coarser: Option<Coarser>) -> f64 {
+    let Some(c) = coarser else { return (once + f64::from(sweeps)) / (once + 8.0) };
+    let rounds = |sweeps: [f64; 3], tiles: f64, small: f64| {
+        once + sweeps[0] + tiles * (3.4 + sweeps[1]) + 0.49 * (3.0 + 6.0 * small + sweeps[2])
+    };
+    let on_small = c.coarsest_sweeps + (c.small_grids - 1) * sweeps;
+    let each = [sweeps, sweeps, on_small].map(f64::from);
+    rounds(each, c.grids.into(), c.small_grids.into()) / rounds([8.0, 4.0, 8.0 * 4.0], 8.0, 8.0)
 }
 
 /// The share of the image that the listed tiles of a sweep cover; 1 for passes over the whole image.
@@ -367,9 +374,14 @@ mod tests {
         let work = Solve::pair(&PAIRS[1], false).work();
         let rounds = |name, level| of(&work, name).find(|work| work.level == level).unwrap().rounds;
         // Three sweeps, and what takes as long as 7.3.
-        assert_eq!(rounds("relax_tiles", 5), (7.3 + 3.0) / 15.3);
-        // Grids of 16 x 16 and 8 x 8 cells: 3 sweeps and 30.
-        assert_eq!(rounds("coarsest_grids_shared", 5), (3.0 + 2.0 * 6.0 + 33.0) / (3.0 + 8.0 * 6.0 + 32.0));
+        assert_eq!(rounds("relax_tiles", 0), (7.3 + 3.0) / 15.3);
+        // Grids of 16 x 16 and 8 x 8 cells before the level: 3 sweeps and 30.
+        let compiled = 12.5 + 8.0 + 8.0 * 7.4 + 0.49 * (3.0 + 8.0 * 6.0 + 32.0);
+        assert_eq!(rounds("relax_tiles", 5), (12.5 + 3.0 + 0.49 * (3.0 + 2.0 * 6.0 + 33.0)) / compiled);
+        // Grids of 125, 250 and 500 cells along a side after three small ones.
+        let compiled = compiled - 12.5 + 4.5;
+        let small = 0.49 * (3.0 + 3.0 * 6.0 + 36.0);
+        assert!((rounds("relax_grid_tiles", 0) - (4.5 + 3.0 + 3.0 * 6.4 + small) / compiled).abs() < 1e-12);
         // Lines per invocation: one on small levels; and what takes as long as 0.3, with a warped I2 as 1.2.
         assert_eq!([5, 0].map(|level| rounds("linearise", level)), [(0.3 + 1.0) / 8.3, 1.0]);
         assert_eq!(rounds("system_tiles", 0), 1.0);

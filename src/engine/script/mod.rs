@@ -265,6 +265,35 @@ mod tests {
     }
 
     #[test]
+    fn on_a_gpu_only_grids_of_many_tiles_have_dispatches_of_their_own() {
+        let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
+        let plan = Plan::new(2000, 2000, [gray; 2], &Settings::default()).unwrap().shaped_for_gpu();
+        let script = compose(&plan, false);
+        let variants = |name: &str, level: usize| -> Vec<bool> {
+            let of_level = script.dispatches().filter(|d| d.stage.shader.name == name && d.place.level == level);
+            of_level.map(|dispatch| dispatch.variant[0]).collect()
+        };
+        // Grids of 250, 500 and 1000 cells along a side before the finest level, the first two before the next.
+        for (level, grids, joins) in [
+            (0, &[true, false, false][..], false),
+            (1, &[true, false], false),
+            (2, &[true], false),
+            (3, &[], true),
+            (6, &[], true),
+        ] {
+            let count = plan.settings.outer_iterations as usize - 1;
+            assert_eq!(variants("relax_grid_tiles", level), grids.repeat(count), "level {level}");
+            assert_eq!(variants("relax_tiles", level), vec![joins; count], "level {level}");
+        }
+        // With more sweeps only the small grids have none.
+        let settings = Settings { relaxation_sweeps: 6, ..Settings::default() };
+        let plan = Plan::new(2000, 2000, [gray; 2], &settings).unwrap().shaped_for_gpu();
+        for script in [script, compose(&plan, false)] {
+            assert!(script.dispatches().all(|dispatch| dispatch.stage.shader.name != "coarsest_grids"));
+        }
+    }
+
+    #[test]
     fn a_read_waits_for_writes_and_a_write_for_both() {
         let mut hazards = Hazards::default();
         let copy = |from, to| Action::Copy { from, to, levels: false };

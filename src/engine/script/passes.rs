@@ -7,14 +7,14 @@ use crate::base::{Decode, RegistrationStep};
 use crate::engine::arguments::{self, Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
 use crate::engine::slot;
+use crate::engine::stages::cascade::Coarser;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::Slopes;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, blur_matched_pair, coarsest_grids, coarsest_grids_shared, exposure, grid, halve_grid,
-    ingest, linearise, mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles, relax_level,
-    relax_tiles, shape, shape_median, shape_windows, sums, system, system_tiles, uncertainty_terms, unpack, update,
-    update_transform,
+    NO_VARIANT, appearance, blur_matched_pair, cascade, coarsest_grids, exposure, grid, halve_grid, ingest, linearise,
+    mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles, relax_level, relax_tiles, shape,
+    shape_median, shape_windows, sums, system, system_tiles, uncertainty_terms, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -358,11 +358,13 @@ impl Composer<'_> {
         self.within(level, Over::Pixels, bindings, constants, variant);
     }
 
-    /// The finest grid that one workgroup takes with all coarser ones.
+    /// The finest grid that one workgroup takes with all coarser ones: on tiles in shared memory. With too many
+    /// relaxation sweeps for tiles, a GPU runs the passes of a processor. There `coarsest_grids` takes longer than in
+    /// shared memory, as it waits for a buffer in each half-sweep.
     fn first_small_grid(&self, grids: &[grid::Place]) -> usize {
         let is_small = |grid: &grid::Place| {
-            if self.plan.for_gpu {
-                coarsest_grids_shared::takes(grid.size)
+            if self.plan.relaxes_tiles() {
+                cascade::fits(grid.size)
             } else {
                 pixels(grid.size[0], grid.size[1]) <= coarsest_grids::MOST_CELLS
             }
@@ -375,26 +377,51 @@ impl Composer<'_> {
     pub(super) fn relaxation(&mut self, level: &Level, update: &update::Constants) {
         let grids = grid::grids(level.size);
         let small = self.first_small_grid(&grids);
-        let last_of_system = if self.plan.relaxes_tiles() { system_tiles::GRIDS - 1 } else { 0 };
-        for n in last_of_system..small {
+        if self.plan.relaxes_tiles() {
+            return self.relaxation_on_tiles(level, &grids, small, update);
+        }
+        for n in 0..small {
             self.halve_grid(level, n, [grids[n], grids[n + 1]]);
         }
         self.coarsest_grids(level, &grids[small..]);
         for n in (0..small).rev() {
-            if self.plan.relaxes_tiles() {
-                self.relax_grid_tiles(level, n, [grids[n], grids[n + 1]]);
-                continue;
-            }
             for sweep in 0..self.plan.settings.relaxation_sweeps {
                 self.relax_grid(level, n, [grids[n], grids[n + 1]], RED, sweep);
                 self.relax_grid(level, n, [grids[n], grids[n + 1]], BLACK, sweep);
             }
         }
-        if self.plan.relaxes_tiles() {
-            return self.relax_tiles(level, update);
-        }
         self.relax_pixels(level);
         self.update(level, update);
+    }
+
+    /// The same on tiles. The finest grid or level of few tiles computes all coarser grids too. With many sweeps it is
+    /// the one that follows the small grids. If even the coarsest grid does not fit, it has a dispatch of its own.
+    fn relaxation_on_tiles(&mut self, level: &Level, grids: &[grid::Place], small: usize, update: &update::Constants) {
+        for n in system_tiles::GRIDS - 1..small {
+            self.halve_grid(level, n, [grids[n], grids[n + 1]]);
+        }
+        let joins = cascade::fits(grids[small].size);
+        // The grids that are relaxed by dispatches of their own.
+        let alone = if joins {
+            let sizes = [level.size].into_iter().chain(grids.iter().map(|grid| grid.size));
+            sizes.take(small + 1).position(|size| self.joins_tiles(size)).unwrap_or(small)
+        } else {
+            self.coarsest_grids(level, &grids[small..]);
+            small
+        };
+        let coarser = |n: usize| {
+            if joins && n == alone { Coarser::joined(&grids[n..], small - n) } else { Coarser::stored(grids[n].first) }
+        };
+        for n in (0..alone).rev() {
+            self.relax_grid_tiles(level, n, grids[n], coarser(n + 1));
+        }
+        self.relax_tiles(level, coarser(0), update);
+    }
+
+    /// Whether a grid or level of this size also relaxes coarser grids that do not fit shared memory.
+    fn joins_tiles(&self, size: [u32; 2]) -> bool {
+        let sweeps = self.plan.settings.relaxation_sweeps;
+        cascade::covers(sweeps) && relax_tiles::has_few_tiles(size, sweeps)
     }
 
     /// Sums the system of the n-th grid up to the next one.
@@ -417,20 +444,20 @@ impl Composer<'_> {
     }
 
     /// All relaxation sweeps on the n-th grid.
-    fn relax_grid_tiles(&mut self, level: &Level, n: usize, [grid, next]: [grid::Place; 2]) {
+    fn relax_grid_tiles(&mut self, level: &Level, n: usize, grid: grid::Place, coarser: Coarser) {
         let ([width, height], settings) = (grid.size, &self.plan.settings);
         let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
-        let (first, next) = (grid.first, next.first);
-        let constants = relax_grid_tiles::Constants { width, height, first, next, sweeps, over_relaxation };
+        let constants =
+            relax_grid_tiles::Constants { width, height, first: grid.first, sweeps, over_relaxation, coarser };
         let bindings = relax_grid_tiles::Bindings {
             equations: slot::GRID_EQUATIONS.read(),
             coarse: slot::GRID_STEPS.read(),
             steps: slot::GRID_STEPS.write(),
         };
-        self.within(level, Over::CoarseTiles(n), bindings, &constants, NO_VARIANT);
+        self.within(level, Over::CoarseTiles(n), bindings, &constants, coarser.variant());
     }
 
-    /// The smallest grids: in shared memory on GPUs if they fit.
+    /// The smallest grids, by one workgroup.
     fn coarsest_grids(&mut self, level: &Level, grids: &[grid::Place]) {
         let ([width, height], settings) = (grids[0].size, &self.plan.settings);
         let constants = coarsest_grids::Constants {
@@ -442,11 +469,6 @@ impl Composer<'_> {
             coarsest_sweeps: coarsest_grids::COARSEST_SWEEPS,
             over_relaxation: settings.over_relaxation as f32,
         };
-        if self.plan.for_gpu && coarsest_grids_shared::takes(grids[0].size) {
-            let (equations, steps) = (slot::GRID_EQUATIONS.read(), slot::GRID_STEPS.write());
-            let bindings = coarsest_grids_shared::Bindings { equations, steps };
-            return self.within(level, Over::One, bindings, &constants, NO_VARIANT);
-        }
         let bindings =
             coarsest_grids::Bindings { equations: slot::GRID_EQUATIONS.update(), steps: slot::GRID_STEPS.update() };
         self.within(level, Over::One, bindings, &constants, NO_VARIANT);
@@ -464,7 +486,7 @@ impl Composer<'_> {
     }
 
     /// All relaxation sweeps on the level, and the update of V.
-    fn relax_tiles(&mut self, level: &Level, update: &update::Constants) {
+    fn relax_tiles(&mut self, level: &Level, coarser: Coarser, update: &update::Constants) {
         let bindings = relax_tiles::Bindings {
             smoothed: slot::SCRATCH.read(),
             weights: slot::WEIGHTS.read(),
@@ -472,9 +494,10 @@ impl Composer<'_> {
             v: slot::relative_blur(level.index).update(),
             state: slot::STATE.update(),
             kept: slot::UNCERTAINTY_TERMS.update(),
+            equations: slot::GRID_EQUATIONS.read(),
         };
-        let constants = relax_tiles::Constants::new(&self.sweeps(level), update);
-        self.within(level, Over::RelaxTiles, bindings, &constants, NO_VARIANT);
+        let constants = relax_tiles::Constants::new(coarser, &self.sweeps(level), update);
+        self.within(level, Over::RelaxTiles, bindings, &constants, coarser.variant());
     }
 
     fn relax_level(&mut self, level: &Level) {

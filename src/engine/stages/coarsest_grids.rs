@@ -61,9 +61,7 @@ pub fn cpu_reference<N: Number>(c: &Constants, grid: &Grid<N>) -> Vec<N> {
     } else {
         (vec![N::default(); size[0] * size[1]], c.coarsest_sweeps)
     };
-    for color in (0..2 * sweeps).map(|half| half % 2) {
-        grid.relax(&mut dv, color as usize, c.over_relaxation.into());
-    }
+    grid.relax_all(&mut dv, sweeps, c.over_relaxation);
     dv
 }
 

@@ -86,6 +86,13 @@ impl<'a, N: Number> Grid<'a, N> {
         Grid { width, height, cells: coarse.into() }
     }
 
+    /// All relaxation sweeps of dV.
+    pub(crate) fn relax_all(&self, dv: &mut [N], sweeps: u32, over_relaxation: f32) {
+        for color in (0..2 * sweeps).map(|half| half % 2) {
+            self.relax(dv, color as usize, over_relaxation.into());
+        }
+    }
+
     /// Relaxes the cells of one color of dV: 0 red, x + y even; 1 black.
     pub fn relax(&self, dv: &mut [N], color: usize, over_relaxation: f64) {
         let (width, height, before) = (self.width, self.height, dv.to_vec());

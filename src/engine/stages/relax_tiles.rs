@@ -1,13 +1,16 @@
 //! All relaxation sweeps on the linear system for dV and the [update](super::update) of V in one dispatch, on tiles
-//! with a halo.
+//! with a halo; if [joined](super::cascade) also those on all grids, before.
 //!
 //! On a GPU the half-sweeps of [`relax`](super::relax) take as long as their traffic and their barriers. A tile is read
 //! once, with a halo as wide as there are half-sweeps, and is relaxed in shared memory. Workgroups compute the halo
 //! again instead of waiting for each other. dV is not stored.
 
+use super::cascade::{self, Coarser};
+use super::grid::FLOATS;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, WORKGROUP, pixels, relax, relax_level, update};
 use crate::engine::shaders;
+use crate::engine::slot::Bound;
 use crate::engine::vulkan::Variant;
 
 /// Width and height of a tile with its halo, pixels.
@@ -18,6 +21,10 @@ const RIGHT_SIDE: usize = shaders::relax_tiles::RIGHT_SIDE as usize;
 
 /// The most relaxation sweeps: with more, less than a quarter of the tile is in its interior.
 const MOST_SWEEPS: u32 = 8;
+
+/// The most tiles of a grid or level that compute the coarser grids. With more tiles, the repeated work costs more than
+/// the dispatches it saves, on navi21 by `tools/gpu-model`.
+const MOST_TILES: u64 = 64;
 
 const _: () = assert!(WORKGROUP[0] * WORKGROUP[1] * 2 * shaders::relaxation_tile::ROWS == SIDE * SIDE);
 
@@ -40,14 +47,27 @@ push_constants! {
     share: f32,
     /// That of [`update`].
     extrapolation: u32,
+    /// The coarser grids, stored or joined.
+    coarser: Coarser,
 }
 
 impl Constants {
-    /// Those of the sweeps and of the update that follows.
-    pub(crate) fn new(relaxation: &relax_level::Constants, update: &update::Constants) -> Self {
+    /// Those of the start, of the sweeps and of the update that follows.
+    pub(crate) fn new(coarser: Coarser, relaxation: &relax_level::Constants, update: &update::Constants) -> Self {
         let &relax_level::Constants { width, height, sweeps, over_relaxation } = relaxation;
         let &update::Constants { largest_step, relative_step, limit, share, extrapolation, .. } = update;
-        Self { width, height, sweeps, over_relaxation, largest_step, relative_step, limit, share, extrapolation }
+        Self {
+            width,
+            height,
+            sweeps,
+            over_relaxation,
+            largest_step,
+            relative_step,
+            limit,
+            share,
+            extrapolation,
+            coarser,
+        }
     }
 
     fn relaxation(&self) -> relax_level::Constants {
@@ -75,6 +95,8 @@ bindings! {
     state: Updates<State>,
     /// The kept step.
     kept: Updates<UncertaintyTerms>,
+    /// Equations of the coarse grids.
+    equations: Reads<GridEquations>,
 }
 
 /// Whether a halo for this number of relaxation sweeps leaves enough of a tile.
@@ -93,25 +115,53 @@ pub(crate) fn tiles(size: [u32; 2], sweeps: u32) -> [u32; 3] {
     [x, y, 1]
 }
 
-/// The pixels of all tiles of a level or a grid, with their halos.
-pub(crate) fn pixels_with_halos(size: [u32; 2], sweeps: u32) -> u64 {
-    let [width, height] = size.map(|side| {
-        let begins = (0..side).step_by(interior(sweeps) as usize);
-        begins.map(|x| (x + SIDE - 2 * sweeps).min(side) - x.saturating_sub(2 * sweeps)).sum()
+/// Whether a grid or level has so few tiles that they all compute the coarser grids.
+pub(crate) fn has_few_tiles(size: [u32; 2], sweeps: u32) -> bool {
+    let [columns, rows, _] = tiles(size, sweeps);
+    pixels(columns, rows) <= MOST_TILES
+}
+
+/// The cells of the n-th grid from a target in all tiles of the target, with their halos: those of `corner_of` in
+/// `cascade.glsl`. With n = 0: the pixels of the target.
+pub(crate) fn pixels_with_halos(target: [u32; 2], n: u32, sweeps: u32) -> u64 {
+    let [width, height] = target.map(|side| {
+        let tiles = (0..side).step_by(interior(sweeps) as usize).map(|x| {
+            let [corner, halo] = [x as i32 - 2 * sweeps as i32, 4 * sweeps as i32 + 2];
+            let corner = if n == 0 { corner } else { (corner >> n & !1) - halo };
+            (corner + SIDE as i32).min(side.div_ceil(1 << n) as i32) - corner.max(0)
+        });
+        tiles.sum::<i32>() as u32
     });
     pixels(width, height)
 }
 
+/// Compulsory traffic of what the tiles of a grid or level start from: dV of the next coarser grid, a quarter of a
+/// number per pixel with the halos. If joined, each tile reads the equations of its tiles of the grids in between, with
+/// their halos, and those of the finest grid in shared memory.
+pub(crate) fn bytes_before(size: [u32; 2], sweeps: u32, coarser: &Coarser) -> u64 {
+    if coarser.small_grids == 0 {
+        return pixels_with_halos(size, 0, sweeps);
+    }
+    let ([columns, rows, _], [width, height]) = (tiles(size, sweeps), cascade::size_of(size, coarser.grids + 1));
+    let in_between: u64 = (1..=coarser.grids).map(|n| pixels_with_halos(size, n, sweeps)).sum();
+    4 * FLOATS as u64 * (in_between + pixels(columns, rows) * pixels(width, height))
+}
+
 impl Pass for Bindings {
-    /// Compulsory traffic: for tiles with their halos, right sides, four weights, and dV of the coarse grid, a quarter
-    /// of a number per pixel; that of [`update`] without dV.
+    /// Compulsory traffic: for tiles with their halos, right sides, four weights and what they start from; that of
+    /// [`update`] without dV.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let update = update::Bindings::bytes(&c.update(), variant) - 4 * pixels(c.width, c.height);
-        13 * pixels_with_halos([c.width, c.height], c.sweeps) + update
+        let size = [c.width, c.height];
+        12 * pixels_with_halos(size, 0, c.sweeps) + bytes_before(size, c.sweeps, &c.coarser) + update
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let start = [0, 1].map(|color| relax::start(memory.numbers(self.coarse), [c.width, c.height], color));
+        let (size, relaxation) = ([c.width, c.height], (c.sweeps, c.over_relaxation));
+        // Never written before, if joined.
+        let steps = memory.numbers_in(self.coarse.slot());
+        let coarse = c.coarser.cpu_reference(size, relaxation, memory.numbers(self.equations), steps);
+        let start = [0, 1].map(|color| relax::start(&coarse, size, color));
         let system = [0, 1].map(|color| memory.system((self.smoothed, RIGHT_SIDE + color), self.weights, color));
         let change = relax_level::cpu_reference(&c.relaxation(), &system, start);
         let (mut v, mut kept) = (memory.take_layer(self.v, 0), memory.take_layer(self.kept, update::KEPT));
@@ -125,84 +175,127 @@ impl Pass for Bindings {
 
 #[cfg(test)]
 mod tests {
+    use super::super::grid::{grids, tests::random_grid};
     use super::super::harness::{Rig, random_field};
-    use super::super::relax::{
-        both, interleaved,
-        tests::{coarse_steps, system},
-    };
+    use super::super::relax::{both, interleaved, tests::system};
     use super::super::state::{DoubleState, State};
     use super::super::{Field, NO_VARIANT};
     use super::*;
     use crate::engine::vulkan::Resource;
 
-    /// The same values as by half-sweeps of `relax` and by `update`, and those of the CPU reference.
+    /// The same values as by half-sweeps of `relax` and by `update`, and those of the CPU reference: from stored dV, and
+    /// from equations of the coarser grids, whose dV has errors of its own.
     #[test]
     fn matches_half_sweeps_and_the_cpu_reference() {
-        for (width, height, sweeps) in
-            [(137usize, 121usize, 3), (64, 16, 3), (17, 18, 1), (2, 2, 3), (200, 53, 8), (53, 104, 3), (105, 52, 2)]
-        {
-            let (system, rig) = (system(width, height), Rig::new());
-            let size @ [columns, rows] = [width as u32, height as u32];
-            let relaxation = relax_level::Constants { width: columns, height: rows, sweeps, over_relaxation: 1.8 };
-            let right_sides = rig.image(&system.each_ref().map(|[right_side, ..]| right_side.clone()));
-            let weights = rig.weights(&interleaved(&system));
-            let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
-            let changes = [0, 1].map(|_| rig.field(&nothing));
-            let (steps, start) = coarse_steps(&rig, width, height);
-            for half in 0..2 * sweeps {
-                let color = half % 2;
-                let [own, other] = [color, 1 - color].map(|color| &changes[color as usize]);
-                let mut resources = [&right_sides, &weights, other, own].map(Resource::Image).to_vec();
-                resources.push(Resource::Buffer(&steps));
-                let variant = if half < 2 { relax::FIRST } else { NO_VARIANT };
-                let rows_at_once = relax::ROWS;
-                let constants =
-                    relax::Constants { width: columns, height: rows, color, rows: rows_at_once, over_relaxation: 1.8 };
-                rig.run_variant(&relax::STAGE, variant, &resources, &constants, relax::tiles(size));
+        for (width, height, sweeps) in [
+            (137usize, 121usize, 3),
+            (64, 16, 3),
+            (17, 18, 1),
+            (2, 2, 3),
+            (200, 53, 8),
+            (60, 41, 8),
+            (53, 104, 3),
+            (105, 52, 2),
+        ] {
+            let places = grids([width as u32, height as u32]);
+            let stored = random_field(width.div_ceil(2), height.div_ceil(2), 30).data;
+            check([width, height], (sweeps, 1e-6), Coarser::stored(0), &[], &stored);
+            let small = places.iter().position(|place| cascade::fits(place.size)).unwrap();
+            if small > 0 && !cascade::covers(sweeps) {
+                continue;
             }
-            let change = relax_level::cpu_reference(&relaxation, &system.each_ref().map(|p| p.each_ref()), start);
-            let [v, mut d] = [1, 2].map(|seed| random_field(width, height, seed));
-            d.data.iter_mut().step_by(3).for_each(|d| *d = 0.0);
-            let kept = random_field(width.div_ceil(2), height.div_ceil(2), 4);
-            let none = Field::zeros(kept.width, kept.height);
-            let state = State { variance: 5.0, ..State::new(&DoubleState::default().registration) };
-            for extrapolation in [0, update::KEEP, update::EXTRAPOLATE] {
-                let (largest_step, relative_step, limit, share) = (0.4, 0.6, 0.9, 0.5);
-                let (width, height) = (columns, rows);
-                let update =
-                    update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation };
-                let [by_tiles, by_halves] = [(); 2].map(|()| {
-                    let layers = [&none, &none, &none, &kept].map(Field::clone);
-                    (rig.field(&v), rig.image(&layers), rig.upload(bytemuck::bytes_of(&state)))
-                });
-                let sides = both(system.each_ref().map(|[right_side, ..]| right_side), v.width);
-                let (d_image, smoothed) = (rig.field(&d), rig.image(&[d.clone(), sides]));
-                let resources = [
-                    Resource::Image(&smoothed),
-                    Resource::Image(&weights),
-                    Resource::Buffer(&steps),
-                    Resource::Image(&by_tiles.0),
-                    Resource::Buffer(&by_tiles.2),
-                    Resource::Image(&by_tiles.1),
-                ];
-                let constants = Constants::new(&relaxation, &update);
-                rig.run_groups(&STAGE, &resources, &constants, tiles(size, sweeps));
-                let mut resources = [&changes[0], &changes[1], &by_halves.0, &d_image].map(Resource::Image).to_vec();
-                resources.extend([Resource::Buffer(&by_halves.2), Resource::Image(&by_halves.1)]);
-                rig.run_groups(&update::STAGE, &resources, &update, update::tiles(size));
-                let (mut v, mut kept) = (v.clone(), kept.clone());
-                let moving = update::cpu_reference(&update, change.each_ref(), &d, 5.0, &mut kept, &mut v);
-                rig.assert_close(&by_tiles.0, &[v], 1e-4);
-                rig.assert_close(&by_tiles.1, &[none.clone(), none.clone(), none.clone(), kept], 1e-4);
-                rig.assert_close(&by_tiles.0, &rig.layers(&by_halves.0), 1e-6);
-                rig.assert_close(&by_tiles.1, &rig.layers(&by_halves.1), 1e-6);
-                let counts = [&by_tiles.2, &by_halves.2].map(|buffer| {
-                    let state: State = rig.value(buffer);
-                    [state.moving, state.moving_far, state.at_limit]
-                });
-                let is_close = |a: [u32; 3]| counts[0].iter().zip(a).all(|(a, b)| a.abs_diff(b) <= 1 + b / 1000);
-                assert!(is_close(counts[1]) && is_close(moving), "{counts:?}, {moving:?}");
+            let (mut grid, mut equations) = (random_grid(places[0].size, 3), Vec::new());
+            for _ in &places {
+                equations.extend_from_slice(grid.cells.as_flattened());
+                grid = grid.halved();
             }
+            check([width, height], (sweeps, 1e-4), Coarser::joined(&places, small), &equations, &[0.0]);
+        }
+    }
+
+    fn check(
+        [width, height]: [usize; 2],
+        (sweeps, tolerance): (u32, f64),
+        coarser: Coarser,
+        equations: &[f64],
+        stored: &[f64],
+    ) {
+        let (system, rig) = (system(width, height), Rig::new());
+        let size @ [columns, rows] = [width as u32, height as u32];
+        let relaxation = relax_level::Constants { width: columns, height: rows, sweeps, over_relaxation: 1.8 };
+        let right_sides = rig.image(&system.each_ref().map(|[right_side, ..]| right_side.clone()));
+        let weights = rig.weights(&interleaved(&system));
+        let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
+        let changes = [0, 1].map(|_| rig.field(&nothing));
+        let coarse = coarser.cpu_reference(size, (sweeps, 1.8), equations, stored);
+        let upload = |numbers: &[f64]| {
+            let numbers: Vec<f32> = numbers.iter().map(|&number| number as f32).collect();
+            rig.upload(bytemuck::cast_slice(&numbers))
+        };
+        let (steps, start) = (upload(&coarse), [0, 1].map(|color| relax::start(&coarse, size, color)));
+        // Vulkan has no empty buffers.
+        let equations = upload(if equations.is_empty() { &[0.0; FLOATS] } else { equations });
+        for half in 0..2 * sweeps {
+            let color = half % 2;
+            let [own, other] = [color, 1 - color].map(|color| &changes[color as usize]);
+            let mut resources = [&right_sides, &weights, other, own].map(Resource::Image).to_vec();
+            resources.push(Resource::Buffer(&steps));
+            let variant = if half < 2 { relax::FIRST } else { NO_VARIANT };
+            let rows_at_once = relax::ROWS;
+            let constants =
+                relax::Constants { width: columns, height: rows, color, rows: rows_at_once, over_relaxation: 1.8 };
+            rig.run_variant(&relax::STAGE, variant, &resources, &constants, relax::tiles(size));
+        }
+        let change = relax_level::cpu_reference(&relaxation, &system.each_ref().map(|p| p.each_ref()), start);
+        let [v, mut d] = [1, 2].map(|seed| random_field(width, height, seed));
+        d.data.iter_mut().step_by(3).for_each(|d| *d = 0.0);
+        let kept = random_field(width.div_ceil(2), height.div_ceil(2), 4);
+        let none = Field::zeros(kept.width, kept.height);
+        let state = State { variance: 5.0, ..State::new(&DoubleState::default().registration) };
+        for extrapolation in [0, update::KEEP, update::EXTRAPOLATE] {
+            let (largest_step, relative_step, limit, share) = (0.4, 0.6, 0.9, 0.5);
+            let (width, height) = (columns, rows);
+            let update = update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation };
+            let [by_tiles, by_halves] = [(); 2].map(|()| {
+                let layers = [&none, &none, &none, &kept].map(Field::clone);
+                (rig.field(&v), rig.image(&layers), rig.upload(bytemuck::bytes_of(&state)))
+            });
+            let sides = both(system.each_ref().map(|[right_side, ..]| right_side), v.width);
+            let (d_image, smoothed) = (rig.field(&d), rig.image(&[d.clone(), sides]));
+            let resources = [
+                Resource::Image(&smoothed),
+                Resource::Image(&weights),
+                Resource::Buffer(&steps),
+                Resource::Image(&by_tiles.0),
+                Resource::Buffer(&by_tiles.2),
+                Resource::Image(&by_tiles.1),
+                Resource::Buffer(&equations),
+            ];
+            let constants = Constants::new(coarser, &relaxation, &update);
+            rig.run_variant(&STAGE, coarser.variant(), &resources, &constants, tiles(size, sweeps));
+            let mut resources = [&changes[0], &changes[1], &by_halves.0, &d_image].map(Resource::Image).to_vec();
+            resources.extend([Resource::Buffer(&by_halves.2), Resource::Image(&by_halves.1)]);
+            rig.run_groups(&update::STAGE, &resources, &update, update::tiles(size));
+            let (mut v, mut kept) = (v.clone(), kept.clone());
+            let moving = update::cpu_reference(&update, change.each_ref(), &d, 5.0, &mut kept, &mut v);
+            rig.assert_close(&by_tiles.0, &[v], 1e-4);
+            rig.assert_close(&by_tiles.1, &[none.clone(), none.clone(), none.clone(), kept], 1e-4);
+            rig.assert_close(&by_tiles.0, &rig.layers(&by_halves.0), tolerance);
+            rig.assert_close(&by_tiles.1, &rig.layers(&by_halves.1), tolerance);
+            let counts = [&by_tiles.2, &by_halves.2].map(|buffer| {
+                let state: State = rig.value(buffer);
+                [state.moving, state.moving_far, state.at_limit]
+            });
+            let is_close = |a: [u32; 3]| counts[0].iter().zip(a).all(|(a, b)| a.abs_diff(b) <= 1 + b / 1000);
+            assert!(is_close(counts[1]) && is_close(moving), "{counts:?}, {moving:?}");
+        }
+    }
+
+    #[test]
+    fn a_grid_of_few_tiles_comes_before_the_small_ones() {
+        for height in [1, 2, 4, 8, 16, 32] {
+            let small = [1024 / height, height];
+            assert!(cascade::fits(small) && has_few_tiles(small.map(|side| 2 * side), 4), "{small:?}");
         }
     }
 
@@ -210,7 +303,9 @@ mod tests {
     fn halos_overlap_their_neighbours_and_end_at_the_border() {
         // Two tiles of 52 px: 58 and 54 px with the halo of 6 px.
         assert_eq!(tiles([100, 52], 3), [2, 1, 1]);
-        assert_eq!(pixels_with_halos([100, 52], 3), (58 + 54) * 52);
+        assert_eq!(pixels_with_halos([100, 52], 0, 3), (58 + 54) * 52);
+        // Of the next grid, of 50 x 26 cells, from -18 to 46 and from 8 on.
+        assert_eq!(pixels_with_halos([100, 52], 1, 3), (46 + 42) * 26);
         assert!(takes(8) && !takes(9));
     }
 }
