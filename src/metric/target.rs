@@ -116,7 +116,7 @@ impl Samples {
             targets.iter().map(|solved| solved.target.depths(lens, &solved.blur)).collect::<Result<_, _>>()?;
         let on_target = depths.iter().flatten().filter(|z| z.is_finite()).count();
         let step = (on_target as f64 / MAX_PIXELS as f64).sqrt().ceil().max(1.0) as usize;
-        let mut pixels = Vec::new();
+        let (mut pixels, mut valid) = (Vec::new(), 0);
         for (target, (solved, depths)) in targets.iter().zip(&depths).enumerate() {
             let sample = |i: usize| {
                 let (z, v, c) = (depths[i], f64::from(solved.blur.values[i]), f64::from(solved.confidence[i]));
@@ -125,17 +125,16 @@ impl Samples {
                 Sample { target, place, x: lens.coordinate(z), z, v, weight }
             };
             let rows = (0..depths.len() / width.max(1)).step_by(step);
-            let own = rows.flat_map(|y| (0..width).step_by(step).map(move |x| y * width + x)).map(sample);
             let first = pixels.len();
-            pixels.extend(own);
-            let valid = pixels[first..].iter().filter(|s: &&Sample| s.weight > 0.0).count();
-            if valid < MIN_PIXELS {
+            pixels.extend(rows.flat_map(|y| (0..width).step_by(step).map(move |x| y * width + x)).map(sample));
+            let own = pixels[first..].iter().filter(|s: &&Sample| s.weight > 0.0).count();
+            if own < MIN_PIXELS {
                 return Err(Error::Region(format!(
-                    "the target has {valid} valid pixels, and {MIN_PIXELS} are needed: give larger regions, or texture on it"
+                    "the target has {own} valid pixels, and {MIN_PIXELS} are needed: give larger regions, or texture on it"
                 )));
             }
+            valid += own;
         }
-        let valid = pixels.iter().filter(|s| s.weight > 0.0).count();
         let scales = targets.iter().map(|solved| solved.scale).collect();
         Ok(Self { size: whole, width: width.div_ceil(step), pixels, valid, scales })
     }
