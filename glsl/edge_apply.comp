@@ -9,6 +9,8 @@ layout(push_constant) uniform Constants {
     int width, height;
     int decided;                     // first number of the decisions
     float spread;                    // σ² of the weights of cells along the edge, px²
+    // On a coarser level than the finest, in place of V its change is stored, and V of the front in place of the sides.
+    int coarse;
 };
 
 #include "edge.glsl"
@@ -81,23 +83,28 @@ void main() {
         }
     }
     if (sum < 1e-3) {
-        imageStore(results, ivec3(x, SIDES), vec4(0.0));
+        if (coarse != 0) {
+            imageStore(relative_blur, ivec3(x, 0), vec4(0.0));
+            imageStore(results, ivec3(x, COARSE_FRONT), vec4(0.0));
+        }
         return;
     }
     float p = near_share / sum;
     levels /= sum;
-    float v = imageLoad(relative_blur, ivec3(x, 0)).r, deviation = imageLoad(results, ivec3(x, 1)).r;
+    int deviation_layer = coarse != 0 ? COARSE_DEVIATION : 1;
+    float v = imageLoad(relative_blur, ivec3(x, 0)).r, deviation = imageLoad(results, ivec3(x, deviation_layer)).r;
     float share = clamp((FARTHEST - sqrt(nearest)) / (FARTHEST - FADING), 0.0, 1.0) * min(1.0, sum / 0.3);
-    v = mix(v, mix(levels.y, levels.x, p), share);
+    float change = share * (mix(levels.y, levels.x, p) - v);
     float mixed = sqrt(max(p * (1.0 - p), 0.0)) * abs(levels.x - levels.y) + mix(levels.w, levels.z, p);
-    imageStore(relative_blur, ivec3(x, 0), vec4(v));
+    v += change;
+    imageStore(relative_blur, ivec3(x, 0), vec4(coarse != 0 ? change : v));
     // By the sign of V, as the fused image takes the photographs.
     float front = near_in_front > 0.5 * sum ? levels.x : levels.y;
     bool fused = levels.x * levels.y < 0.0 && !isnan(deviation);
-    float side = !fused ? 0.0 : v * front > 0.0 ? abs(front) : -abs(front);
-    imageStore(results, ivec3(x, SIDES), vec4(side));
+    float side = !fused ? 0.0 : coarse != 0 ? front : v * front > 0.0 ? abs(front) : -abs(front);
+    imageStore(results, ivec3(x, coarse != 0 ? COARSE_FRONT : SIDES), vec4(side));
     // Where there are no results, both are NaN.
     if (isnan(deviation)) return;
-    imageStore(results, ivec3(x, 0), vec4(v));
-    imageStore(results, ivec3(x, 1), vec4(mix(deviation, mixed, share)));
+    if (coarse == 0) imageStore(results, ivec3(x, 0), vec4(v));
+    imageStore(results, ivec3(x, deviation_layer), vec4(mix(deviation, mixed, share)));
 }

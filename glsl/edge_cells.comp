@@ -9,6 +9,9 @@ layout(push_constant) uniform Constants {
     int width, height;
     int argument_place;              // first word of the workgroups of the passes over edges
     uint tiles_x, tiles_y, cells_x, cells_y, pixels_x, pixels_y;
+    int fused_place;                 // the same of the pixels of the finest level
+    uint fused_x, fused_y;
+    int deviation_layer;
     float least_jump;                // of V, or of u in a sweep
     float share;                     // the least difference of the levels, as a share of the larger |V|
     float largest;                   // the largest |V| of a side: the blur that the searched profile has room for
@@ -32,7 +35,7 @@ float v_at(ivec2 x) {
 }
 
 float deviation_at(ivec2 x) {
-    return imageLoad(results, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 1)).r;
+    return imageLoad(results, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), deviation_layer)).r;
 }
 
 // V and its standard deviation between pixels.
@@ -121,4 +124,6 @@ void main() {
     // All invocations that get here write the same.
     uint groups[9] = uint[](tiles_x, tiles_y, 1, cells_x, cells_y, 1, pixels_x, pixels_y, 1);
     for (int n = 0; n < 9; n++) arguments[argument_place + n] = groups[n];
+    uint fused[3] = uint[](fused_x, fused_y, 1);
+    for (int n = 0; n < 3; n++) arguments[fused_place + n] = fused[n];
 }

@@ -18,6 +18,7 @@ layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
     float centre_x, centre_y;
+    float factor;                    // pixels of the full-size image per pixel of this level
     // Of a sweep: c, px² by squared settings; of the frames, that with the larger setting first: settings and layers.
     float rate, setting1, setting2;
     int layer1, layer2;
@@ -94,14 +95,14 @@ vec2 centre() { return vec2(centre_x, centre_y); }
 float gain_at(vec2 x) {
     if (SWEEP) return 1.0;
     Registration r = state.registration;
-    return r.gain * shading_at(state.applied_shading, (x + displacement_at(r, x, 1.0, centre()) - centre()) / centre());
+    return r.gain * shading_at(state.applied_shading, (x + displacement_at(r, x, factor, centre()) - centre()) / centre());
 }
 
 // I1, or I2 on I1's pixels with I1's brightness, by the gain around the edge.
 float photograph_at(int image, float gain, vec2 x) {
     vec2 last = vec2(width, height) - 1.0;
     x = clamp(x, vec2(0.0), last);
-    if (image == 1 && !SWEEP) x = clamp(x + displacement_at(state.registration, x, 1.0, centre()), vec2(0.0), last);
+    if (image == 1 && !SWEEP) x = clamp(x + displacement_at(state.registration, x, factor, centre()), vec2(0.0), last);
     ivec2 i = ivec2(floor(x));
     vec2 f = x - vec2(i);
     float value = mix(mix(at(image, i), at(image, i + ivec2(1, 0)), f.x),

@@ -22,6 +22,8 @@ layout(push_constant) uniform Constants {
 
 // The least share of what is behind that a pixel's light is divided by: that at a straight rim.
 const float LEAST_SHARE = 0.5;
+// Samples of the front's blur over its σ.
+const float SAMPLES = 4.0;
 // How far the result may be beyond what the other photograph shows there, as a share of the difference of both: room for the
 // texture that is blurred there. Where an outline is a pixel too far out, more than the front's light is subtracted.
 const float MOST_BEYOND = 0.5;
@@ -31,11 +33,12 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     float variance = -imageLoad(results, ivec3(x, SIDES)).r;
     if (!(variance > 0.0)) return;
-    int reach = int(ceil(3.0 * sqrt(variance)));
-    ivec2 low = max(x - reach, ivec2(0)), high = min(x + reach, ivec2(width, height) - 1);
+    // A quarter of σ apart: 25 x 25 samples at most.
+    int apart_by = max(int(ceil(sqrt(variance) / SAMPLES)), 1), reach = int(ceil(3.0 * sqrt(variance)));
+    ivec2 before = min(x, ivec2(reach)) / apart_by, after = min(ivec2(width, height) - 1 - x, ivec2(reach)) / apart_by;
     float sum = 0.0, in_front = 0.0, light = 0.0;
-    for (int j = low.y; j <= high.y; j++) {
-        for (int i = low.x; i <= high.x; i++) {
+    for (int j = x.y - before.y * apart_by; j <= x.y + after.y * apart_by; j += apart_by) {
+        for (int i = x.x - before.x * apart_by; i <= x.x + after.x * apart_by; i += apart_by) {
             vec2 apart = vec2(i, j) - vec2(x);
             float weight = exp(-dot(apart, apart) / (2.0 * variance));
             sum += weight;

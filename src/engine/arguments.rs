@@ -5,7 +5,7 @@
 //! [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles. Before an iteration
 //! that may warp it restores the words of the warping passes, or zeroes them.
 //!
-//! After those of all levels come nine words, the workgroups of the passes over [`Edges`]: zero until
+//! After those of all levels come the workgroups of the passes over [`Edges`]: zero until
 //! [`edge_cells`](super::stages::edge_cells) finds an edge. The last word is [`NOT_CANCELLED`]. The host sets it to
 //! [`CANCELLED`] at any time; `update_transform` then ends its level and all finer ones.
 
@@ -32,21 +32,34 @@ pub(crate) const CANCELLED: u32 = 1;
 /// What a pass over depth edges runs over.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Edges {
-    /// Tiles of `edge_costs`.
-    Tiles,
-    /// Cells.
-    Cells,
-    /// Pixels.
-    Pixels,
+    /// The pixels of the fused image, if any level has an edge.
+    Fused,
+    /// Tiles of `edge_costs` on a level.
+    Tiles(usize),
+    /// Cells of a level.
+    Cells(usize),
+    /// Pixels of a level.
+    Pixels(usize),
+}
+
+impl Edges {
+    /// The coarsest level that is searched for edges.
+    pub(crate) const COARSEST: usize = 2;
+
+    /// The index of its first word, of a solve of `levels` levels.
+    pub(crate) fn word(self, levels: usize) -> usize {
+        let n = match self {
+            Edges::Fused => 0,
+            Edges::Tiles(level) => 1 + 3 * level,
+            Edges::Cells(level) => 2 + 3 * level,
+            Edges::Pixels(level) => 3 + 3 * level,
+        };
+        levels * WORDS + 3 * n
+    }
 }
 
 /// Words of the passes over edges.
-const EDGE_WORDS: usize = 9;
-
-/// The first word of the passes over edges.
-pub(crate) fn edge_place(levels: usize) -> usize {
-    levels * WORDS
-}
+const EDGE_WORDS: usize = 3 + 9 * (Edges::COARSEST + 1);
 
 /// Bytes of the words of `levels` levels, of those of the passes over edges, and of the last word.
 pub(crate) fn bytes(levels: usize) -> u64 {
@@ -100,7 +113,7 @@ impl Grid {
             Grid::Direct(_) => None,
             Grid::Level { level, over } => Some(level * WORDS + 3 * over.index()),
             Grid::IfMoved { level, n } => Some(level * WORDS + GRID_WORDS + 3 * n),
-            Grid::Edges { levels, over } => Some(edge_place(levels) + 3 * over as usize),
+            Grid::Edges { levels, over } => Some(over.word(levels)),
         }
     }
 }

@@ -146,7 +146,7 @@ fn record_entries(
                 let offset = if *levels { std::mem::offset_of!(State, levels) as u64 } else { 0 };
                 recorder.copy_buffer(workspace.buffer(*from), workspace.buffer(*to), offset);
             }
-            Action::Clear { image, layers, .. } => recorder.clear_image(workspace.image(*image), *layers),
+            Action::Clear { image, layers, .. } => recorder.clear_image(workspace.image(*image), layers.clone()),
             Action::Download { layers } => {
                 let (results, to) = (workspace.image(Slot::Stacks), workspace.buffer(Slot::EndMaps));
                 recorder.copy_image_to_buffer(results, 0..*layers, to);

@@ -28,7 +28,7 @@ pub(crate) fn run<'a, N: Executable>(
                 _ => N::run(dispatch, memory),
             },
             Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
-            Action::Clear { image, size, layers } => memory.clear(*image, *size, *layers),
+            Action::Clear { image, size, layers } => memory.clear(*image, *size, layers.clone()),
             // The results are read from the blur stacks.
             Action::Download { .. } => {}
         }

@@ -70,11 +70,11 @@ const PAIRS: [Measured; 4] = [
 fn share_at_edges(over: Edges) -> f64 {
     match over {
         // Rounds of two cells in a workgroup: 0.29 on average, where the compiler counts 8.
-        Edges::Tiles => 0.036,
+        Edges::Tiles(_) => 0.036,
         // Waves with a cell that has an edge.
-        Edges::Cells => 0.21,
+        Edges::Cells(_) => 0.21,
         // Waves within the reach of such a cell.
-        Edges::Pixels => 0.26,
+        Edges::Pixels(_) | Edges::Fused => 0.26,
     }
 }
 
@@ -176,7 +176,7 @@ impl Solve {
     fn dispatch(&self, script: &Script, dispatch: &Dispatch) -> Work {
         let (groups, share) = match dispatch.grid {
             Grid::Direct(groups) => (groups, 1.0),
-            Grid::Edges { over, .. } => (groups_at_edges(script, over), share_at_edges(over)),
+            Grid::Edges { levels, over } => (groups_at_edges(script, levels, over), share_at_edges(over)),
             Grid::Level { .. } | Grid::IfMoved { .. } => {
                 let word = dispatch.grid.word().unwrap();
                 (script.arguments[word..word + 3].try_into().unwrap(), 1.0)
@@ -202,7 +202,7 @@ impl Solve {
         let layer_bytes = |slot: Slot| self.layout.iter().find(|a| a.slot == slot).map_or(0, Allocation::layer_bytes);
         let (name, bytes) = match action {
             Action::Copy { from, to, .. } => ("copy", 2 * bytes(*from).min(bytes(*to))),
-            Action::Clear { image, layers, .. } => ("clear", u64::from(*layers) * layer_bytes(*image)),
+            Action::Clear { image, layers, .. } => ("clear", layers.len() as u64 * layer_bytes(*image)),
             Action::Download { .. } => ("download", 2 * bytes(Slot::EndMaps)),
             Action::Dispatch(_) => unreachable!("it copies nothing"),
         };
@@ -212,10 +212,10 @@ impl Solve {
 }
 
 /// The workgroups of a pass over depth edges, which `edge_cells` writes to the arguments.
-fn groups_at_edges(script: &Script, over: Edges) -> [u32; 3] {
-    let finds = |dispatch: &&Dispatch| dispatch.stage.shader.name == edge_cells::STAGE.shader.name;
-    let constants = &script.dispatches().find(finds).unwrap().constants;
-    let [x, y] = bytemuck::pod_read_unaligned::<edge_cells::Constants>(constants).groups[over as usize];
+fn groups_at_edges(script: &Script, levels: usize, over: Edges) -> [u32; 3] {
+    let found = script.dispatches().filter_map(Dispatch::of::<edge_cells::Bindings>);
+    let mut places = found.flat_map(|(_, constants, _)| constants.places());
+    let (_, [x, y]) = places.find(|(place, _)| *place == over.word(levels)).unwrap();
     [x, y, 1]
 }
 
@@ -366,7 +366,7 @@ mod tests {
         assert_eq!(downloaded, [32e6]);
         // 250 x 250 cells: 32 x 32 workgroups of 8 x 8.
         let edges: Vec<f64> = of(&work, "edge_costs").map(|work| work.waves).collect();
-        assert_eq!(edges, [share_at_edges(Edges::Tiles) * 32.0 * 32.0 * 4.0]);
+        assert_eq!(edges, [share_at_edges(Edges::Tiles(0)) * 32.0 * 32.0 * 4.0]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The order of the passes of a solve, and how a script is composed.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use super::{Action, CpuReference, Dispatch, Entry, Hazards, Part, Script};
 use crate::base::color::LUMINANCE;
@@ -259,11 +260,11 @@ impl<'a> Composer<'a> {
 
     /// Sets V of a level to zero.
     pub(super) fn clear(&mut self, level: &Level) {
-        self.empty(Slot::RelativeBlur { level: level.index }, level.size, 1);
+        self.empty(Slot::RelativeBlur { level: level.index }, level.size, 0..1);
     }
 
-    /// Sets the first layers of an image to zero.
-    pub(super) fn empty(&mut self, image: Slot, size: [u32; 2], layers: u32) {
+    /// Sets layers of an image to zero.
+    pub(super) fn empty(&mut self, image: Slot, size: [u32; 2], layers: Range<u32>) {
         self.push(Action::Clear { image, size, layers });
     }
 

@@ -5,11 +5,13 @@
 
 mod compose;
 mod filters;
+pub(crate) mod outlines;
 mod output_passes;
 mod passes;
 pub(crate) mod sweep;
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use super::arguments::{Grid, Place};
 use super::slot::Slot;
@@ -79,8 +81,8 @@ pub(crate) enum Action {
     Dispatch(Dispatch),
     /// Copies a buffer, or with `levels` only the state of the levels.
     Copy { from: Slot, to: Slot, levels: bool },
-    /// Sets all pixels of the first `layers` layers of an image to zero.
-    Clear { image: Slot, size: [u32; 2], layers: u32 },
+    /// Sets all pixels of these layers of an image to zero.
+    Clear { image: Slot, size: [u32; 2], layers: Range<u32> },
     /// Copies the first `layers` layers of the stacks, the results, into mapped memory.
     Download { layers: u32 },
 }

@@ -2,13 +2,13 @@
 
 use super::compose::{BOTH, Composer};
 use super::passes::single;
-use crate::engine::arguments::{self, Edges, Grid};
-use crate::engine::plan::{Level, MAP_LAYERS};
+use crate::engine::arguments::{Edges, Grid};
+use crate::engine::plan::MAP_LAYERS;
 use crate::engine::slot;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
-    NO_VARIANT, ambiguity, edge, edge_agree, edge_apply, edge_cells, edge_costs, edge_decide, edge_fuse, fuse,
-    linearise, residual, scale_deviation, total_deviation, uncertainty, uncertainty_terms,
+    NO_VARIANT, ambiguity, edge_fuse, fuse, linearise, residual, scale_deviation, total_deviation, uncertainty,
+    uncertainty_terms,
 };
 
 impl Composer<'_> {
@@ -94,54 +94,6 @@ impl Composer<'_> {
         self.over(plan.size, bindings, &total_deviation::Constants::new(plan.size), NO_VARIANT);
     }
 
-    /// V and its standard deviation at depth edges, by the outlines that explain the photographs best.
-    pub(super) fn edges(&mut self) {
-        let (plan, finest) = (self.plan, &self.plan.pyramid[0]);
-        let found = edge_cells::Constants::of_pair(plan.size, arguments::edge_place(plan.solved) as u32);
-        let bindings = edge_costs::Bindings {
-            i1: slot::i1(0).read(),
-            i2: slot::i2(0).read(),
-            v: slot::relative_blur(0).read(),
-            results: slot::RESULTS.update(),
-            state: slot::STATE.read(),
-        };
-        let costs = edge_costs::Constants::of_pair(plan.size, single(finest.centre));
-        self.outlines(finest, plan.solved, &found, edge_apply::SPREAD, |s, tiles| {
-            s.dispatch(bindings, &costs, NO_VARIANT, tiles)
-        });
-    }
-
-    /// Finds the edges of V on a level, or of u of a sweep, and moves their outlines by the costs that `costs` adds. The
-    /// words of the passes are behind those of `levels` levels. `spread`: σ² of the weights of
-    /// cells along an edge, px².
-    pub(super) fn outlines(
-        &mut self,
-        level: &Level,
-        levels: usize,
-        found: &edge_cells::Constants,
-        spread: f32,
-        costs: impl FnOnce(&mut Self, Grid),
-    ) {
-        let (size @ [width, height], v) = (level.size, slot::relative_blur(level.index));
-        let over = |over| Grid::Edges { levels, over };
-        let bindings =
-            edge_cells::Bindings { v: v.read(), results: slot::RESULTS.update(), arguments: slot::ARGUMENTS.write() };
-        self.over(edge::cells(size), bindings, found, NO_VARIANT);
-        costs(self, over(Edges::Tiles));
-        let bindings = edge_decide::Bindings { results: slot::RESULTS.update() };
-        self.dispatch(bindings, &edge_decide::Constants { width, height }, NO_VARIANT, over(Edges::Cells));
-        for n in 0..edge_agree::PASSES {
-            let bindings = edge_agree::Bindings { results: slot::RESULTS.update() };
-            let (from, to) = (edge_agree::place(n), edge_agree::place(n + 1));
-            let constants = edge_agree::Constants { width, height, from, to };
-            self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Cells));
-        }
-        let bindings = edge_apply::Bindings { v: v.update(), results: slot::RESULTS.update() };
-        let decided = edge_agree::place(edge_agree::PASSES);
-        let constants = edge_apply::Constants { width, height, decided, spread };
-        self.dispatch(bindings, &constants, NO_VARIANT, over(Edges::Pixels));
-    }
-
     /// One channel of the fused image, equation 37. Its photographs replace the luminance.
     pub(super) fn fuse(&mut self, channel: u32) {
         let (plan, finest) = (self.plan, &self.plan.pyramid[0]);
@@ -177,7 +129,7 @@ impl Composer<'_> {
                 state: slot::STATE.read(),
             };
             let constants = edge_fuse::Constants { width, height, layer, centre };
-            let grid = Grid::Edges { levels: plan.solved, over: Edges::Pixels };
+            let grid = Grid::Edges { levels: plan.solved, over: Edges::Fused };
             self.dispatch(bindings, &constants, NO_VARIANT, grid);
         }
     }

@@ -2,13 +2,12 @@
 
 use super::Script;
 use super::compose::Composer;
+use super::outlines::Search;
 use crate::base::color::LUMINANCE;
 use crate::engine::arguments::Place;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Slot};
-use crate::engine::stages::{
-    NO_VARIANT, align, copy, edge, edge_cells, edge_costs, half_pair, prolong, system, update,
-};
+use crate::engine::stages::{NO_VARIANT, align, copy, edge, edge_costs, half_pair, prolong, system, update};
 use crate::engine::tiles::NeededCells;
 
 fn script(plan: &Plan, level: usize, fill: impl FnOnce(&mut Composer)) -> Script {
@@ -81,10 +80,10 @@ pub(crate) struct HalfPairs {
 /// Sums the linear systems of all pairs, with one blur stack at a time. `hold`: T and c do not step.
 pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold: bool) -> Script {
     script(plan, level.index, |s| {
-        s.empty(Slot::NormalEquations, level.size, half_pair::LAYERS);
+        s.empty(Slot::NormalEquations, level.size, 0..half_pair::LAYERS);
         // Pixels beyond the listed tiles are read with little weight, but must be numbers, and the same each time.
-        s.empty(Slot::Stacks, plan.size, plan.layers_of(&plan.pyramid[0]));
-        s.empty(Slot::Scratch, plan.size, 1);
+        s.empty(Slot::Stacks, plan.size, 0..plan.layers_of(&plan.pyramid[0]));
+        s.empty(Slot::Scratch, plan.size, 0..1);
         let variant = half_pair::variant(plan.slopes(), hold, plan.projective());
         for HalfPairs { sharper, others, needed } in frames {
             s.want(needed.clone());
@@ -117,44 +116,50 @@ pub(crate) fn step(plan: &Plan, level: &Level, constants: &system::Constants, up
     })
 }
 
-/// Prepares the passes over edges of a level: the standard deviation of u, which is in the place of u, becomes a layer of
-/// the results, and the costs are zero.
-pub(crate) fn begin_outlines(plan: &Plan, level: &Level) -> Script {
-    script(plan, level.index, |s| {
-        s.empty(Slot::Stacks, level.size, edge::LAYERS);
-        let from = slot::relative_blur(level.index).plane().read();
-        let [width, height] = level.size;
-        let bindings = copy::Bindings { from, to: slot::RESULTS.plane().write() };
-        s.over(level.size, bindings, &copy::Constants { width, height, layer: 1 }, NO_VARIANT);
+/// What the search for outlines of u needs on a level.
+pub(crate) struct Outlines<'a> {
+    pub(crate) level: &'a Level,
+    pub(crate) search: Search,
+    /// The frames used.
+    pub(crate) frames: Vec<(u32, align::Constants)>,
+    /// The pairs of them that can show an edge.
+    pub(crate) pairs: Vec<edge_costs::Constants>,
+}
+
+/// Makes what is in the place of u the standard deviation of u, for the search for outlines.
+pub(crate) fn set_deviation(plan: &Plan) -> Script {
+    script(plan, 0, |s| {
+        let (from, to) = (slot::relative_blur(0).plane().read(), slot::RESULTS.plane().write());
+        let [width, height] = plan.size;
+        s.over(plan.size, copy::Bindings { from, to }, &copy::Constants { width, height, layer: 1 }, NO_VARIANT);
     })
 }
 
-/// Moves the outlines of u on a level by the costs of pairs of these frames. `spread`: σ² of the weights of cells along an
-/// edge, px².
-pub(crate) fn outlines(
-    plan: &Plan,
-    level: &Level,
-    frames: &[(u32, align::Constants)],
-    pairs: &[edge_costs::Constants],
-    found: &edge_cells::Constants,
-    spread: f32,
-) -> Script {
-    script(plan, level.index, |s| {
-        for (frame, constants) in frames {
-            s.aligned(level, *frame, constants);
-        }
-        s.outlines(level, 0, found, spread, |s, tiles| {
-            for constants in pairs {
-                let (i1, i2) = slot::ALIGNED_AS_PAIR;
-                let bindings = edge_costs::Bindings {
-                    i1: i1.read(),
-                    i2: i2.read(),
-                    v: slot::relative_blur(level.index).read(),
-                    results: slot::RESULTS.update(),
-                    state: slot::STATE.read(),
-                };
-                s.dispatch(bindings, constants, edge_costs::SWEEP, tiles);
+/// Moves the outlines of u, from the coarsest level to the finest.
+pub(crate) fn outlines(plan: &Plan, levels: &[Outlines]) -> Script {
+    script(plan, 0, |s| {
+        for Outlines { level, search, frames, pairs } in levels {
+            s.next_part();
+            s.place = Place::level(level.index);
+            for (frame, constants) in frames {
+                s.aligned(level, *frame, constants);
             }
-        });
+            for costs in [edge::COSTS, edge::REVERSED_COSTS].map(|n| n as u32) {
+                s.empty(Slot::Stacks, level.size, costs..costs + 1);
+            }
+            s.outlines(level, search, |s, tiles| {
+                for constants in pairs {
+                    let (i1, i2) = slot::ALIGNED_AS_PAIR;
+                    let bindings = edge_costs::Bindings {
+                        i1: i1.read(),
+                        i2: i2.read(),
+                        v: slot::relative_blur(level.index).read(),
+                        results: slot::RESULTS.update(),
+                        state: slot::STATE.read(),
+                    };
+                    s.dispatch(bindings, constants, edge_costs::SWEEP, tiles);
+                }
+            });
+        }
     })
 }

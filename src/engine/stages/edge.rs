@@ -21,6 +21,16 @@ pub(crate) const DECISIONS: usize = edge::DECISIONS as usize;
 /// The layer of the side of each pixel near an accepted outline beyond which V has the other sign: |V| of what is in front,
 /// positive in front and negative behind. 0 elsewhere.
 pub(crate) const SIDES: usize = edge::SIDES as usize;
+/// The layer of the standard deviation of V on a coarser level than the finest.
+pub(crate) const COARSE_DEVIATION: usize = edge::COARSE_DEVIATION as usize;
+/// The layer of V of what is in front near an accepted outline of a coarser level beyond which V has the other sign. 0
+/// elsewhere.
+pub(crate) const COARSE_FRONT: usize = edge::COARSE_FRONT as usize;
+/// The layer of the standard deviation of V, on the finest level or on a coarser one.
+pub(super) fn deviation_layer(finest: bool) -> usize {
+    if finest { 1 } else { COARSE_DEVIATION }
+}
+
 /// Layers of the results that the passes over edges need.
 pub(crate) const LAYERS: u32 = edge::LAYERS;
 /// Displacements of an outline, a pixel apart.
@@ -154,7 +164,8 @@ pub(super) mod testing {
         layers[0] =
             Field::from_fn(width, height, |x, y| if deviation.get(x, y).is_nan() { f64::NAN } else { v.get(x, y) });
         layers[1] = deviation.clone();
-        layers[EDGES] = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(size, 0), &v, &deviation);
+        layers[COARSE_DEVIATION] = deviation.clone();
+        layers[EDGES] = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(0, size, 0, size), &v, &deviation);
         if until > COSTS {
             let photographs = [1, 2].map(|seed| smooth_field(width, height, seed));
             let c = edge_costs::testing::constants(size);

@@ -5,7 +5,7 @@
 //! the outline explains the photographs better than V did, and better than any with the other side in front; if it is well
 //! within the displacements; and if it goes on for some cells.
 
-use super::edge::{self, BACKWARD, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES};
+use super::edge::{self, BACKWARD, COARSE_FRONT, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::{Number, Raster, pixels};
@@ -21,6 +21,8 @@ push_constants! {
     decided: u32,
     /// σ² of the weights of cells along the edge, px².
     spread: f32,
+    /// 0 on the finest level. On others V's change is stored in place of V, and V of the front in place of the sides.
+    coarse: u32,
 }
 
 /// σ² of the weights of cells along the edge for pairs, px².
@@ -29,7 +31,8 @@ pub(crate) const SPREAD: f32 = 4.0;
 bindings! {
     EDGE_APPLY:
     v: Updates<RelativeBlur>,
-    /// Layers: V, its standard deviation; edges, distributions and decisions; sides.
+    /// Layers: V, its standard deviation; edges, distributions and decisions; sides. On a coarser level the deviation
+    /// and V of the front have other layers.
     results: Updates<Results>,
 }
 
@@ -42,8 +45,16 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let layer = |n| memory.layer(self.results, n);
         let outlines = OUTLINES.map(layer);
-        let (v, deviation) = (memory.layer(self.v, 0), layer(1));
-        let [v, deviation, sides] = cpu_reference(c, v, deviation, layer(EDGES), outlines, layer(DECISIONS));
+        let deviation_layer = edge::deviation_layer(c.coarse == 0);
+        let (v, deviation) = (memory.layer(self.v, 0), layer(deviation_layer));
+        let sides = if c.coarse == 0 { layer(SIDES) } else { &Raster::zeros(v.width, v.height) };
+        let [v, deviation, sides] = cpu_reference(c, [v, deviation, sides], layer(EDGES), outlines, layer(DECISIONS));
+        if c.coarse != 0 {
+            memory.set_layer(self.v, 0, v);
+            memory.set_layer(self.results, deviation_layer, deviation);
+            memory.set_layer(self.results, COARSE_FRONT, sides);
+            return;
+        }
         let masked =
             Raster::from_fn(
                 v.width,
@@ -57,17 +68,18 @@ impl Pass for Bindings {
     }
 }
 
-/// V, its standard deviation, and the sides.
+/// V, its standard deviation, and the sides, from those before; on a coarser level the change of V, the deviation, and V of
+/// the front.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
-    v: &Raster<N>,
-    deviation: &Raster<N>,
+    [v, deviation, sides]: [&Raster<N>; 3],
     edges: &Raster<N>,
     outlines: [&Raster<N>; 2],
     decisions: &Raster<N>,
 ) -> [Raster<N>; 3] {
     let size = [c.width, c.height];
-    let mut results = [v.clone(), deviation.clone(), Raster::zeros(v.width, v.height)];
+    let changed = if c.coarse == 0 { v.clone() } else { Raster::zeros(v.width, v.height) };
+    let mut results = [changed, deviation.clone(), sides.clone()];
     let accepted: Vec<Option<(Edge, usize)>> =
         edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
     let ([columns, rows], around) = (edge::cells(size).map(|side| side as usize), shader::AROUND as usize);
@@ -117,14 +129,18 @@ pub(crate) fn cpu_reference<N: Number>(
         let mixed =
             (p * (1.0 - p)).max(0.0).sqrt() * (near - far).abs() + p * near_deviation + (1.0 - p) * far_deviation;
         let (before, deviation) = (v.get(x, y), deviation.get(x, y));
-        let now = before + share * (p * near + (1.0 - p) * far - before);
-        *results[0] = N::of(now);
+        let change = share * (p * near + (1.0 - p) * far - before);
+        let now = before + change;
+        *results[0] = N::of(if c.coarse == 0 { now } else { change });
         *results[1] = N::of(deviation + share * (mixed - deviation));
-        if near * far < 0.0 && !deviation.is_nan() {
-            // By the sign of V, as the fused image takes the photographs.
-            let front = if near_in_front > 0.5 * sum { near } else { far };
-            *results[2] = N::of(front.abs().copysign(now * front));
-        }
+        // By the sign of V, as the fused image takes the photographs.
+        let front = if near_in_front > 0.5 * sum { near } else { far };
+        let fused = near * far < 0.0 && !deviation.is_nan();
+        *results[2] = N::of(match c.coarse {
+            _ if !fused => 0.0,
+            0 => front.abs().copysign(now * front),
+            _ => front,
+        });
     };
     rows::map(results.each_mut().map(Rows::from), |y, [v, deviation, sides]| {
         (0..v.len()).for_each(|x| mixed(x, y, [&mut v[x], &mut deviation[x], &mut sides[x]]));
@@ -180,26 +196,30 @@ mod tests {
         {
             let results = decided(size, levels);
             let [v, _] = solved(width as usize, height as usize, levels);
-            let c = Constants { width, height, decided: 0, spread: SPREAD };
-            let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&results)];
-            let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(size));
-            // √(p (1 - p)) of p within 6e-8 of 1, times a jump of up to 7 px².
-            trial.assert_within(5e-3);
-            let changed = trial.layers(0)[0].data.iter().zip(&v.data).filter(|(a, b)| (*a - *b).abs() > 0.1).count();
-            assert!(changed > 20, "{changed}");
+            for coarse in [0, 1] {
+                let c = Constants { width, height, decided: 0, spread: SPREAD, coarse };
+                let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&results)];
+                let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(size));
+                // √(p (1 - p)) of p within 6e-8 of 1, times a jump of up to 7 px².
+                trial.assert_within(5e-3);
+                let before = |n: usize| if coarse == 0 { v.data[n] } else { 0.0 };
+                let after = &trial.layers(0)[0].data;
+                let changed = (0..after.len()).filter(|&n| (after[n] - before(n)).abs() > 0.1).count();
+                assert!(changed > 20, "{changed}");
+            }
         }
     }
 
     #[test]
     fn what_speaks_for_no_outline_changes_nothing() {
-        let (size, c) = ([67, 41], Constants { width: 67, height: 41, decided: 0, spread: SPREAD });
+        let (size, c) = ([67, 41], Constants { width: 67, height: 41, decided: 0, spread: SPREAD, coarse: 0 });
         let mut results = layers(size, [4.0, -3.0], DECISIONS);
         for cell in edge::all_cells(size) {
             edge::set(&mut results[DECISIONS], cell, 0, &[9.0, 9.0, 1.0, 1.0, shader::ORDER - 0.1, 9.0]);
         }
         let [v, deviation] = solved(67, 41, [4.0, -3.0]);
-        let outlines = OUTLINES.map(|n| &results[n]);
-        let applied = cpu_reference(&c, &v, &deviation, &results[EDGES], outlines, &results[DECISIONS]);
+        let (outlines, before) = (OUTLINES.map(|n| &results[n]), [&v, &deviation, &results[SIDES]]);
+        let applied = cpu_reference(&c, before, &results[EDGES], outlines, &results[DECISIONS]);
         assert!(applied[0] == v);
     }
 }

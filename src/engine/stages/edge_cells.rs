@@ -4,12 +4,19 @@
 //! is where V is halfway between the extremes, its normal the slope of V there. V of a side is a weighted mean along the
 //! normal, from 4 px on, beyond the pixels over which the solve passes from one side to the other.
 
-use super::edge::{self, EDGES, Edge, SIDE, all_cells, between};
+use super::edge::{self, EDGES, Edge, SIDE, all_cells, between, deviation_layer};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, Raster, edge_apply, edge_costs, pixels};
+use crate::engine::arguments::Edges;
 use crate::engine::shaders::edge_cells as shader;
 use crate::engine::vulkan::Variant;
 
+/// The least blur at a jump, px²: each side's in the focus of the other. V differs by twice as much.
+const LEAST_BLUR: f64 = 0.75;
+/// The same on a coarser level than the finest, px² of the level. At less the next finer level finds the jump too, and
+/// sees more: of sweeps, with 0.75 px² here too, 1.0 and 17.8 % of the pixels at a card and at blocks were off by more
+/// than half a frame, with 2 px² 0.4 and 15.6 % (by the earlier price of V as it is).
+const COARSE_BLUR: f64 = 2.0;
 /// The widest jump of u in a sweep, px of blur. Of the frames with at most 4 px² in all at a jump of D px, the two
 /// nearest to each other are D - 2.8 px apart, so that |V| is D (D - 2.8), which must not exceed
 /// [`edge_costs::LARGEST`].
@@ -28,6 +35,12 @@ push_constants! {
     argument_place: u32,
     /// Their workgroups along x and y, if there is an edge: over tiles, over cells, over pixels.
     groups: [[u32; 2]; 3],
+    /// First word of the workgroups of `edge_fuse`.
+    fused_place: u32,
+    /// Its workgroups along x and y, if there is an edge.
+    fused: [u32; 2],
+    /// The layer of the standard deviation.
+    deviation_layer: u32,
     /// The least jump of V, px², or of u in a sweep.
     least_jump: f32,
     /// The least difference of the levels, as a share of the larger |V|.
@@ -43,29 +56,50 @@ push_constants! {
 }
 
 impl Constants {
-    /// Those of a pair.
-    pub(crate) fn of_pair(size @ [width, height]: [u32; 2], argument_place: u32) -> Self {
-        let cells = STAGE.groups(edge::cells(size));
-        let pixels = edge_apply::STAGE.groups(size);
-        let groups = [edge_costs::tiles(size), [cells[0], cells[1]], [pixels[0], pixels[1]]];
-        let shown = [0.0, 0.0, width as f32, height as f32];
-        let (least_jump, share, largest, widest) = (1.5, 0.35, edge_costs::LARGEST, f32::MAX);
-        Self { width, height, argument_place, groups, least_jump, share, largest, widest, uncertain: 0.0, shown }
+    /// Those of a pair on a level of `size`, in a solve of `levels` levels, the finest of `finest`.
+    pub(crate) fn of_pair(level: usize, size @ [width, height]: [u32; 2], levels: usize, finest: [u32; 2]) -> Self {
+        let along = |[x, y, _]: [u32; 3]| [x, y];
+        let pixels = |size| along(edge_apply::STAGE.groups(size));
+        Self {
+            width,
+            height,
+            argument_place: Edges::Tiles(level).word(levels) as u32,
+            groups: [edge_costs::tiles(size), along(STAGE.groups(edge::cells(size))), pixels(size)],
+            fused_place: Edges::Fused.word(levels) as u32,
+            fused: pixels(finest),
+            deviation_layer: deviation_layer(level == 0) as u32,
+            least_jump: 2.0 * least_blur(level) as f32,
+            share: 0.35,
+            largest: edge_costs::LARGEST,
+            widest: f32::MAX,
+            uncertain: 0.0,
+            shown: [0.0, 0.0, width as f32, height as f32],
+        }
     }
 
-    /// Those of a sweep on a level with c px² by squared settings, for jumps of at least `blur` px²: each side's in the
-    /// focus of the other.
-    pub(crate) fn of_sweep(size: [u32; 2], rate: f64, blur: f64, shown: [f32; 4]) -> Self {
-        let pair = Self::of_pair(size, 0);
-        let [least_jump, widest] = [blur.sqrt(), WIDEST].map(|jump| (jump / rate.sqrt()) as f32);
+    /// The first word of the workgroups of each pass, and the workgroups along x and y.
+    pub(crate) fn places(&self) -> [(usize, [u32; 2]); 4] {
+        let [tiles, cells, pixels] = self.groups;
+        let place = self.argument_place as usize;
+        [(self.fused_place as usize, self.fused), (place, tiles), (place + 3, cells), (place + 6, pixels)]
+    }
+
+    /// Those of a sweep on a level with c px² by squared settings.
+    pub(crate) fn of_sweep(level: usize, size: [u32; 2], rate: f64, shown: [f32; 4]) -> Self {
+        let pair = Self::of_pair(level, size, 0, [0; 2]);
+        let [least_jump, widest] = [least_blur(level).sqrt(), WIDEST].map(|jump| (jump / rate.sqrt()) as f32);
         Self { least_jump, uncertain: UNCERTAIN, share: 0.0, largest: f32::MAX, widest, shown, ..pair }
     }
+}
+
+fn least_blur(level: usize) -> f64 {
+    if level == 0 { LEAST_BLUR } else { COARSE_BLUR }
 }
 
 bindings! {
     EDGE_CELLS:
     v: Reads<RelativeBlur>,
-    /// Layers: V, its standard deviation; the edges.
+    /// Layers: the standard deviation of V; the edges.
     results: Updates<Results>,
     arguments: Writes<Arguments>,
 }
@@ -77,13 +111,12 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let edges = cpu_reference(c, memory.layer(self.v, 0), memory.layer(self.results, 1));
+        let edges = cpu_reference(c, memory.layer(self.v, 0), memory.layer(self.results, c.deviation_layer as usize));
         if all_cells([c.width, c.height]).any(|cell| Edge::of(&edges, cell).is_some()) {
-            let words = &mut memory.words_mut(self.arguments)[c.argument_place as usize..];
-            words
-                .iter_mut()
-                .zip(c.groups.iter().flat_map(|&[x, y]| [x, y, 1]))
-                .for_each(|(word, groups)| *word = groups);
+            let words = memory.words_mut(self.arguments);
+            for (place, [x, y]) in c.places() {
+                words[place..place + 3].copy_from_slice(&[x, y, 1]);
+            }
         }
         memory.set_layer(self.results, EDGES, edges);
     }
@@ -206,20 +239,22 @@ mod tests {
             for (v, is_edge) in [(step, true), (random_field(width, height, 1), false), (flat, false)] {
                 let layers = [vec![v.clone(), deviation.clone()], vec![Field::zeros(width, height); 7]].concat();
                 let groups = [[3, 4], [5, 6], [7, 8]];
-                let pair = Constants { argument_place: 2, groups, ..Constants::of_pair(size, 2) };
+                let pair = Constants::of_pair(0, size, 0, size);
+                let pair = Constants { argument_place: 2, groups, fused_place: 12, fused: [2, 1], ..pair };
                 let shown = [0.3 * width as f32, 3.5, 0.9 * width as f32, height as f32 - 9.0];
-                let sweep = Constants::of_sweep(size, 0.4, 2.0, shown);
-                let sweep = Constants { argument_place: 2, groups, uncertain: 0.005, ..sweep };
+                let sweep = Constants { deviation_layer: 1, ..Constants::of_sweep(2, size, 0.4, shown) };
+                let sweep = Constants { argument_place: 2, groups, fused_place: 12, uncertain: 0.005, ..sweep };
                 for c in [pair, sweep] {
                     let inputs =
-                        [Input::Image(std::slice::from_ref(&v)), Input::Image(&layers), Input::Words(&[9; 14])];
+                        [Input::Image(std::slice::from_ref(&v)), Input::Image(&layers), Input::Words(&[9; 16])];
                     let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
                     // Places are up to 96 px, in single precision, from a quotient by the slope.
                     trial.assert_within(1e-4);
                     assert_eq!(count(&trial.layers(1)[EDGES]) > 0, is_edge, "{width} x {height}");
                     let [actual, expected] = trial.words(2);
-                    let set = [9, 9, 3, 4, 1, 5, 6, 1, 7, 8, 1, 9, 9, 9];
-                    assert_eq!([actual, expected], [if is_edge { set } else { [9; 14] }; 2].map(Vec::from));
+                    let [x, y] = c.fused;
+                    let set = [9, 9, 3, 4, 1, 5, 6, 1, 7, 8, 1, 9, x, y, 1, 9];
+                    assert_eq!([actual, expected], [if is_edge { set } else { [9; 16] }; 2].map(Vec::from));
                 }
             }
         }
@@ -233,7 +268,7 @@ mod tests {
             share * near + (1.0 - share) * far
         });
         let deviation = Field::from_fn(64, 48, |x, _| if x > 30 { 0.2 } else { 0.1 });
-        let c = Constants::of_pair([64, 48], 0);
+        let c = Constants::of_pair(0, [64, 48], 0, [64, 48]);
         let edge = Edge::of(&cpu_reference(&c, &v, &deviation), [7, 5]).unwrap();
         assert!((edge.place[0] - 30.3).abs() < 0.1, "{edge:?}");
         assert!((edge.normal[0] - 1.0).abs() < 1e-12 && edge.normal[1].abs() < 1e-12);
@@ -245,7 +280,7 @@ mod tests {
         // In a sweep neither is a jump on which u is certain, a jump that is too wide, or one beyond what frames show.
         let of_sweep = |certain: f64, rate: f64, left: f32| {
             let deviation = Field::from_fn(64, 48, |x, _| if x.abs_diff(30) < 3 { certain * 7.0 } else { 0.1 });
-            let c = Constants::of_sweep([64, 48], rate, 0.75, [left, 0.0, 63.0, 47.0]);
+            let c = Constants::of_sweep(0, [64, 48], rate, [left, 0.0, 63.0, 47.0]);
             count(&cpu_reference(&c, &v, &deviation)) > 0
         };
         let found = [(0.07, 0.5, 0.0), (0.05, 0.5, 0.0), (0.07, 0.7, 0.0), (0.07, 0.5, 31.0)];

@@ -18,6 +18,7 @@ use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
 use super::{Number, Raster, pixels};
 use crate::base::workers;
+use crate::engine::plan::Level;
 use crate::engine::shaders::edge_costs as shader;
 use crate::engine::vulkan::Variant;
 
@@ -28,6 +29,8 @@ push_constants! {
     height: u32,
     /// The image centre, pixels.
     centre: [f32; 2],
+    /// Pixels of the full-size image per pixel of this level.
+    factor: f32,
     /// c of a sweep, px² by squared settings.
     rate: f32,
     /// The settings of two frames, the larger first, relative to the middle setting.
@@ -43,9 +46,10 @@ pub(crate) const SWEEP: Variant = [true, false, false, false];
 pub(crate) const LARGEST: f32 = shader::LARGEST as f32;
 
 impl Constants {
-    /// Those of a pair.
-    pub(crate) fn of_pair([width, height]: [u32; 2], centre: [f32; 2]) -> Self {
-        Self { width, height, centre, rate: 0.0, settings: [0.0; 2], layers: [0; 2] }
+    /// Those of a pair on a level.
+    pub(crate) fn of_pair(level: &Level) -> Self {
+        let ([width, height], centre, factor) = (level.size, level.centre.map(|c| c as f32), level.factor as f32);
+        Self { width, height, centre, factor, rate: 0.0, settings: [0.0; 2], layers: [0; 2] }
     }
 
     /// V between two frames of a sweep where u is in focus.
@@ -476,8 +480,8 @@ pub(super) mod testing {
     use crate::engine::stages::NO_VARIANT;
 
     /// The constants of a pair.
-    pub(in super::super) fn constants(size: [u32; 2]) -> Constants {
-        Constants::of_pair(size, size.map(|side| (side as f32 - 1.0) / 2.0))
+    pub(in super::super) fn constants([width, height]: [u32; 2]) -> Constants {
+        Constants::of_pair(&Level::new(0, width, height, 36.0))
     }
 
     /// The layers of the costs of a pair whose photographs lie on each other, and of the edges.
@@ -581,7 +585,7 @@ mod tests {
             });
             let deviation = Field::from_fn(width, height, |_, _| 0.05);
             let image = [width as u32, height as u32];
-            let edges = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(image, 0), &v, &deviation);
+            let edges = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(0, image, 0, image), &v, &deviation);
             let [costs, reversed, edges] = of_pair(&constants(image), photographs.each_ref(), &v, edges);
             let mut sums = [[0.0; DISPLACEMENTS + 1]; 2];
             let mut place = 0.0;

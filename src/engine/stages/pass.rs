@@ -1,6 +1,7 @@
 //! A pass of a script: typed bindings, push constants, and the CPU reference at work on [`Memory`].
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use bytemuck::Pod;
 
@@ -273,10 +274,13 @@ impl<N: Number> Memory<N> {
         }
     }
 
-    /// Sets the first layers of an image to zero.
-    pub(crate) fn clear(&mut self, image: Slot, [width, height]: [u32; 2], layers: u32) {
-        let blank = Raster::zeros(width as usize, height as usize);
-        self.layers.insert(image, vec![blank; layers as usize]);
+    /// Sets layers of an image to zero.
+    pub(crate) fn clear(&mut self, image: Slot, [width, height]: [u32; 2], layers: Range<u32>) {
+        let all = self.layers.entry(image).or_default();
+        all.resize(all.len().max(layers.end as usize), Raster::default());
+        for layer in &mut all[layers.start as usize..layers.end as usize] {
+            *layer = Raster::zeros(width as usize, height as usize);
+        }
     }
 
     /// Sets the first numbers in a slot to zero.

@@ -361,10 +361,11 @@ impl Recorder {
         self.retain(to.clone());
     }
 
-    /// Sets every texel of the first `layers` layers of an image to zero.
-    pub(crate) fn clear_image(&mut self, image: &Arc<Image>, layers: u32) {
-        debug_assert!(layers <= image.layers);
-        let ranges = [vk::ImageSubresourceRange { layer_count: layers, ..image.all_layers() }];
+    /// Sets every texel of some layers of an image to zero.
+    pub(crate) fn clear_image(&mut self, image: &Arc<Image>, layers: Range<u32>) {
+        debug_assert!(layers.end <= image.layers);
+        let (base_array_layer, layer_count) = (layers.start, layers.end - layers.start);
+        let ranges = [vk::ImageSubresourceRange { base_array_layer, layer_count, ..image.all_layers() }];
         // SAFETY: the command buffer is recording; the image is in the general layout and retained.
         unsafe {
             self.device.handle.cmd_clear_color_image(

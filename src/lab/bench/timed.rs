@@ -138,7 +138,7 @@ pub(super) fn copy_bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     // The first copy commits the memory pages.
     let mut first = Recorder::new(device, Clock::Never)?;
     first.initialize(&[&from, &to]);
-    first.clear_image(&from, 1);
+    first.clear_image(&from, 0..1);
     copy(&mut first)?;
     first.finish()?.run()?;
     let mut recorder = Recorder::new(device, Clock::Dispatches(COPIES))?;

@@ -1,0 +1,35 @@
+#version 460
+// V and its standard deviation on a coarser level, for the search for outlines there. CPU reference:
+// src/engine/stages/edge_coarsen.rs.
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 1, r32f) uniform writeonly image2DArray coarse;
+layout(binding = 2, r32f) uniform image2DArray results;   // layers: the standard deviation; the same on the coarser level
+layout(push_constant) uniform Constants {
+    int width, height;                   // of the coarser level
+    int fine_width, fine_height;
+    int pixels;                          // of the finest level along a pixel of the coarser one
+    float gain;                          // V here by V of the finest: 1/pixels², or 1 for values without pixels
+};
+
+#include "edge.glsl"
+
+void main() {
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy), last = ivec2(fine_width, fine_height) - 1;
+    if (x.x >= width || x.y >= height) return;
+    vec2 sums = vec2(0.0), weights = vec2(0.0);
+    for (int j = 1 - pixels; j < pixels; j++) {
+        for (int i = 1 - pixels; i < pixels; i++) {
+            ivec2 at = clamp(pixels * x + ivec2(i, j), ivec2(0), last);
+            float weight = float((pixels - abs(i)) * (pixels - abs(j)));
+            float deviation = imageLoad(results, ivec3(at, 1)).r;
+            bool known = !isnan(deviation);
+            sums += weight * vec2(imageLoad(relative_blur, ivec3(at, 0)).r, known ? deviation : 0.0);
+            weights += weight * vec2(1.0, known);
+        }
+    }
+    const float NONE = uintBitsToFloat(0x7fc00000u);
+    imageStore(coarse, ivec3(x, 0), vec4(gain * sums.x / weights.x));
+    imageStore(results, ivec3(x, COARSE_DEVIATION), vec4(weights.y > 0.0 ? gain * sums.y / weights.y : NONE));
+}

@@ -1,0 +1,111 @@
+//! Computes V and its standard deviation on a coarser level from those of the finest one, for the search for outlines there.
+//!
+//! Both are means under a tent of two pixels of the coarser level on either side. The deviation is NaN where it is NaN on
+//! all of them, so that excluded areas do not grow.
+
+use super::edge::COARSE_DEVIATION;
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::{Number, Raster, pixels};
+use crate::engine::plan::Level;
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width of the coarser level, pixels.
+    width: u32,
+    /// Height of the coarser level, pixels.
+    height: u32,
+    /// Width and height of the finest level, pixels.
+    finest: [u32; 2],
+    /// Pixels of the finest level along a pixel of the coarser one.
+    pixels: u32,
+    /// V of the coarser level by V of the finest: 1/pixels², or 1 for values that do not depend on the size of pixels.
+    gain: f32,
+}
+
+impl Constants {
+    /// Those of a level. `scales`: V depends on the size of pixels.
+    pub(crate) fn new(level: &Level, finest: [u32; 2], scales: bool) -> Self {
+        let ([width, height], pixels) = (level.size, 1 << level.index);
+        Self { width, height, finest, pixels, gain: if scales { 1.0 / (pixels * pixels) as f32 } else { 1.0 } }
+    }
+}
+
+bindings! {
+    EDGE_COARSEN:
+    /// V of the finest level.
+    v: Reads<RelativeBlur>,
+    /// V of the coarser level.
+    coarse: Writes<RelativeBlur>,
+    /// Layers: the standard deviation of V; the same on the coarser level.
+    results: Updates<Results>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: V and its deviation read, both written on the coarser level.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        8 * (pixels(c.finest[0], c.finest[1]) + pixels(c.width, c.height))
+    }
+
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+        let [v, deviation] = cpu_reference(c, memory.layer(self.v, 0), memory.layer(self.results, 1));
+        memory.set_layer(self.coarse, 0, v);
+        memory.set_layer(self.results, COARSE_DEVIATION, deviation);
+    }
+}
+
+/// V and its standard deviation on the coarser level.
+pub(crate) fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, deviation: &Raster<N>) -> [Raster<N>; 2] {
+    [v, deviation].map(|field| {
+        let reach = c.pixels as isize - 1;
+        Raster::from_fn(c.width as usize, c.height as usize, |x, y| {
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for (j, i) in (-reach..=reach).flat_map(|j| (-reach..=reach).map(move |i| (j, i))) {
+                let [x, y] = [(x, i), (y, j)].map(|(x, i)| (c.pixels as usize * x) as isize + i);
+                let (value, share) = (field.clamped(x, y), ((reach + 1 - i.abs()) * (reach + 1 - j.abs())) as f64);
+                if !value.is_nan() {
+                    (sum, weight) = (sum + share * value, weight + share);
+                }
+            }
+            f64::from(c.gain) * sum / weight
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Field;
+    use super::super::edge::LAYERS;
+    use super::super::harness::{Input, Trial, random_field};
+    use super::*;
+    use crate::engine::stages::NO_VARIANT;
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        for (index, width, height) in [(1, 37, 21), (2, 37, 22), (2, 3, 2)] {
+            let level = Level::new(index, width, height, 16.0);
+            let [v, deviation] = [1, 2].map(|seed| random_field(width as usize, height as usize, seed));
+            let excluded = |x: usize, y: usize| x > 8 && y < 14;
+            let deviation = Field::from_fn(deviation.width, deviation.height, |x, y| {
+                if excluded(x, y) { f64::NAN } else { deviation.get(x, y) }
+            });
+            let mut layers = vec![Field::zeros(v.width, v.height); LAYERS as usize];
+            layers[1] = deviation;
+            let c = Constants::new(&level, [width, height], index == 1);
+            let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Unread, Input::Image(&layers)];
+            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(level.size)).assert_within(1e-6);
+        }
+    }
+
+    #[test]
+    fn a_plane_is_the_same_on_a_coarser_level_and_nan_does_not_spread() {
+        let v = Field::from_fn(37, 22, |x, y| x as f64 - 2.0 * y as f64);
+        let deviation = Field::from_fn(37, 22, |x, y| if x > 20 && y > 7 { f64::NAN } else { 1.0 });
+        let c = Constants { width: 19, height: 11, finest: [37, 22], pixels: 2, gain: 0.25 };
+        let [v, deviation] = cpu_reference(&c, &v, &deviation);
+        // Away from the border, where pixels are repeated.
+        let is_plane = |x: usize, y: usize| (v.get(x, y) - 0.5 * x as f64 + y as f64).abs() < 1e-12;
+        assert!((1..18).all(|x| (1..10).all(|y| is_plane(x, y))));
+        assert!((0..19).all(|x| (0..11).all(|y| deviation.get(x, y).is_nan() == (x > 10 && y > 4))));
+        assert_eq!(deviation.get(10, 4), 0.25);
+    }
+}
