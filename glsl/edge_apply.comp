@@ -9,7 +9,10 @@ layout(push_constant) uniform Constants {
     int width, height;
     int decided;                     // first number of the decisions
     float spread;                    // σ² of the weights of cells along the edge, px²
-    // On a coarser level than the finest, in place of V its change is stored, and V of the front in place of the sides.
+    // What must speak for an outline, in units of cost per cell, over V as it is; and the cells that continue the edge.
+    float least_gain, least_length;
+    // Not 0 on a coarser level than the finest: V and the deviation are those of the outlines, and V of the front and the
+    // share by which they count have layers of their own.
     int coarse;
 };
 
@@ -17,9 +20,9 @@ layout(push_constant) uniform Constants {
 
 // Cells in each direction that an outline is taken from.
 const int AROUND = 4;
-// What must speak for an outline, in units of cost per cell: over V as it is, and over the other order; the share of
-// cells whose outline is well within the displacements; and the cells that continue the edge.
-const float GAIN = 0.0, ORDER = 3.0, WITHIN = 0.9, LENGTH = 4.0;
+// What must speak for an outline over the other order, in units of cost per cell; and the share of cells whose outline is
+// well within the displacements.
+const float ORDER = 3.0, WITHIN = 0.9;
 // The farthest pixels that change, px from where V was halfway, and from where on they change less.
 const float FARTHEST = 13.0, FADING = 9.0;
 // σ² of the weights of cells by the pixel's distance from the edge, px².
@@ -35,8 +38,8 @@ int order_of(ivec2 cell) {
     if (number_of(cell, EDGES, 0) == 0.0) return 0;
     float margin = number_of(cell, DECISIONS, decided + 4);
     int reversed = margin < 0.0 ? 1 : 0;
-    bool accepted = abs(margin) > ORDER && number_of(cell, DECISIONS, decided + reversed) > GAIN
-        && number_of(cell, DECISIONS, decided + 2 + reversed) > WITHIN && number_of(cell, DECISIONS, decided + 5) > LENGTH;
+    bool accepted = abs(margin) > ORDER && number_of(cell, DECISIONS, decided + reversed) > least_gain
+        && number_of(cell, DECISIONS, decided + 2 + reversed) > WITHIN && number_of(cell, DECISIONS, decided + 5) > least_length;
     return accepted ? 1 + reversed : 0;
 }
 
@@ -84,8 +87,8 @@ void main() {
     }
     if (sum < 1e-3) {
         if (coarse != 0) {
-            imageStore(relative_blur, ivec3(x, 0), vec4(0.0));
             imageStore(results, ivec3(x, COARSE_FRONT), vec4(0.0));
+            imageStore(results, ivec3(x, COARSE_SHARE), vec4(0.0));
         }
         return;
     }
@@ -94,17 +97,23 @@ void main() {
     int deviation_layer = coarse != 0 ? COARSE_DEVIATION : 1;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, deviation = imageLoad(results, ivec3(x, deviation_layer)).r;
     float share = clamp((FARTHEST - sqrt(nearest)) / (FARTHEST - FADING), 0.0, 1.0) * min(1.0, sum / 0.3);
-    float change = share * (mix(levels.y, levels.x, p) - v);
+    float outlined = mix(levels.y, levels.x, p);
     float mixed = sqrt(max(p * (1.0 - p), 0.0)) * abs(levels.x - levels.y) + mix(levels.w, levels.z, p);
-    v += change;
-    imageStore(relative_blur, ivec3(x, 0), vec4(coarse != 0 ? change : v));
     // By the sign of V, as the fused image takes the photographs.
     float front = near_in_front > 0.5 * sum ? levels.x : levels.y;
     bool fused = levels.x * levels.y < 0.0 && !isnan(deviation);
-    float side = !fused ? 0.0 : coarse != 0 ? front : v * front > 0.0 ? abs(front) : -abs(front);
-    imageStore(results, ivec3(x, coarse != 0 ? COARSE_FRONT : SIDES), vec4(side));
+    if (coarse != 0) {
+        imageStore(relative_blur, ivec3(x, 0), vec4(outlined));
+        imageStore(results, ivec3(x, COARSE_DEVIATION), vec4(mixed));
+        imageStore(results, ivec3(x, COARSE_FRONT), vec4(fused ? front : 0.0));
+        imageStore(results, ivec3(x, COARSE_SHARE), vec4(isnan(deviation) ? 0.0 : share));
+        return;
+    }
+    v = mix(v, outlined, share);
+    imageStore(relative_blur, ivec3(x, 0), vec4(v));
+    imageStore(results, ivec3(x, SIDES), vec4(!fused ? 0.0 : v * front > 0.0 ? abs(front) : -abs(front)));
     // Where there are no results, both are NaN.
     if (isnan(deviation)) return;
-    if (coarse == 0) imageStore(results, ivec3(x, 0), vec4(v));
-    imageStore(results, ivec3(x, deviation_layer), vec4(mix(deviation, mixed, share)));
+    imageStore(results, ivec3(x, 0), vec4(v));
+    imageStore(results, ivec3(x, 1), vec4(mix(deviation, mixed, share)));
 }

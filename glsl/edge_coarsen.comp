@@ -10,6 +10,7 @@ layout(push_constant) uniform Constants {
     int width, height;                   // of the coarser level
     int fine_width, fine_height;
     int pixels;                          // of the finest level along a pixel of the coarser one
+    int apart;                           // distance of the samples, pixels of the finest level
     float gain;                          // V here by V of the finest: 1/pixels², or 1 for values without pixels
 };
 
@@ -21,7 +22,7 @@ void main() {
     vec2 sums = vec2(0.0), weights = vec2(0.0);
     for (int j = 1 - pixels; j < pixels; j++) {
         for (int i = 1 - pixels; i < pixels; i++) {
-            ivec2 at = clamp(pixels * x + ivec2(i, j), ivec2(0), last);
+            ivec2 at = clamp(pixels * x + apart * ivec2(i, j), ivec2(0), last);
             float weight = float((pixels - abs(i)) * (pixels - abs(j)));
             float deviation = imageLoad(results, ivec3(at, 1)).r;
             bool known = !isnan(deviation);

@@ -3,44 +3,51 @@
 // src/engine/stages/edge_refine.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform readonly image2DArray change;        // of V on the coarser level
+layout(binding = 0, r32f) uniform readonly image2DArray coarse;   // V of the coarser level by its outlines
 layout(binding = 1, r32f) uniform image2DArray relative_blur;
-// Layers: V, its standard deviation; sides; on the coarser level the deviation, and V of the front.
+// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the front, and how far V is to change.
 layout(binding = 2, r32f) uniform image2DArray results;
 layout(push_constant) uniform Constants {
     int width, height;                   // of the coarser level
     int fine_width, fine_height;
     int pixels;                          // of the finest level along a pixel of the coarser one
+    int apart;
     float gain;                          // V here by V of the finest: 1/pixels², or 1 for values without pixels
 };
 
 #include "edge.glsl"
 
+// A number at four neighbours.
+vec4 four(int layer, ivec2 low, ivec2 high) {
+    return vec4(imageLoad(results, ivec3(low, layer)).r, imageLoad(results, ivec3(high.x, low.y, layer)).r,
+                imageLoad(results, ivec3(low.x, high.y, layer)).r, imageLoad(results, ivec3(high, layer)).r);
+}
+
 void main() {
     ivec2 low = ivec2(gl_GlobalInvocationID.xy);
     if (low.x >= width || low.y >= height) return;
     ivec2 high = min(low + 1, ivec2(width, height) - 1);
-    vec4 changes = vec4(imageLoad(change, ivec3(low, 0)).r, imageLoad(change, ivec3(high.x, low.y, 0)).r,
-                        imageLoad(change, ivec3(low.x, high.y, 0)).r, imageLoad(change, ivec3(high, 0)).r);
-    if (changes == vec4(0.0)) return;
-    ivec3 d = ivec3(0, 0, COARSE_DEVIATION);
-    vec4 deviations = vec4(imageLoad(results, ivec3(low, 0) + d).r, imageLoad(results, ivec3(high.x, low.y, 0) + d).r,
-                           imageLoad(results, ivec3(low.x, high.y, 0) + d).r, imageLoad(results, ivec3(high, 0) + d).r);
-    if (any(isnan(deviations))) return;
+    vec4 shares = four(COARSE_SHARE, low, high);
+    if (shares == vec4(0.0)) return;
+    bvec4 changes = greaterThan(shares, vec4(0.0));
+    vec4 v_coarse = vec4(imageLoad(coarse, ivec3(low, 0)).r, imageLoad(coarse, ivec3(high.x, low.y, 0)).r,
+                         imageLoad(coarse, ivec3(low.x, high.y, 0)).r, imageLoad(coarse, ivec3(high, 0)).r) / gain;
+    // Where nothing changes, the deviation may be NaN.
+    vec4 deviations = mix(vec4(0.0), four(COARSE_DEVIATION, low, high), changes) / gain;
     float front = imageLoad(results, ivec3(low, COARSE_FRONT)).r / gain;
     for (int n = 0; n < pixels * pixels; n++) {
         ivec2 step = ivec2(n % pixels, n / pixels), x = pixels * low + step;
         if (x.x >= fine_width || x.y >= fine_height) continue;
         vec2 f = vec2(step) / float(pixels);
-        vec4 shares = vec4((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y);
-        float more = dot(shares, changes) / gain, deviation = imageLoad(results, ivec3(x, 1)).r;
-        if (more == 0.0) continue;
-        float v = imageLoad(relative_blur, ivec3(x, 0)).r + more;
+        vec4 weights = shares * vec4((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y);
+        float share = dot(weights, vec4(1.0)), deviation = imageLoad(results, ivec3(x, 1)).r;
+        if (share == 0.0) continue;
+        float v = mix(imageLoad(relative_blur, ivec3(x, 0)).r, dot(weights, v_coarse) / share, share);
         imageStore(relative_blur, ivec3(x, 0), vec4(v));
         // Where there are no results, both are NaN.
         if (isnan(deviation)) continue;
         imageStore(results, ivec3(x, 0), vec4(v));
-        imageStore(results, ivec3(x, 1), vec4(dot(shares, deviations) / gain));
+        imageStore(results, ivec3(x, 1), vec4(mix(deviation, dot(weights, deviations) / share, share)));
         imageStore(results, ivec3(x, SIDES), vec4(v * front > 0.0 ? abs(front) : -abs(front)));
     }
 }

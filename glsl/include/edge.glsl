@@ -5,9 +5,10 @@ const int SIDE = 4;                  // of a cell, pixels
 // Layers: costs of the outlines with the near side in front, and with the far side in front; the edges; the distributions
 // of the outline's place in both orders; the decisions. SIDES, per pixel near an accepted outline across which V
 // changes sign: |V| of the front, positive in front, negative behind; 0 elsewhere. It stays for the fused image. On a
-// coarser level, in their corners: the standard deviation, and V of the front near such outlines.
+// coarser level, in their corners: the standard deviation, V of the front near such outlines, and how far V is to change
+// to that of the outlines, 0 to 1.
 const int COSTS = 3, REVERSED_COSTS = 4, EDGES = 5, OUTLINES = 6, REVERSED_OUTLINES = 7, DECISIONS = 8, SIDES = 9;
-const int COARSE_DEVIATION = 10, COARSE_FRONT = 11, LAYERS = 12;
+const int COARSE_DEVIATION = 10, COARSE_FRONT = 11, COARSE_SHARE = 12, LAYERS = 13;
 // Displacements of an outline towards the side in front, px: from -BACKWARD on.
 const int BACKWARD = 4, DISPLACEMENTS = 15;
 // The cost of V as it is, behind those of the outlines.

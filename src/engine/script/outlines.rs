@@ -10,15 +10,32 @@ use crate::engine::stages::{
     NO_VARIANT, edge, edge_agree, edge_apply, edge_cells, edge_coarsen, edge_costs, edge_decide, edge_refine,
 };
 
+/// σ² of the weights of cells along an edge of a pair, px².
+const SPREAD: f32 = 4.0;
+/// By how much an outline of a pair must cost less than V as it is on a coarser level than the finest, per cell. True
+/// outlines of generated scenes cost 9 to 70 less.
+const COARSE_GAIN: f32 = 8.0;
+/// The cells that must continue an edge of a pair there.
+const COARSE_LENGTH: f32 = 3.0;
+
 /// How the edges of V, or of u of a sweep, are found on a level, and their outlines moved.
 pub(crate) struct Search {
+    pub(crate) scaled: edge_coarsen::Constants,
     pub(crate) found: edge_cells::Constants,
     /// σ² of the weights of cells along an edge, px².
     pub(crate) spread: f32,
+    /// By how much an outline must cost less than V as it is, per cell.
+    pub(crate) gain: f32,
+    /// The cells that must continue an edge.
+    pub(crate) length: f32,
     /// The levels of the solve; 0 for a sweep, whose levels have no words of their own.
     pub(crate) levels: usize,
-    /// Whether V depends on the size of pixels, as u of a sweep does not.
-    pub(crate) scales: bool,
+}
+
+impl Search {
+    /// By how much an outline must cost less than V as it is, and the cells that must continue an edge, where much is
+    /// known of V: noise of V makes shorter edges.
+    pub(crate) const LEAST: (f32, f32) = (0.0, 4.0);
 }
 
 impl Composer<'_> {
@@ -36,7 +53,9 @@ impl Composer<'_> {
         };
         for level in plan.pyramid.iter().filter(is_searched).rev() {
             let found = edge_cells::Constants::of_pair(level.index, level.size, plan.solved, plan.size);
-            let search = Search { found, spread: edge_apply::SPREAD, levels: plan.solved, scales: true };
+            let scaled = edge_coarsen::Constants::of_pair(level, plan.size);
+            let (gain, length) = if level.index == 0 { Search::LEAST } else { (COARSE_GAIN, COARSE_LENGTH) };
+            let search = Search { scaled, found, spread: SPREAD, gain, length, levels: plan.solved };
             self.outlines(level, &search, |s, tiles| {
                 let bindings = edge_costs::Bindings {
                     i1: slot::i1(level.index).read(),
@@ -57,10 +76,9 @@ impl Composer<'_> {
         let (finest, results) = (slot::relative_blur(0), slot::RESULTS.update());
         let over = |over| Grid::Edges { levels: search.levels, over };
         let (cells, pixels) = (over(Edges::Cells(level.index)), over(Edges::Pixels(level.index)));
-        let scaled = edge_coarsen::Constants::new(level, self.plan.size, search.scales);
         if level.index > 0 {
             let bindings = edge_coarsen::Bindings { v: finest.read(), coarse: v.write(), results };
-            self.over(size, bindings, &scaled, NO_VARIANT);
+            self.over(size, bindings, &search.scaled, NO_VARIANT);
         }
         let bindings = edge_cells::Bindings { v: v.read(), results, arguments: slot::ARGUMENTS.write() };
         self.over(edge::cells(size), bindings, &search.found, NO_VARIANT);
@@ -73,12 +91,13 @@ impl Composer<'_> {
             self.dispatch(bindings, &edge_agree::Constants { width, height, from, to }, NO_VARIANT, cells);
         }
         let bindings = edge_apply::Bindings { v: v.update(), results };
-        let (decided, spread, coarse) =
-            (edge_agree::place(edge_agree::PASSES), search.spread, u32::from(level.index > 0));
-        self.dispatch(bindings, &edge_apply::Constants { width, height, decided, spread, coarse }, NO_VARIANT, pixels);
+        let (decided, coarse) = (edge_agree::place(edge_agree::PASSES), u32::from(level.index > 0));
+        let &Search { spread, gain, length, .. } = search;
+        let constants = edge_apply::Constants { width, height, decided, spread, gain, length, coarse };
+        self.dispatch(bindings, &constants, NO_VARIANT, pixels);
         if level.index > 0 {
-            let bindings = edge_refine::Bindings { change: v.read(), v: finest.update(), results };
-            self.dispatch(bindings, &scaled, NO_VARIANT, pixels);
+            let bindings = edge_refine::Bindings { coarse: v.read(), v: finest.update(), results };
+            self.dispatch(bindings, &search.scaled, NO_VARIANT, pixels);
         }
     }
 }

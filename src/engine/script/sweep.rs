@@ -126,11 +126,12 @@ pub(crate) struct Outlines<'a> {
     pub(crate) pairs: Vec<edge_costs::Constants>,
 }
 
-/// Makes what is in the place of u the standard deviation of u, for the search for outlines.
-pub(crate) fn set_deviation(plan: &Plan) -> Script {
+/// Begins the search for outlines: what is in the place of u becomes the standard deviation of u.
+pub(crate) fn begin_outlines(plan: &Plan) -> Script {
     script(plan, 0, |s| {
         let (from, to) = (slot::relative_blur(0).plane().read(), slot::RESULTS.plane().write());
         let [width, height] = plan.size;
+        s.empty(Slot::Stacks, plan.size, 0..edge::LAYERS);
         s.over(plan.size, copy::Bindings { from, to }, &copy::Constants { width, height, layer: 1 }, NO_VARIANT);
     })
 }

@@ -26,6 +26,8 @@ pub(crate) const COARSE_DEVIATION: usize = edge::COARSE_DEVIATION as usize;
 /// The layer of V of what is in front near an accepted outline of a coarser level beyond which V has the other sign. 0
 /// elsewhere.
 pub(crate) const COARSE_FRONT: usize = edge::COARSE_FRONT as usize;
+/// The layer of how far V is to change to that of the outlines of a coarser level, 0 to 1.
+pub(crate) const COARSE_SHARE: usize = edge::COARSE_SHARE as usize;
 /// The layer of the standard deviation of V, on the finest level or on a coarser one.
 pub(super) fn deviation_layer(finest: bool) -> usize {
     if finest { 1 } else { COARSE_DEVIATION }

@@ -5,7 +5,7 @@
 //! the outline explains the photographs better than V did, and better than any with the other side in front; if it is well
 //! within the displacements; and if it goes on for some cells.
 
-use super::edge::{self, BACKWARD, COARSE_FRONT, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES};
+use super::edge::{self, BACKWARD, COARSE_FRONT, COARSE_SHARE, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::{Number, Raster, pixels};
@@ -21,18 +21,19 @@ push_constants! {
     decided: u32,
     /// σ² of the weights of cells along the edge, px².
     spread: f32,
-    /// 0 on the finest level. On others V's change is stored in place of V, and V of the front in place of the sides.
+    /// By how much an outline must cost less than V as it is, per cell.
+    gain: f32,
+    /// The cells that must continue the edge, with the cell itself.
+    length: f32,
+    /// 0 on the finest level. On others V and the deviation become those of the outlines, and V of the front and the
+    /// share by which they count have layers of their own.
     coarse: u32,
 }
-
-/// σ² of the weights of cells along the edge for pairs, px².
-pub(crate) const SPREAD: f32 = 4.0;
 
 bindings! {
     EDGE_APPLY:
     v: Updates<RelativeBlur>,
-    /// Layers: V, its standard deviation; edges, distributions and decisions; sides. On a coarser level the deviation
-    /// and V of the front have other layers.
+    /// Layers: V, its standard deviation; edges, distributions and decisions; sides. On a coarser level others.
     results: Updates<Results>,
 }
 
@@ -48,11 +49,13 @@ impl Pass for Bindings {
         let deviation_layer = edge::deviation_layer(c.coarse == 0);
         let (v, deviation) = (memory.layer(self.v, 0), layer(deviation_layer));
         let sides = if c.coarse == 0 { layer(SIDES) } else { &Raster::zeros(v.width, v.height) };
-        let [v, deviation, sides] = cpu_reference(c, [v, deviation, sides], layer(EDGES), outlines, layer(DECISIONS));
+        let [v, deviation, sides, share] =
+            cpu_reference(c, [v, deviation, sides], layer(EDGES), outlines, layer(DECISIONS));
         if c.coarse != 0 {
             memory.set_layer(self.v, 0, v);
             memory.set_layer(self.results, deviation_layer, deviation);
             memory.set_layer(self.results, COARSE_FRONT, sides);
+            memory.set_layer(self.results, COARSE_SHARE, share);
             return;
         }
         let masked =
@@ -68,18 +71,17 @@ impl Pass for Bindings {
     }
 }
 
-/// V, its standard deviation, and the sides, from those before; on a coarser level the change of V, the deviation, and V of
-/// the front.
+/// V, its standard deviation, and the sides, from those before; on a coarser level V and the deviation of the outlines, and V of
+/// the front. Then the share by which the outlines count.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
     [v, deviation, sides]: [&Raster<N>; 3],
     edges: &Raster<N>,
     outlines: [&Raster<N>; 2],
     decisions: &Raster<N>,
-) -> [Raster<N>; 3] {
+) -> [Raster<N>; 4] {
     let size = [c.width, c.height];
-    let changed = if c.coarse == 0 { v.clone() } else { Raster::zeros(v.width, v.height) };
-    let mut results = [changed, deviation.clone(), sides.clone()];
+    let mut results = [v.clone(), deviation.clone(), sides.clone(), Raster::zeros(v.width, v.height)];
     let accepted: Vec<Option<(Edge, usize)>> =
         edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
     let ([columns, rows], around) = (edge::cells(size).map(|side| side as usize), shader::AROUND as usize);
@@ -88,7 +90,7 @@ pub(crate) fn cpu_reference<N: Number>(
     for (cell, _) in edge::all_cells(size).zip(&accepted).filter(|(_, accepted)| accepted.is_some()) {
         edge::cells_around(cell, around, size).for_each(|[x, y]| is_near[y * columns + x] = true);
     }
-    let mixed = |x: usize, y: usize, results: [&mut N; 3]| {
+    let mixed = |x: usize, y: usize, results: [&mut N; 4]| {
         let own = [(x / edge::SIDE).min(columns - 1), (y / edge::SIDE).min(rows - 1)];
         if !is_near[own[1] * columns + own[0]] {
             return;
@@ -129,21 +131,25 @@ pub(crate) fn cpu_reference<N: Number>(
         let mixed =
             (p * (1.0 - p)).max(0.0).sqrt() * (near - far).abs() + p * near_deviation + (1.0 - p) * far_deviation;
         let (before, deviation) = (v.get(x, y), deviation.get(x, y));
-        let change = share * (p * near + (1.0 - p) * far - before);
-        let now = before + change;
-        *results[0] = N::of(if c.coarse == 0 { now } else { change });
-        *results[1] = N::of(deviation + share * (mixed - deviation));
+        let outlined = p * near + (1.0 - p) * far;
+        let now = before + share * (outlined - before);
+        let coarse = c.coarse != 0;
+        *results[0] = N::of(if coarse { outlined } else { now });
+        *results[1] = N::of(if coarse { mixed } else { deviation + share * (mixed - deviation) });
+        *results[3] = N::of(if coarse && deviation.is_nan() { 0.0 } else { share });
         // By the sign of V, as the fused image takes the photographs.
         let front = if near_in_front > 0.5 * sum { near } else { far };
         let fused = near * far < 0.0 && !deviation.is_nan();
-        *results[2] = N::of(match c.coarse {
-            _ if !fused => 0.0,
-            0 => front.abs().copysign(now * front),
-            _ => front,
+        *results[2] = N::of(if !fused {
+            0.0
+        } else if coarse {
+            front
+        } else {
+            front.abs().copysign(now * front)
         });
     };
-    rows::map(results.each_mut().map(Rows::from), |y, [v, deviation, sides]| {
-        (0..v.len()).for_each(|x| mixed(x, y, [&mut v[x], &mut deviation[x], &mut sides[x]]));
+    rows::map(results.each_mut().map(Rows::from), |y, [v, deviation, sides, share]| {
+        (0..v.len()).for_each(|x| mixed(x, y, [&mut v[x], &mut deviation[x], &mut sides[x], &mut share[x]]));
     });
     results
 }
@@ -153,10 +159,10 @@ fn order<N: Number>(c: &Constants, decisions: &Raster<N>, cell: [usize; 2]) -> O
     let at = |n: usize| edge::number(decisions, cell, c.decided as usize + n);
     let order = usize::from(at(4) < 0.0);
     (at(4).abs() > shader::ORDER
-        && at(order) > shader::GAIN
+        && at(order) > f64::from(c.gain)
         && at(2 + order) > shader::WITHIN
-        && at(5) > shader::LENGTH)
-        .then_some(order)
+        && at(5) > f64::from(c.length))
+    .then_some(order)
 }
 
 /// The probability that a place is in front that is `inside` px inside of where V is halfway.
@@ -174,6 +180,9 @@ mod tests {
     use super::super::harness::{Input, Trial};
     use super::*;
     use crate::engine::stages::NO_VARIANT;
+
+    const CONSTANTS: Constants =
+        Constants { width: 0, height: 0, decided: 0, spread: 4.0, gain: 0.0, length: 4.0, coarse: 0 };
 
     /// The results with the decisions of a share of the cells replaced, so that some are accepted in either order.
     fn decided(size: [u32; 2], levels: [f64; 2]) -> Vec<Field> {
@@ -197,14 +206,13 @@ mod tests {
             let results = decided(size, levels);
             let [v, _] = solved(width as usize, height as usize, levels);
             for coarse in [0, 1] {
-                let c = Constants { width, height, decided: 0, spread: SPREAD, coarse };
+                let c = Constants { width, height, coarse, ..CONSTANTS };
                 let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&results)];
                 let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(size));
                 // √(p (1 - p)) of p within 6e-8 of 1, times a jump of up to 7 px².
                 trial.assert_within(5e-3);
-                let before = |n: usize| if coarse == 0 { v.data[n] } else { 0.0 };
-                let after = &trial.layers(0)[0].data;
-                let changed = (0..after.len()).filter(|&n| (after[n] - before(n)).abs() > 0.1).count();
+                let after = trial.layers(0)[0].data.iter();
+                let changed = after.zip(&v.data).filter(|(a, b)| (*a - *b).abs() > 0.1).count();
                 assert!(changed > 20, "{changed}");
             }
         }
@@ -212,7 +220,7 @@ mod tests {
 
     #[test]
     fn what_speaks_for_no_outline_changes_nothing() {
-        let (size, c) = ([67, 41], Constants { width: 67, height: 41, decided: 0, spread: SPREAD, coarse: 0 });
+        let (size, c) = ([67, 41], Constants { width: 67, height: 41, ..CONSTANTS });
         let mut results = layers(size, [4.0, -3.0], DECISIONS);
         for cell in edge::all_cells(size) {
             edge::set(&mut results[DECISIONS], cell, 0, &[9.0, 9.0, 1.0, 1.0, shader::ORDER - 0.1, 9.0]);

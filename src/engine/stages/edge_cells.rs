@@ -69,7 +69,9 @@ impl Constants {
             fused: pixels(finest),
             deviation_layer: deviation_layer(level == 0) as u32,
             least_jump: 2.0 * least_blur(level) as f32,
-            share: 0.35,
+            // On a coarser level V has opposite signs on both sides. Of the same sign, neither photograph shows what is
+            // behind sharper than the other does, and dirt on a smooth surface makes such edges of V.
+            share: if level == 0 { 0.35 } else { 1.0 },
             largest: edge_costs::LARGEST,
             widest: f32::MAX,
             uncertain: 0.0,

@@ -1,6 +1,6 @@
 //! Computes V and its standard deviation on a coarser level from those of the finest one, for the search for outlines there.
 //!
-//! Both are means under a tent of two pixels of the coarser level on either side. The deviation is NaN where it is NaN on
+//! Both are means under a tent, of samples of the finest level that are one or two pixels apart. The deviation is NaN where it is NaN on
 //! all of them, so that excluded areas do not grow.
 
 use super::edge::COARSE_DEVIATION;
@@ -18,15 +18,23 @@ push_constants! {
     finest: [u32; 2],
     /// Pixels of the finest level along a pixel of the coarser one.
     pixels: u32,
+    /// Distance of the samples, pixels of the finest level. The tent ends `apart` pixels of the coarser level away.
+    apart: u32,
     /// V of the coarser level by V of the finest: 1/pixels², or 1 for values that do not depend on the size of pixels.
     gain: f32,
 }
 
 impl Constants {
-    /// Those of a level. `scales`: V depends on the size of pixels.
-    pub(crate) fn new(level: &Level, finest: [u32; 2], scales: bool) -> Self {
+    /// Those of a level of a pair: V depends on the size of pixels. Noise makes an edge of V wind, so that the normals of
+    /// its cells do not agree; a wide tent makes it straight.
+    pub(crate) fn of_pair(level: &Level, finest: [u32; 2]) -> Self {
         let ([width, height], pixels) = (level.size, 1 << level.index);
-        Self { width, height, finest, pixels, gain: if scales { 1.0 / (pixels * pixels) as f32 } else { 1.0 } }
+        Self { width, height, finest, pixels, apart: 2, gain: 1.0 / (pixels * pixels) as f32 }
+    }
+
+    /// Those of a level of a sweep.
+    pub(crate) fn of_sweep(level: &Level, finest: [u32; 2]) -> Self {
+        Self { apart: 1, gain: 1.0, ..Self::of_pair(level, finest) }
     }
 }
 
@@ -56,12 +64,12 @@ impl Pass for Bindings {
 /// V and its standard deviation on the coarser level.
 pub(crate) fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, deviation: &Raster<N>) -> [Raster<N>; 2] {
     [v, deviation].map(|field| {
-        let reach = c.pixels as isize - 1;
+        let [pixels, apart] = [c.pixels, c.apart].map(|n| n as isize);
         Raster::from_fn(c.width as usize, c.height as usize, |x, y| {
             let (mut sum, mut weight) = (0.0, 0.0);
-            for (j, i) in (-reach..=reach).flat_map(|j| (-reach..=reach).map(move |i| (j, i))) {
-                let [x, y] = [(x, i), (y, j)].map(|(x, i)| (c.pixels as usize * x) as isize + i);
-                let (value, share) = (field.clamped(x, y), ((reach + 1 - i.abs()) * (reach + 1 - j.abs())) as f64);
+            for (j, i) in (1 - pixels..pixels).flat_map(|j| (1 - pixels..pixels).map(move |i| (j, i))) {
+                let [x, y] = [(x, i), (y, j)].map(|(x, i)| pixels * x as isize + apart * i);
+                let (value, share) = (field.clamped(x, y), ((pixels - i.abs()) * (pixels - j.abs())) as f64);
                 if !value.is_nan() {
                     (sum, weight) = (sum + share * value, weight + share);
                 }
@@ -90,7 +98,8 @@ mod tests {
             });
             let mut layers = vec![Field::zeros(v.width, v.height); LAYERS as usize];
             layers[1] = deviation;
-            let c = Constants::new(&level, [width, height], index == 1);
+            let of = if index == 1 { Constants::of_sweep } else { Constants::of_pair };
+            let c = of(&level, [width, height]);
             let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Unread, Input::Image(&layers)];
             Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(level.size)).assert_within(1e-6);
         }
@@ -100,7 +109,7 @@ mod tests {
     fn a_plane_is_the_same_on_a_coarser_level_and_nan_does_not_spread() {
         let v = Field::from_fn(37, 22, |x, y| x as f64 - 2.0 * y as f64);
         let deviation = Field::from_fn(37, 22, |x, y| if x > 20 && y > 7 { f64::NAN } else { 1.0 });
-        let c = Constants { width: 19, height: 11, finest: [37, 22], pixels: 2, gain: 0.25 };
+        let c = Constants { width: 19, height: 11, finest: [37, 22], pixels: 2, apart: 1, gain: 0.25 };
         let [v, deviation] = cpu_reference(&c, &v, &deviation);
         // Away from the border, where pixels are repeated.
         let is_plane = |x: usize, y: usize| (v.get(x, y) - 0.5 * x as f64 + y as f64).abs() < 1e-12;

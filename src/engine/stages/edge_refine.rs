@@ -1,9 +1,9 @@
 //! Brings what the search for outlines changed on a coarser level to the finest one.
 //!
-//! The change of V and the standard deviation are interpolated between the pixels of the coarser level. Where the change
-//! is 0, nothing is written.
+//! V and its standard deviation change to those of the coarser level by its share, all interpolated between its pixels.
+//! Where the share is 0, nothing is written.
 
-use super::edge::{COARSE_DEVIATION, COARSE_FRONT, SIDES};
+use super::edge::{COARSE_DEVIATION, COARSE_FRONT, COARSE_SHARE, SIDES};
 use super::edge_coarsen::Constants;
 use super::pass::{Memory, Pass, bindings};
 use super::{Number, Raster, pixels};
@@ -11,16 +11,16 @@ use crate::engine::vulkan::Variant;
 
 bindings! {
     EDGE_REFINE:
-    /// The change of V on the coarser level.
-    change: Reads<RelativeBlur>,
+    /// V of the coarser level by its outlines.
+    coarse: Reads<RelativeBlur>,
     /// V of the finest level.
     v: Updates<RelativeBlur>,
-    /// Layers: V, its standard deviation; sides; on the coarser level the deviation, and V of the front.
+    /// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the front, and the share.
     results: Updates<Results>,
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: the change read. What is written depends on the scene.
+    /// Compulsory traffic: the share read. What is written depends on the scene.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * pixels(c.width, c.height)
     }
@@ -28,52 +28,51 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let mut fine = [0, 1, SIDES].map(|n| memory.take_layer(self.results, n));
         let mut v = memory.take_layer(self.v, 0);
-        let layer = |n| memory.layer(self.results, n);
-        let coarse = [memory.layer(self.change, 0), layer(COARSE_DEVIATION), layer(COARSE_FRONT)];
-        cpu_reference(c, coarse, &mut v, fine.each_mut());
+        let [deviation, front, share] =
+            [COARSE_DEVIATION, COARSE_FRONT, COARSE_SHARE].map(|n| memory.layer(self.results, n));
+        cpu_reference(c, [memory.layer(self.coarse, 0), deviation, front, share], &mut v, fine.each_mut());
         memory.set_layer(self.v, 0, v);
         [0, 1, SIDES].into_iter().zip(fine).for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
     }
 }
 
-/// Changes V, and of the results V, its standard deviation and the sides, by the change of V, the deviation and V of the
-/// front on the coarser level.
+/// Changes V, and of the results V, its standard deviation and the sides, by V, the deviation, V of the front and the share
+/// of the coarser level.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
-    [changes, deviations, fronts]: [&Raster<N>; 3],
+    [coarse, deviations, fronts, shares]: [&Raster<N>; 4],
     v: &mut Raster<N>,
     [masked, deviation, sides]: [&mut Raster<N>; 3],
 ) {
-    let (pixels, gain) = (c.pixels as usize, 1.0 / f64::from(c.gain));
-    for (y, x) in (0..changes.height).flat_map(|y| (0..changes.width).map(move |x| (y, x))) {
-        let four = |field: &Raster<N>| {
-            let at = |i: usize, j: usize| field.get((x + i).min(changes.width - 1), (y + j).min(changes.height - 1));
-            [at(0, 0), at(1, 0), at(0, 1), at(1, 1)]
-        };
-        let change = four(changes);
-        if change == [0.0; 4] {
+    let (pixels, gain, [last_x, last_y]) =
+        (c.pixels as usize, f64::from(c.gain), [c.width, c.height].map(|side| side as usize - 1));
+    for (y, x) in (0..=last_y).flat_map(|y| (0..=last_x).map(move |x| (y, x))) {
+        let (right, below) = ((x + 1).min(last_x), (y + 1).min(last_y));
+        let four = |field: &Raster<N>| [(x, y), (right, y), (x, below), (right, below)].map(|(x, y)| field.get(x, y));
+        let shares = four(shares);
+        if shares == [0.0; 4] {
             continue;
         }
-        let around = four(deviations);
-        if around.iter().any(|deviation| deviation.is_nan()) {
-            continue;
-        }
-        let front = gain * fronts.get(x, y);
+        let (v_coarse, deviations, front) = (four(coarse), four(deviations), fronts.get(x, y) / gain);
         let (columns, rows) = (pixels * x..v.width.min(pixels * (x + 1)), pixels * y..v.height.min(pixels * (y + 1)));
         for (j, i) in rows.flat_map(|j| columns.clone().map(move |i| (j, i))) {
             let [fx, fy] = [i % pixels, j % pixels].map(|step| step as f64 / pixels as f64);
-            let shares = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-            let mean = |four: [f64; 4]| gain * four.iter().zip(shares).map(|(value, share)| value * share).sum::<f64>();
-            let (more, n) = (mean(change), j * v.width + i);
-            if more == 0.0 {
+            let mut weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+            weights.iter_mut().zip(shares).for_each(|(weight, share)| *weight *= share);
+            let share: f64 = weights.iter().sum();
+            if share == 0.0 {
                 continue;
             }
-            let now = v.get(i, j) + more;
+            // Where nothing changes, the deviation may be NaN.
+            let changes = |four: [f64; 4]| four.into_iter().zip(weights).filter(|(_, weight)| *weight > 0.0);
+            let mean = |four| changes(four).map(|(value, weight)| value * weight).sum::<f64>() / (gain * share);
+            let mixed = |before: f64, after: f64| before + share * (after - before);
+            let (now, n) = (mixed(v.get(i, j), mean(v_coarse)), j * v.width + i);
             v.data[n] = N::of(now);
             // Where there are no results, both are NaN.
             if !deviation.get(i, j).is_nan() {
                 masked.data[n] = N::of(now);
-                deviation.data[n] = N::of(mean(around));
+                deviation.data[n] = N::of(mixed(deviation.get(i, j), mean(deviations)));
                 sides.data[n] = N::of(if now * front > 0.0 { front.abs() } else { -front.abs() });
             }
         }
@@ -89,33 +88,28 @@ mod tests {
     use crate::engine::plan::Level;
     use crate::engine::stages::NO_VARIANT;
 
-    /// What the search leaves on a coarser level: a change in the middle; fields of the size of the finest level.
-    fn changed(level: &Level, width: usize, height: usize) -> [Field; 3] {
-        let [columns, rows] = level.size.map(|side| side as usize);
-        let change = random_field(columns, rows, 3);
-        let is_changed = |x: usize, y: usize| x > columns / 3 && y > 1 && x + 2 < columns;
-        let change = Field::from_fn(columns, rows, |x, y| if is_changed(x, y) { change.get(x, y) } else { 0.0 });
-        let [deviation, front] = [4, 5].map(|seed| random_field(width, height, seed));
-        let excluded = |x: usize, y: usize| x > columns / 2 && y > rows / 2;
-        let deviation =
-            Field::from_fn(width, height, |x, y| if excluded(x, y) { f64::NAN } else { 1.0 + deviation.get(x, y) });
-        [change, deviation, front]
-    }
-
     #[test]
     fn matches_the_cpu_reference() {
         for (index, width, height) in [(1, 37, 21), (2, 57, 42), (1, 16, 9)] {
             let level = Level::new(index, width, height, 16.0);
-            let (columns, rows) = (width as usize, height as usize);
-            let [change, coarse_deviation, front] = changed(&level, columns, rows);
-            let [v, sides] = [1, 2].map(|seed| random_field(columns, rows, seed));
-            let mut layers = vec![Field::zeros(columns, rows); LAYERS as usize];
-            layers[1] = Field::from_fn(columns, rows, |x, _| if x + 5 > columns { f64::NAN } else { 1.0 });
-            layers[0] = v.clone();
-            (layers[COARSE_DEVIATION], layers[COARSE_FRONT], layers[SIDES]) = (coarse_deviation, front, sides);
-            let c = Constants::new(&level, [width, height], index == 1);
-            let [change, fine] = [&change, &v].map(|field| Input::Image(std::slice::from_ref(field)));
-            let inputs = [change, fine, Input::Image(&layers)];
+            let ([columns, rows], [width, height]) =
+                (level.size.map(|side| side as usize), [width, height].map(|side| side as usize));
+            let random = |seed| random_field(width, height, seed);
+            let [v, coarse, front] = [1, 2, 3].map(random);
+            let is_changed = |x: usize, y: usize| x > columns / 3 && y > 1 && x + 2 < columns;
+            let share =
+                Field::from_fn(width, height, |x, y| f64::from(u8::from(is_changed(x, y))) * random(4).get(x, y));
+            // Unknown where nothing changes, on some pixels and not on others.
+            let unknown = |x: usize, y: usize| !is_changed(x, y) && y < rows / 2;
+            let mut layers = vec![Field::zeros(width, height); LAYERS as usize];
+            layers[COARSE_DEVIATION] = Field::from_fn(width, height, |x, y| if unknown(x, y) { f64::NAN } else { 0.2 });
+            layers[1] = Field::from_fn(width, height, |x, _| if x + 5 > width { f64::NAN } else { 1.0 });
+            (layers[0], layers[SIDES]) = (v.clone(), random(5));
+            (layers[COARSE_FRONT], layers[COARSE_SHARE]) = (front, share);
+            let of = if index == 1 { Constants::of_sweep } else { Constants::of_pair };
+            let c = of(&level, [width as u32, height as u32]);
+            let [coarse, fine] = [&coarse, &v].map(|field| Input::Image(std::slice::from_ref(field)));
+            let inputs = [coarse, fine, Input::Image(&layers)];
             let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(level.size));
             trial.assert_within(1e-5);
             let changed = trial.layers(1)[0].data.iter().zip(&v.data).filter(|(a, b)| (*a - *b).abs() > 1e-3).count();
@@ -124,17 +118,19 @@ mod tests {
     }
 
     #[test]
-    fn a_change_is_prolonged_as_v_is() {
+    fn with_a_share_of_one_v_is_prolonged() {
         let level = Level::new(1, 37, 22, 16.0);
         let [columns, rows] = level.size.map(|side| side as usize);
-        let change = random_field(columns, rows, 3);
+        let coarse = random_field(columns, rows, 3);
         let [mut v, front, mut sides] = [(37, 22), (columns, rows), (37, 22)].map(|(w, h)| Field::zeros(w, h));
-        let [mut deviation, coarse] = [(37, 22), (columns, rows)].map(|(w, h)| Field::from_fn(w, h, |_, _| 0.5));
+        let [mut deviation, half, one] = [(37, 22, 0.5), (columns, rows, 0.5), (columns, rows, 1.0)]
+            .map(|(w, h, value)| Field::from_fn(w, h, |_, _| value));
         let mut masked = v.clone();
-        let c = Constants::new(&level, [37, 22], true);
-        cpu_reference(&c, [&change, &coarse, &front], &mut v, [&mut masked, &mut deviation, &mut sides]);
+        let c = Constants::of_pair(&level, [37, 22]);
+        let results = [&mut masked, &mut deviation, &mut sides];
+        cpu_reference(&c, [&coarse, &half, &front, &one], &mut v, results);
         let expected =
-            prolong::cpu_reference(&prolong::Constants { width: 37, height: 22, limit: f32::MAX, gain: 4.0 }, &change);
+            prolong::cpu_reference(&prolong::Constants { width: 37, height: 22, limit: f32::MAX, gain: 4.0 }, &coarse);
         assert!(v.data.iter().zip(&expected.data).all(|(a, b)| (a - b).abs() < 1e-12));
         assert!(deviation.data.iter().all(|&deviation| deviation == 2.0) && masked == v);
     }

@@ -11,7 +11,7 @@ use crate::engine::plan::{Level, Plan};
 use crate::engine::script::outlines::Search;
 use crate::engine::script::sweep::{self, Outlines};
 use crate::engine::slot::Slot;
-use crate::engine::stages::{Field, edge_cells, edge_costs};
+use crate::engine::stages::{Field, edge_cells, edge_coarsen, edge_costs};
 
 /// σ² of the weights of cells along an edge, px². With the 4 px² of pairs 14.0 % at bars were off, with 8 to 16 px²
 /// 13.2 %, and the sides of a metal part are straighter.
@@ -39,11 +39,12 @@ pub(super) fn sharpen(
     let known = deviation.data.iter().enumerate().map(known).collect();
     let slot = Slot::RelativeBlur { level: 0 };
     device.fill(slot, &Field { data: known, ..deviation })?;
-    device.run(&sweep::set_deviation(plan))?;
+    device.run(&sweep::begin_outlines(plan))?;
     device.fill(slot, &u)?;
     device.write_words(Slot::Arguments, &arguments::initial_words(&[], &[]))?;
     let levels = plan.pyramid.iter().take(Edges::COARSEST + 1).rev();
-    device.run(&sweep::outlines(plan, &levels.map(|level| on_level(shared, level)).collect::<Vec<_>>()))?;
+    let levels: Vec<Outlines> = levels.map(|level| on_level(shared, plan.size, level)).collect();
+    device.run(&sweep::outlines(plan, &levels))?;
     let sharp = [device.read(slot, plan.size, 0..1)?, device.read(Slot::Stacks, plan.size, 1..2)?];
     for i in 0..u.data.len() {
         let [now, deviation_now] = [0, 1].map(|n| sharp[n][0].data[i]);
@@ -56,7 +57,7 @@ pub(super) fn sharpen(
 }
 
 /// The search on one level.
-fn on_level<'a>(shared: &SharedParameters, level: &'a Level) -> Outlines<'a> {
+fn on_level<'a>(shared: &SharedParameters, finest: [u32; 2], level: &'a Level) -> Outlines<'a> {
     let rate = shared.rate_on(level);
     let frames = spaced(&shared.settings, APART / rate.sqrt());
     let shown = frames.iter().map(|&n| validity::visible(&shared.transforms[n], level));
@@ -64,7 +65,8 @@ fn on_level<'a>(shared: &SharedParameters, level: &'a Level) -> Outlines<'a> {
     let found = edge_cells::Constants::of_sweep(level.index, level.size, rate, shown.map(|side| side as f32));
     let pairs = pairs(shared, level, &frames);
     let frames = frames.iter().map(|&n| (n as u32, shared.alignment(level, n))).collect();
-    Outlines { level, search: Search { found, spread: SPREAD, levels: 0, scales: false }, frames, pairs }
+    let (scaled, (gain, length)) = (edge_coarsen::Constants::of_sweep(level, finest), Search::LEAST);
+    Outlines { level, search: Search { scaled, found, spread: SPREAD, gain, length, levels: 0 }, frames, pairs }
 }
 
 /// The first and the last frame, and the fewest between them that leave no gap over `apart`, if the settings allow it.
