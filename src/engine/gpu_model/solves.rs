@@ -348,7 +348,7 @@ mod tests {
         let counts = |solve: &Solve| passes.map(|name| of(&solve.work(), name).count());
         let ([all, uncertainty, edges, fused], [registering, rest @ ..]) = (counts(&solve), counts(&registration));
         assert_eq!((registering, rest), (all, [0; 3]));
-        assert_eq!([uncertainty, edges, fused], [1; 3]);
+        assert_eq!([uncertainty, edges, fused], [1, Edges::COARSEST + 1, 1]);
     }
 
     #[test]
@@ -358,15 +358,16 @@ mod tests {
         // 16 x 250 workgroups of 64 x 4 invocations. V, its standard deviation and terms: 21 bytes per pixel.
         let whole: Vec<_> = of(&work, "uncertainty").map(|work| (work.waves, work.bytes)).collect();
         assert_eq!(whole, [(16.0 * 250.0 * 4.0, 21e6)]);
-        // V of the coarsest level, 32 x 32 px.
+        // V of the coarsest level, 32 x 32 px; the sides of edges.
         let cleared: Vec<f64> = of(&work, "clear").map(|work| work.bytes).collect();
-        assert_eq!(cleared, [4.0 * 32.0 * 32.0]);
+        assert_eq!(cleared, [4.0 * 32.0 * 32.0, 4e6]);
         // V, its deviation, the residual and the grey fused image, read and written.
         let downloaded: Vec<f64> = of(&work, "download").map(|work| work.bytes).collect();
         assert_eq!(downloaded, [32e6]);
-        // 250 x 250 cells: 32 x 32 workgroups of 8 x 8.
+        // 62, 125 and 250 cells along a side: workgroups of 8 x 8.
         let edges: Vec<f64> = of(&work, "edge_costs").map(|work| work.waves).collect();
-        assert_eq!(edges, [share_at_edges(Edges::Tiles(0)) * 32.0 * 32.0 * 4.0]);
+        let groups = |side: f64| share_at_edges(Edges::Tiles(0)) * side * side * 4.0;
+        assert_eq!(edges, [8.0, 16.0, 32.0].map(groups));
     }
 
     #[test]
