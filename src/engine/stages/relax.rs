@@ -188,7 +188,7 @@ pub(crate) mod tests {
     /// dV of a random coarse grid as the device stores it, and as the starts of both colors of a level.
     pub(crate) fn coarse_steps(rig: &Rig, width: usize, height: usize) -> (Arc<Buffer>, [Field; 2]) {
         let coarse = random_field(width.div_ceil(2), height.div_ceil(2), 30);
-        let buffer = rig.upload(bytemuck::cast_slice(&coarse.to_f32()));
+        let buffer = rig.numbers(coarse.data.clone());
         (buffer, [0, 1].map(|color| start(&coarse.data, [width as u32, height as u32], color)))
     }
 
