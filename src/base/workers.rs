@@ -7,27 +7,15 @@ use std::thread;
 /// Calls `function` with each item, in parallel. The calling thread takes part, and does all the work if the system
 /// refuses other threads.
 pub(crate) fn for_each<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) {
-    let others = items.size_hint().1.unwrap_or(usize::MAX).saturating_sub(1).min(processors() - 1);
-    let items = Mutex::new(items);
-    let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
-    let work = || {
-        while let Some(item) = next() {
-            function(item);
-        }
-    };
-    if others == 0 || are_threads_refused() {
-        return work();
-    }
-    #[cfg(feature = "files")]
-    if let Some(pool) = waiting_threads() {
-        return pool.in_place_scope(|scope| {
-            (0..others).for_each(|_| scope.spawn(|_| work()));
-            work();
-        });
-    }
+    let most = most_others(&items);
+    on_new_threads(most, worker(items, function));
+}
+
+/// Does the work on the calling thread and on new ones, `most` at most.
+fn on_new_threads(most: usize, work: impl Fn() + Sync) {
     thread::scope(|scope| {
-        for _ in 0..others {
-            if thread::Builder::new().spawn_scoped(scope, work).is_err() {
+        for _ in 0..most.min(processors() - 1) {
+            if are_threads_refused() || thread::Builder::new().spawn_scoped(scope, &work).is_err() {
                 break;
             }
         }
@@ -35,18 +23,51 @@ pub(crate) fn for_each<T: Send>(items: impl Iterator<Item = T> + Send, function:
     });
 }
 
-/// Threads that wait for work, since starting a thread takes some 50 µs. `None` in a forked process, which does not have
-/// them.
+#[cfg(not(feature = "files"))]
+pub(crate) use for_each as for_each_short;
+
+/// As [`for_each`], for items of some milliseconds in all: on threads that wait for such work, since starting a thread
+/// takes some 50 µs. Longer items would delay those of other callers.
 #[cfg(feature = "files")]
-fn waiting_threads() -> Option<&'static rayon_core::ThreadPool> {
+pub(crate) fn for_each_short<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) {
     use std::process;
     use std::sync::LazyLock;
 
     use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
-    static POOL: LazyLock<Option<(u32, ThreadPool)>> =
-        LazyLock::new(|| Some((process::id(), ThreadPoolBuilder::new().num_threads(processors() - 1).build().ok()?)));
-    POOL.as_ref().filter(|(owner, _)| *owner == process::id()).map(|(_, pool)| pool)
+    static POOL: LazyLock<Option<(u32, ThreadPool)>> = LazyLock::new(|| match processors() {
+        1 => None,
+        count => Some((process::id(), ThreadPoolBuilder::new().num_threads(count - 1).build().ok()?)),
+    });
+    let most = most_others(&items);
+    let work = worker(items, function);
+    match POOL.as_ref().filter(|_| most > 0 && !are_threads_refused()) {
+        // A forked process does not have the threads that wait.
+        Some((owner, _)) if *owner != process::id() => on_new_threads(most, work),
+        Some((_, pool)) => pool.in_place_scope(|scope| {
+            for _ in 0..pool.current_num_threads().min(most) {
+                scope.spawn(|_| work());
+            }
+            work();
+        }),
+        None => work(),
+    }
+}
+
+/// What each thread does: it takes items until none is left.
+fn worker<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) -> impl Fn() + Sync {
+    let items = Mutex::new(items);
+    move || {
+        let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
+        while let Some(item) = next() {
+            function(item);
+        }
+    }
+}
+
+/// The most threads that can help the calling one.
+fn most_others<T>(items: &impl Iterator<Item = T>) -> usize {
+    items.size_hint().1.unwrap_or(usize::MAX).saturating_sub(1)
 }
 
 fn processors() -> usize {
@@ -93,13 +114,21 @@ mod tests {
     #[test]
     fn every_item_is_visited_with_and_without_threads() {
         let expected: Vec<usize> = (0..1000).map(|n| n * n).collect();
-        let squares = || {
-            let mut values = vec![0; 1000];
-            for_each(values.iter_mut().enumerate(), |(n, value)| *value = n * n);
-            values
-        };
-        assert_eq!(squares(), expected);
-        assert_eq!(no_threads::run(squares), expected);
+        for is_short in [false, true] {
+            let squares = || {
+                let mut values = vec![0; 1000];
+                let items = values.iter_mut().enumerate();
+                let square = |(n, value): (usize, &mut usize)| *value = n * n;
+                if is_short {
+                    for_each_short(items, square)
+                } else {
+                    for_each(items, square)
+                }
+                values
+            };
+            assert_eq!(squares(), expected);
+            assert_eq!(no_threads::run(squares), expected);
+        }
         assert_eq!(map(1000, |n| n * n), expected);
         no_threads::run(|| for_each(std::iter::empty::<()>(), |()| unreachable!()));
     }

@@ -27,7 +27,7 @@ pub(crate) fn map<N: Send, T: Send, const COUNT: usize>(
     let rows = BAND.div_ceil(widths.into_iter().max().unwrap_or(1));
     let bands: Vec<_> = chunks(rasters.map(|raster| raster.numbers), widths.map(|width| rows * width)).collect();
     let mut results: Vec<Vec<T>> = bands.iter().map(|_| Vec::new()).collect();
-    workers::for_each(bands.into_iter().zip(&mut results).enumerate(), |(n, (band, results))| {
+    workers::for_each_short(bands.into_iter().zip(&mut results).enumerate(), |(n, (band, results))| {
         *results = chunks(band, widths).enumerate().map(|(y, row)| function(n * rows + y, row)).collect();
     });
     results.into_iter().flatten().collect()
