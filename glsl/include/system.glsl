@@ -16,7 +16,7 @@ float inverse_gradient(float rise_x, float rise_y) {
 // where they differ in sign.
 float slope(float far_before, float here, float next, float far_behind) {
     float before = here - far_before, behind = far_behind - next;
-    return before * behind > 0.0 ? 2.0 * before * behind / (float(REACH) * (before + behind)) : 0.0;
+    return before * behind > 0.0 ? before * behind / (0.5 * float(REACH) * (before + behind)) : 0.0;
 }
 
 // The right side and the weights are divided by the diagonal.
@@ -48,18 +48,21 @@ Equation equation(ivec2 x, float d, float b) {
                       -slope(at(x - FAR.yx), above, here, at(x + NEAR.yx)));
     }
     float pull = dot(a, rises);
-    float over = 1.0 / max(d + a.x + a.y + a.z + a.w, 1e-12);
+    float over = 1.0 / max(d + (a.x + a.y + (a.z + a.w)), 1e-12);
     return Equation((b + pull) * over, a * over, vec4(d, b + pull, a.x, a.z), over);
 }
 
 // Where the weights of a pixel are: its column and row, and its color.
-ivec3 place_of(ivec2 x) { return ivec3(x.x / 2, x.y, (x.x + x.y) % 2); }
+ivec3 place_of(ivec2 x) { return ivec3(x.x >> 1, x.y, x.x + x.y & 1); }
 
 // The pixel beyond an odd width is relaxed too. A weight of zero cancels it unless it is NaN.
-bool is_beside_surplus(ivec2 x) { return x.x + 1 == width && width % 2 == 1; }
+bool is_beside_surplus(ivec2 x) { return x.x + 1 == width && (width & 1) == 1; }
 
 void store_weights(ivec2 x, vec4 w) {
     ivec3 place = place_of(x);
+    // To the nearest number of half precision. Drivers may round towards zero, lavapipe does: sums of weights would be
+    // too small everywhere, as if D were larger, and dV in textureless areas too small.
+    w = uintBitsToFloat(floatBitsToUint(w) + 0x1000u & ~0x1fffu);
     imageStore(weights, place, w);
     if (is_beside_surplus(x)) imageStore(weights, ivec3(place.xy, 1 - place.z), vec4(0.0));
 }

@@ -1,6 +1,7 @@
 """Tests of the package on lavapipe. Its results must equal those of the program bit for bit."""
 
 import inspect
+import multiprocessing
 import os
 import pickle
 import subprocess
@@ -426,6 +427,22 @@ def test_a_forked_child_gets_an_error(engine):
             os._exit(0 if "spawn" in str(error) else 1)
         os._exit(2)
     assert os.waitpid(child, 0)[1] == 0
+
+
+def blur_on_the_cpu():
+    return parfocal.solve(NEAR, FAR, engine=parfocal.Engine("cpu")).relative_blur
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork")
+def test_a_forked_child_can_open_the_cpu_device():
+    """The threads that waited for work in the parent do not exist in the child."""
+    parfocal.solve(NEAR, FAR)
+    expected = blur_on_the_cpu()
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        found = pool.apply_async(blur_on_the_cpu).get(timeout=100)
+        with pytest.raises(parfocal.DeviceError, match="spawn"):
+            pool.apply_async(parfocal.solve, (NEAR, FAR)).get(timeout=100)
+    assert found.tobytes() == expected.tobytes()
 
 
 def test_memory_does_not_grow_with_the_number_of_pairs(engine):

@@ -54,18 +54,25 @@ mod tests {
     use crate::base::Settings;
     use crate::base::workers::no_threads;
     use crate::engine::{Engine, EngineOptions, testing};
+    use crate::lab::scene::{Preset, Scene, SweepScene};
+    use crate::solve::sweep::{SweepOptions, SweepSolver};
     use crate::solve::{PairSolver, SolveOptions};
 
     #[test]
     fn bits_do_not_depend_on_the_number_of_threads() {
         let [i1, i2] = testing::pair([150, 131]);
+        let scene = Scene { width: 150, height: 131, noise: 0.003, ..Preset::Card.scene() };
+        let frames = SweepScene::new(scene, 5).render().unwrap().frames;
         let solve = || {
             let options = EngineOptions { device: Some("CPU".into()), ..EngineOptions::default() };
             let engine = Engine::new(&options).unwrap();
             let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
             let solution = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
-            solution.relative_blur.iter().map(|v| v.to_bits()).collect::<Vec<_>>()
+            let mut solver = SweepSolver::for_frames(&engine, &frames, &SweepOptions::default()).unwrap();
+            let sweep = solver.solve(&frames, &SolveOptions::default()).unwrap();
+            let numbers = [&solution.relative_blur, &sweep.focus, &sweep.fused].map(|n| n.iter().map(|v| v.to_bits()));
+            numbers.into_iter().flatten().collect::<Vec<_>>()
         };
-        assert_eq!(solve(), no_threads::run(solve));
+        assert!(solve() == no_threads::run(solve));
     }
 }

@@ -70,7 +70,7 @@ mod tests {
     use super::super::Field;
     use super::super::grid::tests::{of_parts, random_grid};
     use super::super::grid::{cells, grids};
-    use super::super::harness::Rig;
+    use super::super::harness::{Rig, assert_numbers};
     use super::*;
     use crate::engine::vulkan::Resource;
 
@@ -91,14 +91,11 @@ mod tests {
             };
             let grid = random_grid([width, height], 5);
             let rig = Rig::new();
-            let mut equations: Vec<f32> = grid.cells.iter().flatten().map(|&v| v as f32).collect();
-            equations.resize(FLOATS * cells(level) as usize, f32::NAN);
-            let steps = vec![f32::NAN; cells(level) as usize];
-            let buffers = [rig.upload(bytemuck::cast_slice(&equations)), rig.upload(bytemuck::cast_slice(&steps))];
+            let mut equations = grid.cells.as_flattened().to_vec();
+            equations.resize(FLOATS * cells(level) as usize, f64::NAN);
+            let buffers = [rig.numbers(equations), rig.numbers(vec![f64::NAN; cells(level) as usize])];
             rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
-            for (f, e) in rig.floats(&buffers[1]).iter().zip(&cpu_reference(&c, &grid)) {
-                assert!((f64::from(*f) - e).abs() < 1e-4, "{f}, not {e}");
-            }
+            assert_numbers(&rig.floats(&buffers[1]), &cpu_reference(&c, &grid), 1e-4);
         }
     }
 

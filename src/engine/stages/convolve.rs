@@ -340,14 +340,7 @@ mod tests {
         let [blank, negative] = [0.0, -1.0].map(|factor| times(input, factor));
         let from = rig.image(&[blank.clone(), input.clone(), blank, negative]);
         let to = rig.empty(size, 3);
-        let weights = rig.upload(bytemuck::cast_slice(
-            &std::iter::repeat_n(9.0, 8)
-                .chain(filter.iter().copied())
-                .chain(std::iter::repeat_n(0.0, WEIGHTS))
-                .map(|w: f64| w as f32)
-                .take(WEIGHTS)
-                .collect::<Vec<f32>>(),
-        ));
+        let weights = rig.filter(2, filter);
         let (length, breadth) = if vertical { (input.height, input.width) } else { (input.width, input.height) };
         let constants = Constants {
             length: length as u32,

@@ -44,9 +44,9 @@ pub fn cpu_reference<N: Number>(fine: &Grid<N>) -> Grid<'static, N> {
 #[cfg(test)]
 mod tests {
     use super::super::grid::tests::random_grid;
-    use super::super::harness::Rig;
+    use super::super::harness::{Input, Trial, assert_numbers};
     use super::*;
-    use crate::engine::vulkan::Resource;
+    use crate::engine::stages::NO_VARIANT;
 
     #[test]
     fn matches_the_cpu_reference() {
@@ -54,15 +54,12 @@ mod tests {
             let grid = random_grid([width, height], 1);
             let [columns, rows] = halved([width, height]);
             let c = Constants { width, height, first: 0, next: width * height };
-            let rig = Rig::new();
-            let mut numbers: Vec<f32> = grid.cells.iter().flatten().map(|&v| v as f32).collect();
-            numbers.resize(numbers.len() + FLOATS * (columns * rows) as usize, f32::NAN);
-            let buffer = rig.upload(bytemuck::cast_slice(&numbers));
-            rig.run(&STAGE, &[Resource::Buffer(&buffer)], &c, [columns, rows]);
-            let (actual, expected) = (rig.floats(&buffer), cpu_reference(&grid));
-            for (f, e) in actual[FLOATS * c.next as usize..].iter().zip(expected.cells.iter().flatten()) {
-                assert!((f64::from(*f) - e).abs() < 1e-5, "{f}, not {e}");
-            }
+            let mut numbers = grid.cells.as_flattened().to_vec();
+            numbers.resize(numbers.len() + FLOATS * (columns * rows) as usize, f64::NAN);
+            let groups = STAGE.groups([columns, rows]);
+            let trial = Trial::run::<Bindings>(&[Input::Numbers(&numbers)], &c, NO_VARIANT, groups);
+            let (actual, expected) = trial.numbers(0);
+            assert_numbers(&actual, expected, 1e-5);
         }
     }
 }

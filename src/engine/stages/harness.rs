@@ -93,6 +93,19 @@ impl Rig {
         buffer
     }
 
+    /// A mapped buffer with these numbers in single precision.
+    pub(crate) fn numbers(&self, numbers: impl IntoIterator<Item = f64>) -> Arc<Buffer> {
+        let numbers: Vec<f32> = numbers.into_iter().map(|number| number as f32).collect();
+        self.upload(bytemuck::cast_slice(&numbers))
+    }
+
+    /// A bank of filter weights that holds a filter from an offset on, in units of four weights, and 9 before it.
+    pub(crate) fn filter(&self, offset: u32, filter: &[f64]) -> Arc<Buffer> {
+        let mut weights = [vec![9.0; 4 * offset as usize], filter.to_vec()].concat();
+        weights.resize(convolve::WEIGHTS, 0.0);
+        self.numbers(weights)
+    }
+
     /// An image of zeros.
     pub(crate) fn empty(&self, [width, height]: [u32; 2], layers: usize) -> Arc<Image> {
         self.image(&vec![Field::zeros(width as usize, height as usize); layers])
@@ -134,18 +147,6 @@ impl Rig {
         let mut recorder = Recorder::new(self.device(), Clock::Never).unwrap();
         fill(&mut recorder, &|stage| Arc::new(Pipeline::new(self.device(), stage).unwrap()));
         recorder.finish().unwrap().run().unwrap();
-    }
-
-    /// Runs one pass with `size` invocations.
-    pub(crate) fn run<C: bytemuck::Pod>(
-        &self,
-        stage: &Stage,
-        resources: &[Resource<'_>],
-        constants: &C,
-        size: [u32; 2],
-    ) {
-        let groups = [size[0].div_ceil(stage.workgroup[0]), size[1].div_ceil(stage.workgroup[1]), 1];
-        self.run_groups(stage, resources, constants, groups);
     }
 
     /// Runs one pass with `groups` workgroups.
@@ -289,9 +290,7 @@ impl Trial {
             match input {
                 Input::Unread => image(&blank(memory.layers.get(&slot(n)))),
                 Input::Image(layers) => image(layers),
-                Input::Numbers(numbers) => {
-                    buffer(bytemuck::cast_slice(&numbers.iter().map(|&v| v as f32).collect::<Vec<f32>>()))
-                }
+                Input::Numbers(numbers) => drop(buffers.insert(n, rig.numbers(numbers.iter().copied()))),
                 Input::Words(words) => buffer(bytemuck::cast_slice(words)),
                 Input::State(state) => buffer(bytemuck::bytes_of(*state)),
                 Input::Photograph(frame) => buffer(frame.bytes()),
@@ -361,6 +360,14 @@ impl Trial {
     /// Layers of an image by the CPU reference.
     pub(crate) fn layers(&self, n: usize) -> &[Field] {
         &self.expected.layers[&slot(n)]
+    }
+}
+
+/// Asserts that each number is within `tolerance` of the expected one, or both are NaN.
+#[track_caller]
+pub(crate) fn assert_numbers(actual: &[f32], expected: &[f64], tolerance: f64) {
+    for (n, (f, e)) in actual.iter().map(|&f| f64::from(f)).zip(expected).enumerate() {
+        assert!((f - e).abs() <= tolerance || (f.is_nan() && e.is_nan()), "{n}: {f}, not {e} ± {tolerance}");
     }
 }
 

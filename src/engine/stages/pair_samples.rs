@@ -94,10 +94,9 @@ pub fn cpu_reference<N: Number>(c: &Constants, window: &[N], layer: &Raster<N>) 
 #[cfg(test)]
 mod tests {
     use super::super::convolve::filtered;
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Rig, assert_numbers, random_field};
     use super::super::uncertainty_terms::window;
     use super::*;
-    use crate::engine::stages::convolve::WEIGHTS;
     use crate::engine::vulkan::Resource;
 
     #[test]
@@ -116,17 +115,12 @@ mod tests {
                 assert!((smoothed - expected).abs() < 1e-12, "{expected}, not {smoothed}");
             }
             let rig = Rig::new();
-            let numbers = [9.0; 8].into_iter().chain(window.iter().copied()).chain([0.0; WEIGHTS]);
-            let weights: Vec<f32> = numbers.take(WEIGHTS).map(|weight| weight as f32).collect();
-            let weights = rig.upload(bytemuck::cast_slice(&weights));
-            let samples = rig.upload(bytemuck::cast_slice(&vec![f32::NAN; expected.len()]));
+            let (weights, samples) = (rig.filter(2, &window), rig.numbers(vec![f64::NAN; expected.len()]));
             let pair = rig.image(&layers);
             let resources = [Resource::Image(&pair), Resource::Uniform(&weights), Resource::Buffer(&samples)];
             rig.run_groups(&STAGE, &resources, &c, c.groups());
-            for (actual, expected) in rig.floats(&samples).iter().zip(&expected) {
-                // 1e-6: 361 products of single precision whose weights add up to 1.
-                assert!((f64::from(*actual) - expected).abs() < 1e-6, "{actual}, not {expected}");
-            }
+            // 1e-6: 361 products of single precision whose weights add up to 1.
+            assert_numbers(&rig.floats(&samples), &expected, 1e-6);
         }
     }
 }

@@ -178,6 +178,11 @@ pub(crate) mod tests {
         [0, 1].map(|color| system.each_ref().map(|part| half(part, color)))
     }
 
+    fn constants(width: usize, height: usize, color: usize) -> Constants {
+        let (width, height, color) = (width as u32, height as u32, color as u32);
+        Constants { width, height, color, rows: ROWS, over_relaxation: 1.8 }
+    }
+
     /// Relaxes the pixels of one color.
     fn relax(c: &Constants, system: &[[Field; 5]; 2], change: &mut [Field; 2]) {
         let color = c.color as usize;
@@ -188,7 +193,7 @@ pub(crate) mod tests {
     /// dV of a random coarse grid as the device stores it, and as the starts of both colors of a level.
     pub(crate) fn coarse_steps(rig: &Rig, width: usize, height: usize) -> (Arc<Buffer>, [Field; 2]) {
         let coarse = random_field(width.div_ceil(2), height.div_ceil(2), 30);
-        let buffer = rig.upload(bytemuck::cast_slice(&coarse.to_f32()));
+        let buffer = rig.numbers(coarse.data.clone());
         (buffer, [0, 1].map(|color| start(&coarse.data, [width as u32, height as u32], color)))
     }
 
@@ -202,13 +207,7 @@ pub(crate) mod tests {
         let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
         let changes = [0, 1].map(|_| rig.field(&nothing));
         for color in [0, 1] {
-            let c = Constants {
-                width: width as u32,
-                height: height as u32,
-                color: color as u32,
-                rows: ROWS,
-                over_relaxation: 1.8,
-            };
+            let c = constants(width, height, color);
             relax(&c, &system, &mut change);
             let mut resources =
                 [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image).to_vec();
@@ -231,19 +230,12 @@ pub(crate) mod tests {
             let weights = rig.weights(&interleaved(&system));
             let changes = change.each_ref().map(|half| rig.field(half));
             for color in [0, 1, 0, 1] {
-                let size = [width as u32, height as u32];
-                let constants = Constants {
-                    width: size[0],
-                    height: size[1],
-                    color: color as u32,
-                    rows: ROWS,
-                    over_relaxation: 1.8,
-                };
-                relax(&constants, &system, &mut change);
+                let c = constants(width, height, color);
+                relax(&c, &system, &mut change);
                 let mut resources =
                     [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image).to_vec();
                 resources.push(Resource::Buffer(&steps));
-                rig.run_groups(&STAGE, &resources, &constants, tiles(size));
+                rig.run_groups(&STAGE, &resources, &c, tiles([c.width, c.height]));
             }
             for color in [0, 1] {
                 rig.assert_close(&changes[color], &change[color..=color], 1e-5);
@@ -279,8 +271,7 @@ pub(crate) mod tests {
         let system = [0, 1].map(|color| system.each_ref().map(|part| half(part, color)));
         let mut actual = [(); 2].map(|()| Field::zeros(n / 2, n));
         for color in (0..400).map(|half| half % 2) {
-            let c = Constants { width: n as u32, height: n as u32, color, rows: ROWS, over_relaxation: 1.8 };
-            relax(&c, &system, &mut actual);
+            relax(&constants(n, n, color), &system, &mut actual);
         }
         let actual = both(actual.each_ref(), n);
         for (actual, expected) in actual.data.iter().zip(&truth.data) {
@@ -302,16 +293,9 @@ pub(crate) mod tests {
         let (steps, _) = coarse_steps(&rig, width, height);
         let pass = |color: usize| {
             let images = [&right_sides, &weights, &changes[1 - color], &changes[color]];
-            let constants = Constants {
-                width: width as u32,
-                height: height as u32,
-                color: color as u32,
-                rows: ROWS,
-                over_relaxation: 1.8,
-            };
             let mut resources = images.map(Resource::Image).to_vec();
             resources.push(Resource::Buffer(&steps));
-            (resources, constants)
+            (resources, constants(width, height, color))
         };
         let record = |omit: bool| {
             rig.record(|recorder, compile| {

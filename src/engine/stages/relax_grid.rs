@@ -68,7 +68,7 @@ mod tests {
     use super::super::NO_VARIANT;
     use super::super::grid::halved;
     use super::super::grid::tests::random_grid;
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Rig, assert_numbers, random_field};
     use super::*;
     use crate::engine::vulkan::Resource;
 
@@ -78,19 +78,15 @@ mod tests {
             let (grid, [columns, rows]) = (random_grid([width, height], 2), halved([width, height]));
             let coarse = random_field(columns as usize, rows as usize, 7);
             let rig = Rig::new();
-            let equations: Vec<f32> = grid.cells.iter().flatten().map(|&v| v as f32).collect();
-            let mut steps = vec![f32::NAN; (width * height) as usize];
-            steps.extend(coarse.to_f32());
-            let buffers = [rig.upload(bytemuck::cast_slice(&equations)), rig.upload(bytemuck::cast_slice(&steps))];
+            let steps = [vec![f64::NAN; (width * height) as usize], coarse.data.clone()].concat();
+            let buffers = [rig.numbers(grid.cells.as_flattened().to_vec()), rig.numbers(steps)];
             let mut expected = prolonged(&coarse.data, [width as usize, height as usize]);
             for (variant, color) in [(FIRST, 0), (FIRST, 1), (NO_VARIANT, 0), (NO_VARIANT, 1)] {
                 let c = Constants { width, height, first: 0, next: width * height, color, over_relaxation: 1.3 };
                 cpu_reference(&c, &grid, &mut expected);
                 rig.run_variant(&STAGE, variant, &buffers.each_ref().map(Resource::Buffer), &c, tiles([width, height]));
             }
-            for (f, e) in rig.floats(&buffers[1]).iter().zip(&expected) {
-                assert!((f64::from(*f) - e).abs() < 1e-4, "{f}, not {e}");
-            }
+            assert_numbers(&rig.floats(&buffers[1]), &expected, 1e-4);
         }
     }
 }

@@ -67,15 +67,9 @@ mod tests {
     use super::super::coarsest_grids::COARSEST_SWEEPS;
     use super::super::grid::tests::random_grid;
     use super::super::grid::{grids, halved};
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Rig, assert_numbers, random_field};
     use super::*;
     use crate::engine::vulkan::Resource;
-
-    fn assert_close(actual: &[f32], expected: &[f64]) {
-        for (f, e) in actual.iter().zip(expected) {
-            assert!((f64::from(*f) - e).abs() < 1e-4, "{f}, not {e}");
-        }
-    }
 
     #[test]
     fn matches_the_cpu_reference_from_the_coarser_grid() {
@@ -84,19 +78,16 @@ mod tests {
         {
             let (grid, [columns, rows]) = (random_grid([width, height], 2), halved([width, height]));
             let coarse = random_field(columns as usize, rows as usize, 7);
+            let steps = [vec![f64::NAN; (width * height) as usize], coarse.data.clone()].concat();
             let rig = Rig::new();
-            let equations: Vec<f32> = grid.cells.iter().flatten().map(|&v| v as f32).collect();
-            let mut steps = vec![f32::NAN; (width * height) as usize];
-            steps.extend(coarse.to_f32());
-            let [equations, steps] =
-                [rig.upload(bytemuck::cast_slice(&equations)), rig.upload(bytemuck::cast_slice(&steps))];
+            let [equations, steps] = [rig.numbers(grid.cells.as_flattened().to_vec()), rig.numbers(steps)];
             let resources = [&equations, &steps, &steps].map(Resource::Buffer);
             let coarser = Coarser::stored(width * height);
             let c = Constants { width, height, first: 0, sweeps, over_relaxation: 1.3, coarser };
             rig.run_groups(&STAGE, &resources, &c, relax_tiles::tiles([width, height], sweeps));
             let expected = cpu_reference(&c, &grid, &coarse.data);
             let actual = rig.floats(&steps);
-            assert_close(&actual, &expected);
+            assert_numbers(&actual, &expected, 1e-4);
             assert_eq!(&actual[expected.len()..], coarse.to_f32(), "of the coarser grid");
         }
     }
@@ -135,21 +126,17 @@ mod tests {
                 cells[first as usize..][..grid.cells.len()].copy_from_slice(&grid.cells);
                 grid = grid.halved();
             }
-            let rig = Rig::new();
-            let equations: Vec<f32> = cells.iter().flatten().map(|&v| v as f32).collect();
-            let steps = vec![f32::NAN; cells.len()];
-            let [equations, steps] =
-                [rig.upload(bytemuck::cast_slice(&equations)), rig.upload(bytemuck::cast_slice(&steps))];
+            let (rig, numbers) = (Rig::new(), cells.as_flattened());
+            let [equations, steps] = [rig.numbers(numbers.to_vec()), rig.numbers(vec![f64::NAN; cells.len()])];
             let resources = [&equations, &steps, &steps].map(Resource::Buffer);
             let coarser = Coarser::joined(&places, small);
             assert_eq!(coarser.coarsest_sweeps, COARSEST_SWEEPS);
             let c = Constants { width, height, first, sweeps, over_relaxation: 1.3, coarser };
             rig.run_variant(&STAGE, coarser.variant(), &resources, &c, relax_tiles::tiles(size, sweeps));
-            let numbers = cells.as_flattened();
             let coarse = coarser.cpu_reference(size, (sweeps, 1.3), numbers, &[]);
             let expected = cpu_reference(&c, &Grid::of(numbers, first as usize, size), &coarse);
             let actual = rig.floats(&steps);
-            assert_close(&actual[first as usize..], &expected);
+            assert_numbers(&actual[first as usize..], &expected, 1e-4);
             let others = actual[..first as usize].iter().chain(&actual[first as usize + expected.len()..]);
             assert!(others.into_iter().all(|step| step.is_nan()));
         }

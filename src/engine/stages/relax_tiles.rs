@@ -228,13 +228,9 @@ mod tests {
         let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
         let changes = [0, 1].map(|_| rig.field(&nothing));
         let coarse = coarser.cpu_reference(size, (sweeps, 1.8), equations, stored);
-        let upload = |numbers: &[f64]| {
-            let numbers: Vec<f32> = numbers.iter().map(|&number| number as f32).collect();
-            rig.upload(bytemuck::cast_slice(&numbers))
-        };
-        let (steps, start) = (upload(&coarse), [0, 1].map(|color| relax::start(&coarse, size, color)));
+        let (steps, start) = (rig.numbers(coarse.to_vec()), [0, 1].map(|color| relax::start(&coarse, size, color)));
         // Vulkan has no empty buffers.
-        let equations = upload(if equations.is_empty() { &[0.0; FLOATS] } else { equations });
+        let equations = rig.numbers(if equations.is_empty() { vec![0.0; FLOATS] } else { equations.to_vec() });
         for half in 0..2 * sweeps {
             let color = half % 2;
             let [own, other] = [color, 1 - color].map(|color| &changes[color as usize]);

@@ -129,7 +129,6 @@ mod tests {
     use super::super::harness::{Rig, random_field};
     use super::*;
     use crate::engine::filter;
-    use crate::engine::stages::convolve::WEIGHTS;
     use crate::engine::vulkan::Resource;
 
     /// Compares with the CPU reference, over all tiles or over the first and one below it. `beyond`: pixels by which
@@ -161,11 +160,9 @@ mod tests {
         // From layers 1 and 3 into layers 0 and 2.
         let from = rig.image(&[times(&input, f64::NAN), input.clone(), times(&input, f64::NAN), times(&input, -1.0)]);
         let to = rig.empty([expected.width as u32, expected.height as u32], 3);
-        let mut weights = vec![0.0; WEIGHTS];
-        for (offset, filter) in c.offsets.into_iter().zip(filters) {
-            filter.iter().enumerate().for_each(|(n, &weight)| weights[4 * offset as usize + n] = weight as f32);
-        }
-        let weights = rig.upload(bytemuck::cast_slice(&weights));
+        let mut weights = filters[0].to_vec();
+        weights.resize(4 * (c.offsets[1] - c.offsets[0]) as usize, 0.0);
+        let weights = rig.filter(c.offsets[0], &[&weights, filters[1]].concat());
         let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
         let resources =
             [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights), Resource::Buffer(&tiles)];

@@ -13,8 +13,8 @@
 //! flatten slopes. It is their harmonic mean, the limiter of van Leer (Journal of Computational Physics 14, 1974),
 //! which is 0 at a jump. For a sweep it is 0.
 //!
-//! The system is stored divided by its diagonal, with weights in half precision. At the solution, dV = 0, their
-//! rounding has no effect.
+//! The system is stored divided by its diagonal, with weights in half precision, rounded to nearest. At the solution,
+//! dV = 0, their rounding has no effect.
 
 use super::grid::{Cell, FLOATS};
 use super::links::Links;
@@ -89,7 +89,7 @@ impl Pass for Bindings {
         });
         let mut cells = memory.take_numbers(self.grid);
         let equations = &memory.layers(self.equations)[..layers(variant) as usize];
-        let sums = compute(c, alpha, memory.layer(self.unknown, 0), equations, &mut colors, &mut cells);
+        let sums = compute(c, alpha, memory.layer(self.unknown, 0), equations, &mut colors, &mut cells, true);
         for (color, [right_side, weights @ ..]) in colors.into_iter().enumerate() {
             memory.set_layer(self.right_sides, color, right_side);
             memory.set_weights(self.weights, color, weights);
@@ -108,15 +108,16 @@ const _: () = assert!(LINES.is_multiple_of(2));
 
 /// The system of each color, as the device stores it: right side, then the weights of the right, left, lower and upper
 /// neighbour; the sums; and the [cells](super::grid::Cell) of the first coarse grid. `equations` holds D, b, and for a
-/// sweep q.
+/// sweep q. `rounds`: whether weights are rounded, as they are where a script runs.
 pub fn cpu_reference<N: Number>(
     c: &Constants,
     alpha: f64,
     unknown: &Raster<N>,
     equations: &[Raster<N>],
+    rounds: bool,
 ) -> ([[Raster<N>; 5]; 2], [f64; SUMS], Vec<N>) {
     let (mut colors, mut cells) = Default::default();
-    let sums = compute(c, alpha, unknown, equations, &mut colors, &mut cells);
+    let sums = compute(c, alpha, unknown, equations, &mut colors, &mut cells, rounds);
     (colors, sums, cells)
 }
 
@@ -128,6 +129,7 @@ fn compute<N: Number>(
     equations: &[Raster<N>],
     colors: &mut [[Raster<N>; 5]; 2],
     cells: &mut Vec<N>,
+    rounds: bool,
 ) -> [f64; SUMS] {
     let strengths = [alpha, c.rate.into(), c.smoothness_eta.into()];
     let links = Links::new(unknown, strengths, equations.len() < layers(SWEEP) as usize);
@@ -158,6 +160,9 @@ fn compute<N: Number>(
                 #[inline(always)]
                 || {
                     divided(own_d, own_b, around, &mut line);
+                    if rounds {
+                        line[1..WHOLE].iter_mut().for_each(|weights| round(weights));
+                    }
                     for (color, own) in colors.iter_mut().enumerate() {
                         for part in 0..5 {
                             every_second(&line[part], (y + color) % 2, &mut own[part][n * columns..][..columns]);
@@ -250,10 +255,23 @@ fn divided<N: Number>(d: &[N], b: &[N], [across, down, above]: [&[N]; 3], line: 
     }
 }
 
+/// Rounds weights to nearest with the 11 bits of half precision, as devices store them (T. J. Dekker's splitting,
+/// Numerische Mathematik 18, 1971). Iterations end before dV is 0, so that V depends on the rounding: without it an
+/// outline of the scene card moved, and V was 0.03 instead of 0.00003 px² rms off lavapipe's.
+#[inline(always)]
+fn round<N: Number>(weights: &mut [N]) {
+    // 2^(p - 11) + 1 for numbers of p bits.
+    let split = N::of(if size_of::<N>() == 4 { 8193.0 } else { 4_398_046_511_105.0 });
+    for weight in weights {
+        let wide = *weight * split;
+        *weight = wide - (wide - *weight);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Rig, assert_numbers, random_field};
     use super::super::relax::{both, interleaved};
     use super::super::state::{DoubleState, State};
     use super::*;
@@ -269,7 +287,8 @@ mod tests {
         let (width, height) = (width as u32, height as u32);
         let c = Constants { width, height, alpha: 0.05, rate: 0.7, smoothness_eta: 0.1 };
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { f64::from(state.alpha) };
-        let (expected, sums, coarse) = cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
+        let (expected, sums, coarse) =
+            cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize], false);
         let rig = Rig::new();
         // The pixel beyond an odd width is written too.
         let before = |floats: u32| {
@@ -286,11 +305,14 @@ mod tests {
         rig.run_variant(&STAGE, variant, &resources, &c, groups);
         // Single precision, over diagonals of down to 0.1.
         rig.assert_close(&images[2], &expected.each_ref().map(|[right_side, ..]| right_side.clone()), 1e-4);
-        // Half precision, rounded either way.
-        rig.assert_close(&images[3], &interleaved(&expected), 3e-4);
-        for (f, e) in rig.floats(&cells).iter().zip(&coarse) {
-            assert!((f64::from(*f) - e).abs() < 1e-4, "{f}, not {e}");
-        }
+        // Half precision, rounded to nearest: the mean of n errors is within four of its standard deviations.
+        let weights = interleaved(&expected);
+        rig.assert_close(&images[3], &weights, 2.5e-4);
+        let stored = rig.layers(&images[3]);
+        let [stored, exact] = [&stored[..], &weights].map(|l| l.iter().flat_map(|layer| &layer.data).sum::<f64>());
+        let count = f64::from(4 * width * height);
+        assert!(flat || (stored - exact).abs() < 3e-4 * count.sqrt(), "{} in the mean", (stored - exact) / count);
+        assert_numbers(&rig.floats(&cells), &coarse, 1e-4);
         let actual = rig.floats(&partials);
         for (n, sum) in sums.iter().enumerate() {
             let total: f64 = actual.chunks(SUMS).map(|row| f64::from(row[n])).sum();
@@ -320,12 +342,22 @@ mod tests {
         assert_eq!(memory.numbers[&slots[4]].len(), SUMS);
     }
 
+    #[test]
+    fn weights_are_rounded_to_half_precision() {
+        let mut weights: Vec<f64> = random_field(100, 10, 3).data.iter().map(|weight| 1e-4 + 0.9 * weight).collect();
+        let expected: Vec<f64> = weights.iter().map(|&weight| ::half::f16::from_f64(weight).to_f64()).collect();
+        let mut single: Vec<f32> = weights.iter().map(|&weight| weight as f32).collect();
+        round(&mut weights);
+        round(&mut single);
+        assert!(weights == expected && single.iter().zip(&expected).all(|(single, e)| f64::from(*single) == *e));
+    }
+
     /// The right sides of the middle row of 121 x 5 pixels. The unknown depends on x alone, D is 1 and b is 0.
     fn pulls(unknown: impl Fn(f64) -> f64 + Sync) -> Vec<f64> {
         let c = Constants { width: 121, height: 5, alpha: 1.0, rate: 1.0, smoothness_eta: 0.1 };
         let unknown = Field::from_fn(121, 5, |x, _| unknown(x as f64));
         let [ones, zeros] = [1.0, 0.0].map(|value| Field::from_fn(121, 5, |_, _| value));
-        let (colors, ..) = cpu_reference(&c, 0.1, &unknown, &[ones, zeros]);
+        let (colors, ..) = cpu_reference(&c, 0.1, &unknown, &[ones, zeros], true);
         both(colors.each_ref().map(|[right_side, ..]| right_side), 121).row(2).to_vec()
     }
 
@@ -354,7 +386,7 @@ mod tests {
         for seed in 0..6 {
             let [mut v, d, b] = [1, 2, 3].map(|n| random_field(41, 30, 10 * seed + n));
             v.data.iter_mut().for_each(|v| *v = 12.0 * (*v - 0.5));
-            for [_, weights @ ..] in cpu_reference(&c, 0.01, &v, &[d, b]).0 {
+            for [_, weights @ ..] in cpu_reference(&c, 0.01, &v, &[d, b], false).0 {
                 for i in 0..weights[0].data.len() {
                     let row = weights.each_ref().map(|weight| weight.data[i]);
                     assert!(row.iter().all(|w| *w >= 0.0) && row.iter().sum::<f64>() <= 1.0 + 1e-12, "{row:?} at {i}");
