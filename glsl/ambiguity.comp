@@ -12,7 +12,7 @@ layout(constant_id = 4) const bool MASKED = false;
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 2, r32f) uniform readonly image2DArray stacks;   // of I1, then of I2
+layout(binding = 2, r32ui) uniform readonly uimage2DArray stacks;   // of I1, then of I2
 // Half as wide and high: means of C, b², (∇²V)², b Σb and of the squared residual.
 layout(binding = 3, r32f) uniform image2DArray terms;
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };

@@ -11,7 +11,7 @@ layout(constant_id = 3) const bool WARPED = false;
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 2, r32f) uniform readonly image2DArray stacks;         // of I1, then of I2; or coefficients of I2 alone
+layout(binding = 2, r32ui) uniform readonly uimage2DArray stacks;         // of I1, then of I2; or coefficients of I2 alone
 layout(binding = 3, r32f) uniform writeonly image2DArray pair;         // half as wide and high: I1 and I2 times the share, and the share
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 5, r32f) uniform readonly image2DArray masks;          // of I1, of I2
@@ -24,9 +24,7 @@ layout(push_constant) uniform Constants {
     float mean_x, mean_y;            // of the kernel at V = 1
 };
 
-float coefficient(int image, ivec3 place) {
-    return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
-}
+#include "coefficients.glsl"
 
 float mask_at(int image, ivec2 x) {
     return imageLoad(masks, ivec3(x, image - 1)).r;

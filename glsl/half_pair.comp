@@ -10,7 +10,7 @@ layout(local_size_x_id = 0, local_size_y_id = 1) in;
 #include "accumulate.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray focus;
-layout(binding = 1, r32f) uniform readonly image2DArray stacks;         // of the sharper frame
+layout(binding = 1, r32ui) uniform readonly uimage2DArray stacks;         // of the sharper frame
 layout(binding = 2, r32f) uniform readonly image2DArray aligned;        // all frames
 layout(binding = 3, r32f) uniform image2DArray system;                  // D, b, q; or D, b and two of noise
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
@@ -46,7 +46,7 @@ bool is_hidden(ivec2 x, uint frame) {
     return (hidden[(x.y * width + x.x) * words + frame / 32u] >> frame % 32u & 1u) != 0u;
 }
 
-float coefficient(int image, ivec3 place) { return imageLoad(stacks, place).r; }
+float coefficient(int image, ivec3 place) { return uintBitsToFloat(imageLoad(stacks, place).r); }
 
 // D, b and q of a pixel. Adds to the sums.
 vec4 pixel(ivec2 x, inout Sums sums) {

@@ -19,7 +19,7 @@ layout(constant_id = 3) const bool WARPED = false;
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 2, r32f) uniform readonly image2DArray stacks;         // of I1, then of I2
+layout(binding = 2, r32ui) uniform readonly uimage2DArray stacks;         // of I1, then of I2
 layout(binding = 3, r32f) uniform writeonly image2DArray normal_equations; // D, b
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 5, std430) writeonly buffer Partials { float partials[]; };
@@ -43,9 +43,7 @@ const float PI = 3.14159265358979;
 const float BROAD = 4.0;
 const float BOUND = 0.612;
 
-float coefficient(int image, ivec3 place) {
-    return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
-}
+#include "coefficients.glsl"
 
 float mask_at(int image, ivec2 x) {
     return imageLoad(masks, ivec3(x, image - 1)).r;
@@ -101,16 +99,23 @@ int line_inside(int y) {
     return reflect_once(ivec2(min(y, height)), ivec2(height)).x;
 }
 
-vec4 sharp_line(int image, ivec4 columns, int y) {
-    int line = line_inside(y);
-    return vec4(coefficient(image, ivec3(columns.x, line, 0)), coefficient(image, ivec3(columns.y, line, 0)),
-                coefficient(image, ivec3(columns.z, line, 0)), coefficient(image, ivec3(columns.w, line, 0)));
-}
-
 void go_down(inout Sharp s, vec4 next) {
     s.above = s.here;
     s.here = s.below;
     s.below = next;
+}
+
+// Line y of both sharp images becomes the one below.
+void load_line(inout Sharp first, inout Sharp second, ivec4 columns, int y) {
+    int line = line_inside(y);
+    vec4 next1, next2;
+    [[unroll]] for (int n = 0; n < 4; n++) {
+        vec2 both = coefficients(ivec3(columns[n], line, 0));
+        next1[n] = both.x;
+        next2[n] = both.y;
+    }
+    go_down(first, next1);
+    go_down(second, next2);
 }
 
 Stencil part(Sharp s, int k) {
@@ -214,17 +219,12 @@ void main() {
     go_down(a, line_at(x.x, x.y + 1));
     Sharp sharp1, sharp2;
     if (WARPED) {
-        sharp1.here = sharp_line(1, columns, x.y - 1);
-        sharp1.below = sharp_line(1, columns, x.y);
-        sharp2.here = sharp_line(2, columns, x.y - 1);
-        sharp2.below = sharp_line(2, columns, x.y);
+        load_line(sharp1, sharp2, columns, x.y - 1);
+        load_line(sharp1, sharp2, columns, x.y);
     }
     for (int n = 0; n < rows; n++, x.y++) {
         go_down(a, line_at(x.x, x.y + 2));
-        if (WARPED) {
-            go_down(sharp1, sharp_line(1, columns, x.y + 1));
-            go_down(sharp2, sharp_line(2, columns, x.y + 1));
-        }
+        if (WARPED) load_line(sharp1, sharp2, columns, x.y + 1);
         ivec3 lines = ivec3(line_inside(x.y - 1), line_inside(x.y), line_inside(x.y + 1));
         float s_before = 0.0, share_before = 0.0;
         [[unroll]] for (int k = 0; k < 2; k++) {

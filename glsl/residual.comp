@@ -10,7 +10,7 @@ layout(constant_id = 3) const bool WARPED = false;
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 2, r32f) uniform readonly image2DArray stacks;         // of I1, then of I2
+layout(binding = 2, r32ui) uniform readonly uimage2DArray stacks;         // of I1, then of I2
 layout(binding = 3, r32f) uniform writeonly image2DArray terms;      // half as wide and high
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {

@@ -9,15 +9,17 @@
 const int VECTORS = 1024;            // of four weights: the 16 KiB that each device allows a uniform buffer
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform readonly image2DArray from;
-layout(binding = 1, r32f) uniform writeonly image2DArray to;
-layout(binding = 2, std140) uniform Filters { vec4 weights[VECTORS]; };
-layout(binding = 3, std430) readonly buffer Tiles { uint tiles[]; };
+layout(binding = 0, r32ui) uniform readonly uimage2DArray from;
+layout(binding = 1, r32ui) uniform readonly uimage2DArray second;   // of the second layer, with JOINS
+layout(binding = 2, r32ui) uniform writeonly uimage2DArray to;
+layout(binding = 3, std140) uniform Filters { vec4 weights[VECTORS]; };
+layout(binding = 4, std430) readonly buffer Tiles { uint tiles[]; };
 layout(constant_id = 2) const bool LONG = false;    // filters of more than TAPS weights
+layout(constant_id = 3) const bool JOINS = false;   // two layers of floats, of two images; with PACKED they are packed
 layout(constant_id = 5) const bool HALVING = false; // stores every other result of either axis
 layout(push_constant) uniform Constants {
     int width, height;          // before the filters
-    int from_layer, to_layer;   // of the first of `planes` layers; each workgroup along z filters one
+    int from_layer, to_layer;   // of the first layer; each workgroup along z filters one of two, or both if packed
     int from_step, to_step;     // from a layer to the next
     int planes;
     int offset_x, offset_y;     // of the filters among the vectors of weights
@@ -28,6 +30,7 @@ layout(push_constant) uniform Constants {
 };
 
 #include "tiles.glsl"
+#include "stacks.glsl"
 
 // Adjacent results per invocation: each weight and each value is loaded once for all of them.
 const int SPAN = 8;
@@ -48,8 +51,11 @@ const int RESULTS = (LONG ? LONG_LINES - 2 * REACH : LINES - TAPS + 1) / STRIDE;
 // Weights at once, and values for the results of an invocation.
 const int COUNT = LONG ? BLOCK : TAPS, VALUES = COUNT + STRIDE * (SPAN - 1);
 
+// Photographs that a workgroup filters.
+const int PHOTOGRAPHS = PACKED ? 2 : 1;
+
 // Filtered along x. One column more, so that lines begin in different banks.
-shared float filtered[TALL][COLUMNS + 1];
+shared float filtered[PHOTOGRAPHS][TALL][COLUMNS + 1];
 
 int mirrored(int place, int period, int length) {
     place = abs(place);
@@ -62,6 +68,19 @@ void add(inout float sums[SPAN], float values[VALUES], int offset) {
     }
 }
 
+// The texels of a span along x, from the image of a layer.
+void load(int plane, int x, int y, int layer, out uint texels[VALUES]) {
+    if (!JOINS || plane == 0) {
+        [[unroll]] for (int m = 0; m < VALUES; m++)
+            texels[m] = imageLoad(from, ivec3(mirrored(x + m, period_x, width), y, layer)).r;
+    } else {
+        [[unroll]] for (int m = 0; m < VALUES; m++)
+            texels[m] = imageLoad(second, ivec3(mirrored(x + m, period_x, width), y, layer)).r;
+    }
+}
+
+const float NONE[SPAN] = { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 };
+
 void main() {
     int plane = int(gl_WorkGroupID.z), source = from_layer + plane * from_step, target = to_layer + plane * to_step;
     ivec2 tile = ivec2(COLUMNS, RESULTS) * ivec2(tile_at(listed));
@@ -73,29 +92,40 @@ void main() {
         if (line >= TALL) continue;
         int y = mirrored(STRIDE * tile.y - radius_y + line, period_y, height);
         int x = STRIDE * (tile.x + column) - radius_x;
-        float sums[SPAN] = { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 };
+        float sums[PHOTOGRAPHS][SPAN];
+        [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) sums[i] = NONE;
         for (int block = 0; block < (LONG ? blocks_x : 1); block++) {
-            float values[VALUES];
-            [[unroll]] for (int m = 0; m < VALUES; m++)
-                values[m] = imageLoad(from, ivec3(mirrored(x + BLOCK * block + m, period_x, width), y, source)).r;
-            add(sums, values, offset_x + BLOCK / 4 * block);
+            uint texels[VALUES];
+            [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) {
+                // Packed texels are loaded once for both photographs.
+                if (i == 0 || JOINS) load(PACKED ? i : plane, x + BLOCK * block, y, source + i * from_step, texels);
+                float values[VALUES];
+                [[unroll]] for (int m = 0; m < VALUES; m++) 
+                    values[m] = PACKED && !JOINS ? unpacked(texels[m], i + 1) : uintBitsToFloat(texels[m]);
+                add(sums[i], values, offset_x + BLOCK / 4 * block);
+            }
         }
-        [[unroll]] for (int j = 0; j < SPAN; j++) filtered[line][column + j] = sums[j];
+        [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++)
+            [[unroll]] for (int j = 0; j < SPAN; j++) filtered[i][line][column + j] = sums[i][j];
     }
     barrier();
     if (n < (RESULTS + SPAN - 1) / SPAN * COLUMNS) {
         int line = n / COLUMNS * SPAN, column = n % COLUMNS;
         ivec2 x = tile + ivec2(column, line);
-        float sums[SPAN] = { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 };
-        for (int block = 0; block < (LONG ? blocks_y : 1); block++) {
-            float values[VALUES];
-            [[unroll]] for (int m = 0; m < VALUES; m++)
-                values[m] = filtered[min(STRIDE * line + BLOCK * block + m, TALL - 1)][column];
-            add(sums, values, offset_y + BLOCK / 4 * block);
+        float sums[PHOTOGRAPHS][SPAN];
+        [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) {
+            sums[i] = NONE;
+            for (int block = 0; block < (LONG ? blocks_y : 1); block++) {
+                float values[VALUES];
+                [[unroll]] for (int m = 0; m < VALUES; m++)
+                    values[m] = filtered[i][min(STRIDE * line + BLOCK * block + m, TALL - 1)][column];
+                add(sums[i], values, offset_y + BLOCK / 4 * block);
+            }
         }
         [[unroll]] for (int j = 0; j < SPAN; j++) {
+            uint texel = PACKED ? packed_texel(sums[0][j], sums[PHOTOGRAPHS - 1][j]) : floatBitsToUint(sums[0][j]);
             if (line + j < RESULTS && x.x < size.x && x.y + j < size.y)
-                imageStore(to, ivec3(x.x, x.y + j, target), vec4(sums[j]));
+                imageStore(to, ivec3(x.x, x.y + j, target), uvec4(texel));
         }
     }
 }

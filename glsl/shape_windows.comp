@@ -11,7 +11,7 @@ layout(local_size_x_id = 0, local_size_y_id = 1) in;
 #include "noise.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform readonly image2DArray stacks;         // of I1, then of the warped I2; of a Gaussian
+layout(binding = 1, r32ui) uniform readonly uimage2DArray stacks;         // of I1, then of the warped I2; of a Gaussian
 layout(binding = 2, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 3, r32f) uniform readonly image2DArray masks;          // of I1, of I2
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
@@ -25,9 +25,7 @@ layout(push_constant) uniform Constants {
     Noise noise;
 };
 
-float coefficient(int image, ivec3 place) {
-    return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
-}
+#include "coefficients.glsl"
 
 float mask_at(int image, ivec2 x) {
     return imageLoad(masks, ivec3(x, image - 1)).r;
@@ -120,7 +118,7 @@ void main() {
     ivec2 size = ivec2(width, height), grid = ivec2(columns, rows), window = ivec2(gl_WorkGroupID.xy);
     ivec2 corner = (2 * window + 1) * size / (2 * grid) - SIDE / 2;
     Registration r = state.registration;
-    float scale = scale_of(r), around = coefficient(2, ivec3(corner + SIDE / 2, 0)), sums[SUMMED];
+    float scale = scale_of(r), around = UNIT * coefficient(2, ivec3(corner + SIDE / 2, 0)), sums[SUMMED];
     for (int i = 0; i < SUMMED; i++) sums[i] = 0.0;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     for (int n = int(gl_LocalInvocationIndex); n < SIDE * SIDE; n += step) {

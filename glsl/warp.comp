@@ -6,11 +6,11 @@
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray spline2;        // coefficients of I2
-layout(binding = 1, r32f) uniform writeonly image2DArray stacks;
+layout(binding = 1, r32f) uniform writeonly image2DArray to;
 layout(binding = 2, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
-    int layer;                       // target, of the stacks
+    int layer;                       // target
     float factor;                    // pixels of the full-size image per pixel of this level
     float centre_x, centre_y;
 };
@@ -40,6 +40,6 @@ void main() {
         ivec2 i;
         place(x, d, size, i, f);
         float shading = shading_at(coefficients, (vec2(x) + d - centre) / centre);
-        imageStore(stacks, ivec3(x, layer), vec4(shading * spline_at(2, 0, size, i, f).value));
+        imageStore(to, ivec3(x, layer), vec4(shading * spline_at(2, 0, size, i, f).value));
     }
 }

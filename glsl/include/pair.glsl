@@ -1,9 +1,7 @@
 // Samples of both images at a pixel of the full-size image. The includer declares `image1`, `stacks`, the state, the
 // specialization constant `WARPED` and the constants. CPU reference: `sample_pair` in src/engine/stages/blur.rs.
 
-float coefficient(int image, ivec3 place) {
-    return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
-}
+#include "coefficients.glsl"
 
 PairSample sample_pair(ivec2 x, vec2 d, float v) {
     Registration r = state.registration;

@@ -1,9 +1,10 @@
 // Cubic B-splines over the coefficients in one layer of an image. CPU reference: src/engine/stages/spline.rs.
 
-// Each shader defines which image a number means, since images cannot be arguments.
-float coefficient(int image, ivec3 place);
-
 #include "border.glsl"
+#include "stacks.glsl"
+
+// Each shader defines which image a number means, since images cannot be arguments. In units of UNIT.
+float coefficient(int image, ivec3 place);
 
 struct Jet {
     float value;
@@ -31,7 +32,7 @@ Jet spline_at(int image, int layer, ivec2 size, ivec2 i, vec2 f) {
         jet.gradient += vec2(w[row].y * line.y, d[row].y * line.x);
         jet.laplacian += w[row].y * line.z + dd[row].y * line.x;
     }
-    return jet;
+    return Jet(UNIT * jet.value, UNIT * jet.gradient, UNIT * jet.laplacian);
 }
 
 // The nine coefficients around a pixel, which determine the spline on the pixel itself.
@@ -53,9 +54,9 @@ Stencil stencil(int image, int layer, ivec3 columns, ivec3 lines) {
 // the image, and T would drift.
 Jet spline_near(Stencil s, vec2 shift) {
     vec3 sum = s.above + s.below;
-    vec3 smoothed = (sum + 4.0 * s.here) / 6.0, rise = 0.5 * (s.below - s.above), bent = sum - 2.0 * s.here;
-    vec2 gradient = vec2(0.5 * (smoothed.z - smoothed.x), (rise.x + rise.z + 4.0 * rise.y) / 6.0);
+    vec3 smoothed = (UNIT / 6.0) * (sum + 4.0 * s.here), rise = 0.5 * (s.below - s.above), bent = sum - 2.0 * s.here;
+    vec2 gradient = vec2(0.5 * (smoothed.z - smoothed.x), (UNIT / 6.0) * (rise.x + rise.z + 4.0 * rise.y));
     float value = (smoothed.x + smoothed.z + 4.0 * smoothed.y) / 6.0;
     return Jet(value + dot(gradient, shift), gradient,
-               smoothed.x + smoothed.z - 2.0 * smoothed.y + (bent.x + bent.z + 4.0 * bent.y) / 6.0);
+               smoothed.x + smoothed.z - 2.0 * smoothed.y + (UNIT / 6.0) * (bent.x + bent.z + 4.0 * bent.y));
 }

@@ -95,8 +95,9 @@ fn results(plan: &Plan, mut memory: Memory<f64>) -> Reference {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::{Kernel, Motion};
+    use crate::base::{Channels, Decode, Kernel, Motion, Samples};
     use crate::engine::testing;
+    use crate::engine::testing::random;
 
     /// The largest difference of two fields; of pixels that only one of them has, infinite.
     fn largest(a: &Field, b: &Field) -> f64 {
@@ -129,5 +130,39 @@ mod tests {
             println!("V {v:.1e} px², its deviation {deviation:.1e} px², T {t:.1e} px");
             assert!(v < 1e-9 && deviation < 1e-9 && t < 1e-9);
         }
+    }
+
+    /// Blur stacks of 16 bits change V by little of its deviation.
+    #[test]
+    fn packed_blur_stacks_give_nearly_the_same_solution() {
+        let size @ [width, height] = [201, 133];
+        let images = testing::pair(size).map(|image| {
+            let noise = random(image.intensities(Decode::None).len(), 3);
+            let sample = |(v, n): (f32, f64)| {
+                let v = v + 0.01 * (n as f32 - 0.5);
+                (65535.0 * v.clamp(0.0, 1.0)) as u16
+            };
+            let samples = image.intensities(Decode::None).into_iter().zip(noise).map(sample).collect();
+            Frame::new(width, height, Channels::Gray, Samples::U16(samples)).unwrap()
+        });
+        let [i1, i2] = &images;
+        // Depth edges are decisions, which a step may turn.
+        let settings = Settings { edges: false, max_relative_blur: 30.0, ..Settings::default() };
+        let plan = Plan::new(width, height, [i1.format(), i2.format()], &settings).unwrap().shaped_for_gpu();
+        let packed = Plan { least_packed: 0, ..plan.clone() };
+        assert!(packed.packs(&packed.pyramid[0]) && packed.stack_layers() < plan.stack_layers());
+        let [floats, packed] = [plan, packed].map(|plan| solve_plan(&plan, [i1, i2], None).unwrap());
+        let (mut squares, mut count) = (0.0, 0.0);
+        let deviations = floats.relative_blur.data.iter().zip(&floats.uncertainty.data);
+        for ((v, deviation), other) in deviations.zip(&packed.relative_blur.data).filter(|((v, _), _)| v.is_finite()) {
+            let apart = (other - v) / deviation;
+            (squares, count) = (squares + if apart.is_finite() { apart * apart } else { 1.0 }, count + 1.0);
+        }
+        let (rms, t) = (
+            (squares / f64::max(count, 1.0)).sqrt(),
+            floats.transform.corner_distance(packed.transform, width, height),
+        );
+        testing::note("packed", &format!("V rms {rms:.3} deviations, T {t:.1e} px, {count} pixels"));
+        assert!(count > 10_000.0 && rms < 0.1 && t < 1e-3);
     }
 }

@@ -130,12 +130,14 @@ quantities! {
     I2: Image;
     /// Any image with one float per pixel.
     Plane: Image;
+    /// The same by its bits.
+    Words: Words;
     /// The share by which each pixel counts.
     Masks: Image, Scalar;
     /// V.
     RelativeBlur: Image, Scalar;
     /// Blur stacks.
-    Stacks: Image, Scalar;
+    Stacks: Words, Scalar;
     /// Results, in the first layers of the stacks.
     Results: Image, Scalar;
     /// Spline coefficients of I2.
@@ -212,6 +214,13 @@ impl<Q: Quantity> Handle<Q> {
 impl<Q: Scalar> Handle<Q> {
     /// For a pass that takes any image with one float per pixel.
     pub(crate) fn plane(self) -> Handle<Plane> {
+        Handle::new(self.slot)
+    }
+}
+
+impl Handle<Plane> {
+    /// For a pass that takes it by its bits.
+    pub(crate) fn words(self) -> Handle<Words> {
         Handle::new(self.slot)
     }
 }

@@ -124,7 +124,7 @@ fn passes(card: &Card, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Co
     let sums = by_pass.into_iter().map(|(name, work)| (name, Sum::of(card, work.into_iter(), compiled)));
     let mut sums: Vec<(Name, Sum)> = sums.collect();
     sums.sort_by(|(_, a), (_, b)| b.time.total_cmp(&a.time));
-    sums.push((("all", [false; 4]), Sum::of(card, work.iter(), compiled)));
+    sums.push((("all", [false; 5]), Sum::of(card, work.iter(), compiled)));
     let header = ["pass, variant", "dispatches", "others", "registers", "shared", "waves", "instructions"];
     let columns = ["arithmetic", "traffic", "latency", "ms"];
     let line = |cells: &[String]| {
@@ -294,7 +294,7 @@ mod tests {
     const CARD: Card = Card { name: "test", chip: "test", simds: 10.0, clock: 1e9, bandwidth: 1e11 };
 
     fn work(waves: f64, bytes: f64, waits: bool) -> Work {
-        Work { name: ("pass", [false; 4]), stage: None, level: 0, waves, bytes, waits, rounds: 1.0 }
+        Work { name: ("pass", [false; 5]), stage: None, level: 0, waves, bytes, waits, rounds: 1.0 }
     }
 
     #[test]
@@ -323,7 +323,7 @@ mod tests {
     #[test]
     fn sums_are_of_all_dispatches() {
         let compiled = Compiled { latency: 3000, inverse_throughput: 50, ..Compiled::default() };
-        let compiled = HashMap::from([(("pass", [false; 4]), compiled)]);
+        let compiled = HashMap::from([(("pass", [false; 5]), compiled)]);
         let list = [work(1000.0, 8e5, true), work(0.0, 0.0, true), work(10.0, 8e3, false)];
         let sum = Sum::of(&CARD, list.iter(), &compiled);
         assert_eq!([sum.dispatches, sum.others], [2, 1]);

@@ -206,7 +206,7 @@ impl Solve {
             Action::Download { .. } => ("download", 2 * bytes(Slot::EndMaps)),
             Action::Dispatch(_) => unreachable!("it copies nothing"),
         };
-        let name = (name, [false; 4]);
+        let name = (name, [false; 5]);
         Work { name, stage: None, level, waves: 0.0, bytes: bytes as f64, waits: false, rounds: 1.0 }
     }
 }

@@ -103,7 +103,7 @@ impl Plan {
         self.pixels().next_multiple_of(4)
     }
 
-    fn pixels(&self) -> u64 {
+    pub(super) fn pixels(&self) -> u64 {
         pixels(self.size[0], self.size[1])
     }
 

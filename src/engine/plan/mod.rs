@@ -1,13 +1,15 @@
 //! The plan of a solve: levels of the pyramid, filters, and what each iteration does.
 
-use crate::base::{Channels, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
+use crate::base::{Channels, Depth, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
 use crate::engine::filter::{self, Filter};
 use crate::engine::shaders::system_tiles::TAPS;
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
-use crate::engine::stages::stack::{self, Slopes, node_count};
+use crate::engine::stages::stack::{self, Sampling, Slopes, node_count};
 use crate::engine::stages::state::MAX_LEVELS;
-use crate::engine::stages::{self, convolve, edge, linearise, relax_tiles, shape_windows, uncertainty_terms};
+use crate::engine::stages::{
+    self, convolve, edge, linearise, relax_tiles, separable, shape_windows, uncertainty_terms,
+};
 
 mod layout;
 
@@ -32,6 +34,10 @@ pub(crate) const MAP_LAYERS: u32 = 3;
 pub(crate) const SCRATCH_LAYERS: u32 = 2;
 /// The most layers of results: three fused channels more.
 const RESULT_LAYERS: u32 = MAP_LAYERS + 3;
+
+/// The least number of pixels for which blur stacks are packed. With fewer, a solve takes less than 0.6 GB anyway, and a
+/// packed one takes longer by the model of GPUs: 1 Mpx 0.1 ms on an H200.
+const LEAST_PACKED: u64 = 3 << 20;
 
 /// Outer iterations between two checks whether a level has settled. A check takes as long as some empty dispatches, of
 /// which an iteration has a dozen.
@@ -67,6 +73,8 @@ pub(crate) struct Plan {
     /// Whether passes are shaped for a GPU, where the traffic and the number of dispatches cost most, rather than for a
     /// processor, where instructions do.
     pub(crate) for_gpu: bool,
+    /// The least number of pixels for which blur stacks are packed.
+    pub(crate) least_packed: u64,
 }
 
 impl Plan {
@@ -105,6 +113,7 @@ impl Plan {
             layers,
             band: band().map(|filter| weights.add(&filter)),
             for_gpu: false,
+            least_packed: LEAST_PACKED,
             pyramid,
             weights,
         })
@@ -255,14 +264,71 @@ impl Plan {
         if self.formats.iter().all(|f| f.channels == Channels::Gray) { Channels::Gray } else { Channels::Rgb }
     }
 
-    /// First layer of an image's blur stack. The layers of the stack of I1 hold the results at the end.
-    pub(crate) fn first_layer(&self, image: usize) -> u32 {
-        image as u32 * self.layers_of(&self.pyramid[0]).max(RESULT_LAYERS)
+    /// First layer of the blur stack of I2, behind that of I1. The layers of the stack of I1 hold the results at the
+    /// end. If stacks are packed, a device has both in the layers of I1, and CPU references still have them apart.
+    pub(crate) fn second_stack(&self, level: &Level) -> u32 {
+        let behind = self.layers_of(&self.pyramid[0]).max(RESULT_LAYERS);
+        if self.packs_stacks() && !self.packs(level) { self.layers_of(level) } else { behind }
     }
 
-    /// Layers of both blur stacks.
+    /// Whether the blur stacks of a level are packed: those that would not fit as floats. Passes over small levels
+    /// take longer with packed ones.
+    pub(crate) fn packs(&self, level: &Level) -> bool {
+        self.packs_stacks() && self.exceeds_packed(level)
+    }
+
+    /// Whether the blur stacks of a level, as floats, have more layers than packed ones of the finest level.
+    fn exceeds_packed(&self, level: &Level) -> bool {
+        2 * self.layers_of(level) > self.layers_with(self.layers_of(&self.pyramid[0]).max(RESULT_LAYERS))
+    }
+
+    /// Whether the spline coefficients of both photographs of a level are computed in one dispatch.
+    pub(crate) fn joins_photographs(&self, level: &Level) -> bool {
+        self.for_gpu && takes_both_axes(level.size, [self.prefilter; 2], level.size.map(|side| 2 * (side - 1)))
+    }
+
+    /// Whether a texel of the blur stacks holds a coefficient of each photograph in 16 bits, instead of a float: on
+    /// GPUs, of large photographs of integers, which have a known range.
+    pub(crate) fn packs_stacks(&self) -> bool {
+        let is_float = self.formats.iter().any(|format| format.depth == Depth::F32);
+        let is_large = self.pixels() >= self.least_packed;
+        let mut packed = self.pyramid.iter().filter(|level| self.exceeds_packed(level));
+        self.for_gpu
+            && is_large
+            && !is_float
+            && self.slopes() == Slopes::Laplacian
+            && packed.all(|level| self.filters_by_both_axes(level))
+    }
+
+    /// Whether all filters of a level's stacks run along both axes in one dispatch.
+    fn filters_by_both_axes(&self, level: &Level) -> bool {
+        let periods = level.size.map(|side| 2 * (side - 1));
+        let mut every = self.layers_on(level).filter(|layer| layer.sampling == Sampling::Every);
+        self.joins_photographs(level)
+            && every.all(|layer| takes_both_axes(level.size, layer.terms[0], periods))
+            && self.halves_by_both_axes(level)
+    }
+
+    /// Whether the half-size layers of a level's stacks are filtered along both axes in one dispatch.
+    pub(crate) fn halves_by_both_axes(&self, level: &Level) -> bool {
+        let (half, periods) = (level.size.map(|side| side.div_ceil(2)), level.size.map(|side| side - 1));
+        let mut halved = self.layers_on(level).filter(|layer| layer.sampling != Sampling::Every);
+        self.for_gpu && halved.all(|layer| takes_both_axes(half, layer.terms[0], periods))
+    }
+
+    /// The layers of a level's stacks after the first.
+    fn layers_on(&self, level: &Level) -> impl Iterator<Item = &StackLayer> {
+        self.layers[..self.layers_of(level) as usize - 1].iter()
+    }
+
+    /// Layers of both blur stacks as a device stores them, and of the results.
     pub(crate) fn stack_layers(&self) -> u32 {
-        let stacks = self.first_layer(1) + self.layers_of(&self.pyramid[0]);
+        let of_one = self.layers_of(&self.pyramid[0]);
+        self.layers_with(of_one.max(RESULT_LAYERS) + if self.packs_stacks() { 0 } else { of_one })
+    }
+
+    /// The number of layers, or of those of the passes over edges if there are more.
+    fn layers_with(&self, stacks: u32) -> u32 {
         if self.settings.edges { stacks.max(edge::LAYERS) } else { stacks }
     }
 
@@ -285,6 +351,11 @@ impl Plan {
     pub(crate) fn slopes(&self) -> Slopes {
         Slopes::of(&self.settings.kernel)
     }
+}
+
+/// Whether one dispatch can filter an image of a size along both axes.
+pub(crate) fn takes_both_axes(size: [u32; 2], filters: [FilterRange; 2], periods: [u32; 2]) -> bool {
+    filters[0].bank == filters[1].bank && separable::takes(size, filters.map(|filter| filter.radius), periods)
 }
 
 /// Outer iterations of a level after which the steps of V and T are damped. Most levels settle before. Of the others,

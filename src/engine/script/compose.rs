@@ -321,9 +321,7 @@ impl<'a> Composer<'a> {
         self.place = Place::level(level.index);
         self.start(level);
         let mut filtered = 0;
-        for image in BOTH {
-            self.stack_start(level, image);
-        }
+        self.stack_starts(level);
         for layer in 1..plan.layers_of(level) {
             filtered += self.stack_layer(level, 0..2, layer) * level.pixels();
             if filtered > FILTERS_AN_ITERATION * PART_BUDGET {

@@ -4,15 +4,11 @@ use std::ops::Range;
 
 use super::compose::Composer;
 use crate::engine::arguments::{Grid, Over, Place};
-use crate::engine::plan::{FilterRange, Level, SCRATCH_LAYERS, StackLayer};
+use crate::engine::plan::{FilterRange, Level, SCRATCH_LAYERS, StackLayer, takes_both_axes};
 use crate::engine::slot::{self, Handle, Plane};
+use crate::engine::stages::separable::Packing;
 use crate::engine::stages::stack::Sampling;
 use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, separable, subdivide, warp};
-
-/// Whether one dispatch can filter an image of a size along both axes.
-fn takes_both_axes(size: [u32; 2], filters: [FilterRange; 2], periods: [u32; 2]) -> bool {
-    filters[0].bank == filters[1].bank && separable::takes(size, filters.map(|filter| filter.radius), periods)
-}
 
 /// A layer of an image.
 type Layer = (Handle<Plane>, u32);
@@ -25,11 +21,13 @@ pub(super) struct Layers {
     /// From a layer to the next.
     pub(super) step: u32,
     pub(super) count: u32,
+    /// Whether they are of both photographs, packed.
+    pub(super) is_packed: bool,
 }
 
 impl From<Layer> for Layers {
     fn from((image, first): Layer) -> Self {
-        Self { image, first, step: 1, count: 1 }
+        Self { image, first, step: 1, count: 1, is_packed: false }
     }
 }
 
@@ -73,33 +71,53 @@ impl Composer<'_> {
         }
     }
 
-    /// The first layer of a level's blur stack: the spline coefficients of the image.
-    pub(super) fn stack_start(&mut self, level: &Level, image: usize) {
-        let first = (slot::STACKS.plane(), self.plan.first_layer(image));
-        if image == 1 && self.plan.warps(level) {
+    /// The first layers of a level's blur stacks: the spline coefficients of the photographs.
+    pub(super) fn stack_starts(&mut self, level: &Level) {
+        if self.plan.warps(level) {
             self.spline2(level);
-            return self.warp(level);
         }
-        let from = if image == 1 { self.apply_shading(level, first) } else { (slot::luminance(image, level.index), 0) };
-        self.spline(level, from, first);
+        let shaded = self.shaded(level);
+        if self.plan.joins_photographs(level) {
+            return self.both_splines(level, shaded);
+        }
+        self.spline(level, (slot::luminance(0, level.index), 0), (slot::STACKS.plane(), 0));
+        self.spline(level, shaded, (slot::STACKS.plane(), self.plan.second_stack(level)));
+    }
+
+    /// I2 with its shading applied, on levels where it is warped on I1's pixels, in the scratch image.
+    fn shaded(&mut self, level: &Level) -> Layer {
+        let to = (slot::SCRATCH, 1);
+        if self.plan.warps(level) {
+            self.warp(level, to)
+        } else {
+            self.apply_shading(level, to)
+        }
+        to
+    }
+
+    /// Spline coefficients of I1 and of the shaded I2, in one dispatch.
+    fn both_splines(&mut self, level: &Level, shaded: Layer) {
+        let (plan, periods) = (self.plan, level.size.map(|side| 2 * (side - 1)));
+        let (first, is_packed) = (slot::luminance(0, level.index), plan.packs(level));
+        let from = Layers { step: shaded.1, count: 2, ..(first, 0).into() };
+        let to = Layers { step: plan.second_stack(level), count: 2, is_packed, ..(slot::STACKS.plane(), 0).into() };
+        self.both_axes([from, to], Some(shaded.0), level.size, [plan.prefilter; 2], 1, periods, 1);
     }
 
     /// A layer n > 0 of the level's blur stacks of some images: a filter of an earlier layer. Returns the number of
     /// separable filters.
     pub(super) fn stack_layer(&mut self, level: &Level, images: Range<usize>, n: u32) -> u64 {
-        let (plan, count) = (self.plan, images.len() as u32);
-        let layers = |n| Layers {
-            image: slot::STACKS.plane(),
-            first: plan.first_layer(images.start) + n,
-            step: plan.first_layer(1),
-            count,
-        };
+        let (plan, count, step) = (self.plan, images.len() as u32, self.plan.second_stack(level));
+        let is_packed = count == 2 && plan.packs(level);
+        let first = images.start as u32 * step;
+        let layers = |n| Layers { image: slot::STACKS.plane(), first: first + n, step, count, is_packed };
         let StackLayer { from, sampling, terms } = &plan.layers[n as usize - 1];
         if *sampling != Sampling::Every {
             let first = *sampling == Sampling::Halving;
-            if self.halves_by_both_axes(level) {
+            if plan.halves_by_both_axes(level) {
                 debug_assert!(first || *from == n - 1, "half-size layers follow each other");
-                let to = if n + 1 < plan.layers_of(level) { layers(n + 1) } else { scratch(count) };
+                let to =
+                    if n + 1 < plan.layers_of(level) { layers(n + 1) } else { Layers { is_packed, ..scratch(count) } };
                 // The half-size layer before is in this layer's place.
                 self.half_by_both_axes(level, [layers(if first { *from } else { n }), to], first, terms[0]);
                 self.subdivide(level, to, layers(n));
@@ -121,7 +139,7 @@ impl Composer<'_> {
     }
 
     /// I2 with its shading applied, into a layer.
-    fn apply_shading(&mut self, level: &Level, to: Layer) -> Layer {
+    fn apply_shading(&mut self, level: &Level, to: Layer) {
         let bindings = apply_shading::Bindings {
             from: slot::i2(level.index).read(),
             to: to.0.write(),
@@ -129,7 +147,6 @@ impl Composer<'_> {
         };
         let ([width, height], centre) = (level.size, level.centre.map(|c| c as f32));
         self.over(level.size, bindings, &apply_shading::Constants { width, height, layer: to.1, centre }, NO_VARIANT);
-        to
     }
 
     /// Spline coefficients of an image.
@@ -140,7 +157,7 @@ impl Composer<'_> {
     /// The mean over the window around each pixel of an image's first `count` layers, in place.
     pub(super) fn smooth(&mut self, image: Handle<Plane>, count: u32, size: [u32; 2]) {
         for first in (0..count).step_by(SCRATCH_LAYERS as usize) {
-            self.smooth_layers(Layers { image, first, step: 1, count: SCRATCH_LAYERS.min(count - first) }, size);
+            self.smooth_layers(Layers { count: SCRATCH_LAYERS.min(count - first), ..(image, first).into() }, size);
         }
     }
 
@@ -150,28 +167,33 @@ impl Composer<'_> {
         self.separable([layers; 2], size, [self.plan.window; 2], 1, false);
     }
 
-    /// The first layer of I2's blur stack: I2 warped onto I1's pixels. The second layer holds its samples in between.
-    fn warp(&mut self, level: &Level) {
-        let base = self.plan.first_layer(1);
-        let bindings =
-            warp::Bindings { spline2: slot::SPLINE2.read(), stacks: slot::STACKS.write(), state: slot::STATE.update() };
+    /// I2 with its shading applied, on I1's pixels, into a layer.
+    fn warp(&mut self, level: &Level, to: Layer) {
+        let bindings = warp::Bindings { spline2: slot::SPLINE2.read(), to: to.0.write(), state: slot::STATE.update() };
         let grid = self.grid(warp::tiles(level.size));
         let ([width, height], centre) = (level.size, level.centre.map(|c| c as f32));
-        let constants = warp::Constants { width, height, layer: base + 1, factor: level.factor as f32, centre };
+        let constants = warp::Constants { width, height, layer: to.1, factor: level.factor as f32, centre };
         self.dispatch(bindings, &constants, NO_VARIANT, grid);
-        self.spline(level, (slot::STACKS.plane(), base + 1), (slot::STACKS.plane(), base));
     }
 
-    /// Warps I2 again and computes its blur stack, if T or the shading has changed.
+    /// Warps I2 again and computes its blur stack, if T or the shading has changed. If it is packed, that of I1 too,
+    /// which stays as it was: to keep its half of each texel would take as long.
     pub(super) fn warp_again(&mut self, level: &Level) {
         self.warping_again = Some(level.index);
         self.warps[level.index].clear();
-        self.warp(level);
+        let shaded = self.shaded(level);
+        let images = if self.plan.packs(level) {
+            self.both_splines(level, shaded);
+            0..2
+        } else {
+            self.spline(level, shaded, (slot::STACKS.plane(), self.plan.second_stack(level)));
+            1..2
+        };
         for layer in 1..self.plan.layers_of(level) {
-            self.stack_layer(level, 1..2, layer);
+            self.stack_layer(level, images.clone(), layer);
         }
         if self.plan.finds_shape(level) {
-            self.shape(level, 1..2);
+            self.shape(level, images);
         }
         self.warping_again = None;
     }
@@ -208,24 +230,14 @@ impl Composer<'_> {
         self.convolve([layers, half], &y, along_y, false);
     }
 
-    /// Whether the half-size layers of a level's stacks are filtered along both axes in one dispatch.
-    fn halves_by_both_axes(&self, level: &Level) -> bool {
-        let half = level.size.map(|side| side.div_ceil(2));
-        let layers = self.plan.layers[..self.plan.layers_of(level) as usize - 1].iter();
-        self.plan.for_gpu
-            && layers
-                .filter(|layer| layer.sampling != Sampling::Every)
-                .all(|layer| takes_both_axes(half, layer.terms[0], level.size.map(|side| side - 1)))
-    }
-
     /// A half-size layer, from the full-size one or from the half-size one before.
     ///
     /// It is in the corner of the layer that comes next, which is not computed yet, or of the scratch image.
     fn half_by_both_axes(&mut self, level: &Level, layers: [Layers; 2], first: bool, filters: [FilterRange; 2]) {
         let periods = level.size.map(|side| side - 1);
         match first {
-            true => self.both_axes(layers, level.size, filters, 2, periods.map(|period| 2 * period), 1),
-            false => self.both_axes(layers, level.size.map(|side| side.div_ceil(2)), filters, 1, periods, 2),
+            true => self.both_axes(layers, None, level.size, filters, 2, periods.map(|period| 2 * period), 1),
+            false => self.both_axes(layers, None, level.size.map(|side| side.div_ceil(2)), filters, 1, periods, 2),
         }
     }
 
@@ -233,14 +245,19 @@ impl Composer<'_> {
     fn subdivide(&mut self, level: &Level, from: Layers, to: Layers) {
         let [width, height] = level.size;
         let tile = subdivide::STAGE.workgroup.map(|side| 2 * side);
-        let groups = subdivide::groups(level.size.map(|side| side.div_ceil(2)), to.count);
+        let is_packed = to.is_packed;
+        let count = if is_packed { 1 } else { to.count };
+        let groups = subdivide::groups(level.size.map(|side| side.div_ceil(2)), count);
         let (grid, list) = self.extent(tile, groups);
-        let bindings =
-            subdivide::Bindings { coarse: from.image.read(), fine: slot::STACKS.write(), tiles: slot::TILES.read() };
+        let bindings = subdivide::Bindings {
+            coarse: from.image.words().read(),
+            fine: slot::STACKS.write(),
+            tiles: slot::TILES.read(),
+        };
         let (from_layer, from_step, listed) = (from.first, from.step, list.unwrap_or(0));
         let Layers { first: layer, step, count: planes, .. } = to;
         let constants = subdivide::Constants { width, height, from_layer, from_step, layer, step, planes, listed };
-        self.dispatch(bindings, &constants, subdivide::variant(list.is_some()), grid);
+        self.dispatch(bindings, &constants, subdivide::variant(list.is_some(), is_packed), grid);
     }
 
     /// The grid of a filter: over the listed tiles of a size, with the first entry of their list, or `groups`
@@ -269,17 +286,19 @@ impl Composer<'_> {
         let [from, to] = layers.map(Into::into);
         let in_place = from.image.slot() == to.image.slot() && from.first == to.first;
         if self.plan.for_gpu && !add && !in_place && takes_both_axes(size, filters, periods) {
-            return self.both_axes([from, to], size, filters, stride, periods, 1);
+            return self.both_axes([from, to], None, size, filters, stride, periods, 1);
         }
         self.convolve([from, scratch(from.count)], &x, along_x, false);
         self.convolve([scratch(from.count), to], &y, along_y, add);
     }
 
     /// Filters along x and along y in one dispatch, from layers to others. `spacing`: pixels of the level from one
-    /// filtered pixel to the next.
+    /// filtered pixel to the next. `second`: the image of the second layer, if it is another than that of the first.
+    #[allow(clippy::too_many_arguments)]
     fn both_axes(
         &mut self,
         [from, to]: [Layers; 2],
+        second: Option<Handle<Plane>>,
         size @ [width, height]: [u32; 2],
         filters: [FilterRange; 2],
         stride: u32,
@@ -290,7 +309,14 @@ impl Composer<'_> {
         let radii = filters.map(|filter| filter.radius);
         let long = separable::is_long(radii);
         let tile = separable::tile(stride, long).map(|side| side * stride * spacing);
-        let (grid, list) = self.extent(tile, separable::groups(size, stride, long, from.count));
+        let packing = match [from.is_packed, to.is_packed] {
+            [false, false] if second.is_some() => Packing::JoinedFloats,
+            [false, false] => Packing::Floats,
+            [false, true] => Packing::Joined,
+            [true, _] => Packing::Packed,
+        };
+        let count = if packing.packs() { 1 } else { from.count };
+        let (grid, list) = self.extent(tile, separable::groups(size, stride, long, count));
         let constants = separable::Constants {
             width,
             height,
@@ -306,12 +332,13 @@ impl Composer<'_> {
             blocks: filters.map(|filter| filter.blocks),
         };
         let bindings = separable::Bindings {
-            from: from.image.read(),
-            to: to.image.write(),
+            from: from.image.words().read(),
+            second: second.unwrap_or(from.image).words().read(),
+            to: to.image.words().write(),
             filters: slot::filters(filters[0].bank).read(),
             tiles: slot::TILES.read(),
         };
-        self.dispatch(bindings, &constants, separable::variant(stride, long, list.is_some()), grid);
+        self.dispatch(bindings, &constants, separable::variant(stride, long, list.is_some(), packing), grid);
     }
 
     /// A filter along one axis.

@@ -7,7 +7,7 @@ use crate::engine::plan::MAP_LAYERS;
 use crate::engine::slot;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
-    NO_VARIANT, ambiguity, edge_fuse, fuse, linearise, residual, scale_deviation, total_deviation, uncertainty,
+    NO_VARIANT, ambiguity, edge_fuse, fuse, linearise, residual, scale_deviation, stack, total_deviation, uncertainty,
     uncertainty_terms,
 };
 
@@ -36,12 +36,13 @@ impl Composer<'_> {
             height,
             layer: uncertainty_terms::RESIDUAL as u32,
             nodes: finest.nodes as u32,
-            second_stack: plan.first_layer(1),
+            second_stack: plan.second_stack(finest),
             centre: single(finest.centre),
             mean: single(s.kernel.mean()),
             epsilon: s.heaviside_epsilon as f32,
         };
         let variant = linearise::variant(plan.slopes(), plan.warps(finest), false, false);
+        let variant = stack::packed(variant, plan.packs(finest));
         self.over(size, bindings, &constants, variant);
         self.smooth(slot::UNCERTAINTY_TERMS.plane(), uncertainty_terms::LAYERS as u32, size);
         let bindings = ambiguity::Bindings {
@@ -53,11 +54,12 @@ impl Composer<'_> {
             mask: slot::MASK.read(),
         };
         let variant = linearise::variant(plan.slopes(), plan.warps(finest), self.masked, false);
+        let variant = stack::packed(variant, plan.packs(finest));
         let constants = ambiguity::Constants {
             width,
             height,
             nodes: finest.nodes as u32,
-            second_stack: plan.first_layer(1),
+            second_stack: plan.second_stack(finest),
             centre: single(finest.centre),
             mean: single(s.kernel.mean()),
             limit: finest.limit as f32,

@@ -10,7 +10,7 @@ use crate::engine::slot;
 use crate::engine::stages::cascade::Coarser;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
-use crate::engine::stages::stack::Slopes;
+use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::{
     NO_VARIANT, appearance, blur_matched_pair, cascade, coarsest_grids, exposure, grid, halve_grid, ingest, linearise,
     mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles, relax_level, relax_tiles, shape,
@@ -101,7 +101,7 @@ impl Composer<'_> {
     /// read from its spline.
     pub(super) fn exposure(&mut self, level: &Level, adopt: Adopt, has_stacks: bool) {
         let (plan, size) = (self.plan, uncertainty_terms::size(level.size));
-        let stacks = if has_stacks { slot::STACKS.plane() } else { slot::SPLINE2.plane() };
+        let stacks = if has_stacks { slot::STACKS.plane() } else { slot::SPLINE2.plane() }.words();
         let bindings = blur_matched_pair::Bindings {
             i1: slot::i1(level.index).read(),
             v: slot::relative_blur(level.index).read(),
@@ -114,13 +114,14 @@ impl Composer<'_> {
             width: level.size[0],
             height: level.size[1],
             nodes: if has_stacks { level.nodes as u32 } else { 0 },
-            second_stack: if has_stacks { plan.first_layer(1) } else { 0 },
+            second_stack: if has_stacks { plan.second_stack(level) } else { 0 },
             factor: level.factor as f32,
             centre: single(level.centre),
             mean: single(plan.settings.kernel.mean()),
         };
         let slopes = if has_stacks { plan.slopes() } else { Slopes::Laplacian };
         let variant = linearise::variant(slopes, has_stacks && plan.warps(level), self.masked, false);
+        let variant = stack::packed(variant, has_stacks && plan.packs(level));
         self.over(size, bindings, &constants, variant);
         let constants = exposure::Constants::new(level.size, level.factor, level.centre, adopt);
         let bindings = pair_samples::Bindings {
@@ -148,13 +149,14 @@ impl Composer<'_> {
             width: level.size[0],
             height: level.size[1],
             nodes: level.nodes as u32,
-            second_stack: self.plan.first_layer(1),
+            second_stack: self.plan.second_stack(level),
             grid,
             factor: level.factor as f32,
             centre: single(level.centre),
             noise: Noise::new(level.index),
         };
-        self.dispatch(bindings, &constants, [false, false, self.masked, false], Grid::Direct([columns, rows, 1]));
+        let variant = stack::packed([false, false, self.masked, false, false], self.plan.packs(level));
+        self.dispatch(bindings, &constants, variant, Grid::Direct([columns, rows, 1]));
         let bindings = shape_median::Bindings { windows: slot::PARTIALS.read(), state: slot::STATE.update() };
         let constants = shape_median::Constants { windows: columns * rows };
         self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1, 1, 1]));
@@ -165,11 +167,13 @@ impl Composer<'_> {
     pub(super) fn shape(&mut self, level: &Level, images: Range<usize>) {
         let bindings = shape::Bindings { stacks: slot::STACKS.update(), state: slot::STATE.read() };
         let [width, height] = level.size;
-        let (nodes, first, step) = (level.nodes as u32, self.plan.first_layer(images.start), self.plan.first_layer(1));
+        let (nodes, step) = (level.nodes as u32, self.plan.second_stack(level));
+        let first = images.start as u32 * step;
+        let is_packed = self.plan.packs(level);
         let planes = images.len() as u32;
-        let grid = self.grid(shape::groups(level.size, planes));
+        let grid = self.grid(shape::groups(level.size, if is_packed { 1 } else { planes }));
         let constants = shape::Constants { width, height, nodes, first, step, planes };
-        self.dispatch(bindings, &constants, NO_VARIANT, grid);
+        self.dispatch(bindings, &constants, stack::packed(NO_VARIANT, is_packed), grid);
     }
 }
 
@@ -193,7 +197,7 @@ impl Composer<'_> {
             length: level.length as f32,
             eta: self.plan.settings.data_eta as f32,
         };
-        let variant = [false, false, self.masked, self.plan.projective()];
+        let variant = [false, false, self.masked, self.plan.projective(), false];
         self.within(level, Over::Tiles, bindings, &constants, variant);
     }
 
@@ -213,7 +217,7 @@ impl Composer<'_> {
             width: level.size[0],
             height: level.size[1],
             nodes: level.nodes as u32,
-            second_stack: plan.first_layer(1),
+            second_stack: plan.second_stack(level),
             rows: level.rows,
             factor: level.factor as f32,
             centre: single(level.centre),
@@ -228,6 +232,7 @@ impl Composer<'_> {
             noise: Noise::new(level.index),
         };
         let variant = linearise::variant(plan.slopes(), plan.warps(level), self.masked, plan.sums_all(level));
+        let variant = stack::packed(variant, plan.packs(level));
         self.within(level, Over::Tiles, bindings, &constants, variant);
     }
 

@@ -241,7 +241,10 @@ mod tests {
         let c = constants(size, nodes, slopes, kernel);
         let variant = linearise::variant(slopes, warped, masked, false);
         // Of up to 10: 1e-5 of quotients of sums of 64 squares.
-        Trial::run::<Bindings>(&inputs, &c, variant, tiles([c.width, c.height])).assert_within(1e-4);
+        for is_packed in [false, slopes == Slopes::Laplacian] {
+            let variant = stack::packed(variant, is_packed);
+            Trial::run::<Bindings>(&inputs, &c, variant, tiles([c.width, c.height])).assert_within(1e-4);
+        }
     }
 
     #[test]

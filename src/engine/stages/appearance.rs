@@ -128,7 +128,7 @@ mod tests {
         let room = vec![0.0; Layout::of(true).length * (groups[0] * groups[1]) as usize];
         let [i1, spline2, masks] = [std::slice::from_ref(i1), &spline2, &masks].map(Input::Image);
         let inputs = [i1, spline2, Input::State(&state), Input::Numbers(&room), masks];
-        for variant in [[false, false, false, true], [false, false, true, false]] {
+        for variant in [[false, false, false, true, false], [false, false, true, false, false]] {
             let trial = Trial::run::<Bindings>(&inputs, &c, variant, groups);
             let layout = Layout::of_variant(variant);
             assert_sums_close(trial.sums(3, layout), layout);

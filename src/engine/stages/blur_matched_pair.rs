@@ -37,7 +37,7 @@ bindings! {
     i1: Reads<I1>,
     v: Reads<RelativeBlur>,
     /// Stacks of I1 and I2, or spline coefficients of I2.
-    stacks: Reads<Plane>,
+    stacks: Reads<Words>,
     /// The blur-matched pair, with shares.
     pair: Writes<UncertaintyTerms>,
     state: Reads<State>,
@@ -150,7 +150,10 @@ mod tests {
         let variant = linearise::variant(slopes, warped, masked, false);
         let groups = STAGE.groups(uncertainty_terms::size([c.width, c.height]));
         // Intensities of 0 to 1 interpolated in single precision.
-        Trial::run::<Bindings>(&inputs, &c, variant, groups).assert_within(2e-5);
+        for is_packed in [false, stacked && slopes == Slopes::Laplacian] {
+            let variant = stack::packed(variant, is_packed);
+            Trial::run::<Bindings>(&inputs, &c, variant, groups).assert_within(2e-5);
+        }
     }
 
     #[test]

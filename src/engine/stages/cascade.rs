@@ -45,7 +45,7 @@ impl Coarser {
 
     /// The variant of the pass on the target.
     pub(crate) fn variant(&self) -> Variant {
-        [self.small_grids > 0, false, false, false]
+        [self.small_grids > 0, false, false, false, false]
     }
 
     /// dV of the next coarser grid than a target of a size. `equations` and `steps` are those of all grids. If joined,

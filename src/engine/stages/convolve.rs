@@ -74,7 +74,7 @@ pub(crate) fn variant(c: &Constants, vertical: bool, stride: u32, listed: bool) 
     // One reflection suffices if the period exceeds the last value that the last span reads.
     let reach = c.length.next_multiple_of(SPAN) + TAPS;
     let any = c.add == 1 || 2 * c.radius + 1 > TAPS || c.period < reach;
-    let mut variant = [false, false, listed, false];
+    let mut variant = [false, false, listed, false, false];
     (variant[ANY], variant[VERTICAL], variant[HALVING]) = (any, vertical, stride == 2);
     variant
 }

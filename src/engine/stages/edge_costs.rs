@@ -40,7 +40,7 @@ push_constants! {
 }
 
 /// Two frames of a sweep, on one frame's pixels; their costs are added to those of other frames.
-pub(crate) const SWEEP: Variant = [true, false, false, false];
+pub(crate) const SWEEP: Variant = [true, false, false, false, false];
 
 /// The largest |V| of a side, px²: the blur that the samples have room for.
 pub(crate) const LARGEST: f32 = shader::LARGEST as f32;

@@ -55,7 +55,7 @@ pub(crate) enum Adopt {
 
 /// The variant that matches the shading too. It takes ten times as many instructions.
 pub(crate) fn variant(adopt: Adopt) -> Variant {
-    [adopt == Adopt::Shading, false, false, false]
+    [adopt == Adopt::Shading, false, false, false, false]
 }
 
 /// The most samples, for one workgroup.

@@ -69,7 +69,7 @@ push_constants! {
 
 /// The variant for a kernel's slopes, for held T and c (no sums), and for homographies.
 pub(crate) fn variant(slopes: Slopes, stays: bool, projective: bool) -> Variant {
-    [slopes == Slopes::Layers, stays, true, projective]
+    [slopes == Slopes::Layers, stays, true, projective, false]
 }
 
 /// Lines per invocation.

@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock};
 use half::f16;
 
 use super::pass::{Memory, Pass};
-use super::stack::{Layer, Sampling, Slopes, layer};
+use super::stack::{self, Layer, Sampling, Slopes, layer};
 use super::state::{DoubleState, Registration, State};
 use super::sums::{Layout, Sums};
 use super::{Field, convolve, subdivide};
@@ -142,6 +142,37 @@ impl Rig {
         image
     }
 
+    /// An image of blur stacks with the layers of I1, then of I2, packed.
+    pub(crate) fn packed(&self, layers: &[Field]) -> Arc<Image> {
+        let (first, second) = layers.split_at(layers.len() / 2);
+        let fixed = |c: f64| (stack::FIXED_STEPS / stack::FIXED_MOST * c).round() as i16 as u16;
+        let texel = |(a, b): (&f64, &f64)| u32::from(fixed(*a)) | u32::from(fixed(*b)) << 16;
+        let texels = first.iter().zip(second).flat_map(|(a, b)| a.data.iter().zip(&b.data).map(texel));
+        let staging = self.upload(bytemuck::cast_slice(&texels.collect::<Vec<u32>>()));
+        let size = [layers[0].width as u32, layers[0].height as u32];
+        let image = Image::new(self.device(), "packed image", size, first.len() as u32, Texel::One).unwrap();
+        self.record(|recorder, _| {
+            recorder.initialize(&[&image]);
+            recorder.copy_buffer_to_image(&staging, &image);
+        });
+        image
+    }
+
+    /// The layers of I1, then of I2, of packed blur stacks.
+    pub(crate) fn unpacked(&self, image: &Arc<Image>) -> Vec<Field> {
+        let (width, height) = (image.width as usize, image.height as usize);
+        let staging = self.upload(&vec![0; 4 * width * height * image.layers as usize]);
+        self.record(|recorder, _| recorder.copy_image_to_buffer(image, 0..image.layers, &staging));
+        let texels = self.words(&staging);
+        let layers = [0, 16].map(|bit| {
+            let coefficient =
+                |texel: &u32| stack::FIXED_MOST / stack::FIXED_STEPS * f64::from((texel >> bit) as u16 as i16);
+            let layer = |texels: &[u32]| Field { width, height, data: texels.iter().map(coefficient).collect() };
+            texels.chunks_exact(width * height).map(layer).collect::<Vec<_>>()
+        });
+        layers.concat()
+    }
+
     /// Records and runs commands.
     pub(crate) fn record(&self, fill: impl FnOnce(&mut Recorder, &dyn Fn(&Stage) -> Arc<Pipeline>)) {
         let mut recorder = Recorder::new(self.device(), Clock::Never).unwrap();
@@ -157,7 +188,7 @@ impl Rig {
         constants: &C,
         groups: [u32; 3],
     ) {
-        self.run_variant(stage, [false; 4], resources, constants, groups);
+        self.run_variant(stage, [false; 5], resources, constants, groups);
     }
 
     /// Runs a variant of a pass with `groups` workgroups.
@@ -202,19 +233,24 @@ impl Rig {
         buffer.read(0, 1).unwrap()[0]
     }
 
-    /// Asserts that each number of the image is within `tolerance` of the expected one, or both are NaN. Smaller layers are
-    /// expected in the corner.
+    /// Asserts that each number of the image is within `tolerance` of the expected one, or both are NaN.
     #[track_caller]
     pub(crate) fn assert_close(&self, image: &Arc<Image>, expected: &[Field], tolerance: f64) {
-        let actual = self.layers(image);
-        assert_eq!(actual.len(), expected.len(), "layers");
-        for (layer, (actual, expected)) in actual.iter().zip(expected).enumerate() {
-            for (i, &e) in expected.data.iter().enumerate() {
-                let (x, y) = (i % expected.width, i / expected.width);
-                let f = actual.get(x, y);
-                let close = (f - e).abs() <= tolerance || (f.is_nan() && e.is_nan());
-                assert!(close, "layer {layer}, ({x}, {y}): {f}, not {e} ± {tolerance}");
-            }
+        assert_all_close(&self.layers(image), expected, tolerance);
+    }
+}
+
+/// Asserts that each number of the layers is within `tolerance` of the expected one, or both are NaN. Smaller layers are
+/// expected in the corner.
+#[track_caller]
+pub(crate) fn assert_all_close(actual: &[Field], expected: &[Field], tolerance: f64) {
+    assert_eq!(actual.len(), expected.len(), "layers");
+    for (layer, (actual, expected)) in actual.iter().zip(expected).enumerate() {
+        for (i, &e) in expected.data.iter().enumerate() {
+            let (x, y) = (i % expected.width, i / expected.width);
+            let f = actual.get(x, y);
+            let close = (f - e).abs() <= tolerance || (f.is_nan() && e.is_nan());
+            assert!(close, "layer {layer}, ({x}, {y}): {f}, not {e} ± {tolerance}");
         }
     }
 }
@@ -248,6 +284,8 @@ pub(crate) enum Input<'a> {
 pub(crate) struct Trial {
     rig: Rig,
     stage: &'static Stage,
+    /// Whether blur stacks are packed.
+    is_packed: bool,
     expected: Memory<f64>,
     images: BTreeMap<usize, Arc<Image>>,
     buffers: BTreeMap<usize, Arc<Buffer>>,
@@ -258,18 +296,23 @@ fn slot(n: usize) -> Slot {
 }
 
 impl Trial {
-    /// Runs a pass on slots with these contents, in the shader's order: `groups` workgroups on the device.
+    /// Runs a pass on slots with these contents, in the shader's order: `groups` workgroups on the device. Bindings of
+    /// words are blur stacks; a variant for packed ones packs them.
     pub(crate) fn run<P: Pass>(
         inputs: &[Input<'_>],
         constants: &P::Constants,
         variant: Variant,
         groups: [u32; 3],
     ) -> Self {
-        let mut memory = Memory::new();
+        let (mut memory, bindings) = (Memory::new(), P::STAGE.bindings);
+        let packs = |n: usize| stack::is_packed(variant) && bindings[n].kind == Kind::Words;
         for (n, input) in inputs.iter().enumerate() {
             match input {
                 Input::Unread => {}
-                Input::Image(layers) => drop(memory.layers.insert(slot(n), layers.to_vec())),
+                Input::Image(layers) => {
+                    let layers = layers.iter().map(|layer| stack::stored(layer.clone(), packs(n)));
+                    memory.layers.insert(slot(n), layers.collect());
+                }
                 Input::Numbers(numbers) => drop(memory.numbers.insert(slot(n), numbers.to_vec())),
                 Input::Words(words) => drop(memory.words.insert(slot(n), words.to_vec())),
                 Input::State(state) => drop(memory.states.insert(slot(n), (*state).into())),
@@ -289,6 +332,7 @@ impl Trial {
             let mut buffer = |bytes: &[u8]| drop(buffers.insert(n, rig.upload(bytes)));
             match input {
                 Input::Unread => image(&blank(memory.layers.get(&slot(n)))),
+                Input::Image(layers) if packs(n) => drop(images.insert(n, rig.packed(layers))),
                 Input::Image(layers) => image(layers),
                 Input::Numbers(numbers) => drop(buffers.insert(n, rig.numbers(numbers.iter().copied()))),
                 Input::Words(words) => buffer(bytemuck::cast_slice(words)),
@@ -298,12 +342,12 @@ impl Trial {
             }
         }
         let resources = stage.bindings.iter().enumerate().map(|(n, binding)| match binding.kind {
-            Kind::Image => Resource::Image(&images[&n]),
+            Kind::Image | Kind::Words => Resource::Image(&images[&n]),
             Kind::Buffer => Resource::Buffer(&buffers[&n]),
             Kind::Uniform => Resource::Uniform(&buffers[&n]),
         });
         rig.run_variant(stage, variant, &resources.collect::<Vec<_>>(), constants, groups);
-        Self { rig, stage, expected: memory, images, buffers }
+        Self { rig, stage, is_packed: stack::is_packed(variant), expected: memory, images, buffers }
     }
 
     /// Asserts that the images and states that the pass writes are within `tolerance` of those of the CPU reference.
@@ -314,6 +358,10 @@ impl Trial {
                 let blank = Field::zeros(image.width as usize, image.height as usize);
                 let written = |layer: &Field| if layer.data.is_empty() { blank.clone() } else { layer.clone() };
                 let mut expected: Vec<Field> = self.layers(n).iter().map(written).collect();
+                if self.is_packed && self.stage.bindings[n].kind == Kind::Words {
+                    assert_all_close(&self.rig.unpacked(image), &expected, tolerance);
+                    continue;
+                }
                 expected.resize(image.layers as usize, blank.clone());
                 self.rig.assert_close(image, &expected, tolerance);
             } else if self.expected.states.contains_key(&slot(n)) {

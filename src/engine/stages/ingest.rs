@@ -20,7 +20,7 @@ push_constants! {
 }
 
 /// The variant that decodes the sRGB curve.
-pub(crate) const SRGB: Variant = [true, false, false, false];
+pub(crate) const SRGB: Variant = [true, false, false, false, false];
 
 bindings! {
     INGEST:
@@ -89,7 +89,7 @@ mod tests {
             weights,
         };
         let (inputs, variant) =
-            ([Input::Photograph(frame), Input::Unread], [decode == Decode::Srgb, false, false, false]);
+            ([Input::Photograph(frame), Input::Unread], [decode == Decode::Srgb, false, false, false, false]);
         // 2e-6: single precision, and the device's `pow`.
         Trial::run::<Bindings>(&inputs, &constants, variant, STAGE.groups(size)).assert_within(2e-6);
     }

@@ -102,7 +102,7 @@ pub(crate) fn tiles([width, height]: [u32; 2], rows: u32) -> [u32; 3] {
 
 /// The variant for a kernel, for a warped I2, for masked pixels, and for the sums of homographies.
 pub(crate) fn variant(slopes: Slopes, warped: bool, masked: bool, projective: bool) -> Variant {
-    [slopes == Slopes::Layers, warped, masked, projective]
+    [slopes == Slopes::Layers, warped, masked, projective, false]
 }
 
 bindings! {
@@ -496,13 +496,16 @@ mod tests {
         let masks = [7, 8].map(|seed| mask::shares(v.width, v.height, seed));
         let (transform, moved) = (transform.into(), moved.map(Homography::from));
         for (rows, projective) in [(1, false), (2, false), (MOST_ROWS, true)] {
-            check_rows((rows, projective), [i1, i2, v], transform, kernel, moved, None);
-            check_rows((rows, projective), [i1, i2, v], transform, kernel, moved, Some(&masks));
+            for is_packed in [false, Slopes::of(kernel) == Slopes::Laplacian] {
+                let variant = (rows, projective, is_packed);
+                check_rows(variant, [i1, i2, v], transform, kernel, moved, None);
+                check_rows(variant, [i1, i2, v], transform, kernel, moved, Some(&masks));
+            }
         }
     }
 
     fn check_rows(
-        (rows, projective): (u32, bool),
+        (rows, projective, is_packed): (u32, bool, bool),
         [i1, i2, v]: [&Field; 3],
         transform: Homography,
         kernel: &Kernel,
@@ -512,7 +515,8 @@ mod tests {
         let ((width, height), layout) = ((v.width, v.height), Layout::of(projective));
         let nodes = stack::node_count(6.0);
         let slopes = Slopes::of(kernel);
-        let stacks = [i1, i2].map(|i| build_stack(i, kernel, nodes));
+        let stored = |layer| stack::stored(layer, is_packed);
+        let stacks = [i1, i2].map(|i| build_stack(i, kernel, nodes).into_iter().map(stored).collect::<Vec<_>>());
         let c = Constants { rows, ..constants(width, height, nodes, kernel) };
         let registration = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
         let mut state = State { spread: 0.01, ..State::new(&registration) };
@@ -533,7 +537,8 @@ mod tests {
         );
 
         let rig = Rig::new();
-        let inputs = [rig.field(i1), rig.field(v), rig.image(&stacks.concat())];
+        let stacks = stacks.concat();
+        let inputs = [rig.field(i1), rig.field(v), if is_packed { rig.packed(&stacks) } else { rig.image(&stacks) }];
         let equations = rig.empty([c.width, c.height], LAYERS as usize);
         let state = rig.upload(bytemuck::bytes_of(&state));
         let none = [Field::zeros(width, height), Field::zeros(width, height)];
@@ -542,7 +547,8 @@ mod tests {
         let partials = rig.upload(&vec![0; 4 * layout.length * (groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = inputs.iter().chain([&equations]).map(Resource::Image).collect();
         resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials), Resource::Image(&masks)]);
-        rig.run_variant(&STAGE, variant(slopes, moved.is_some(), masked, projective), &resources, &c, groups);
+        let variant = stack::packed(variant(slopes, moved.is_some(), masked, projective), is_packed);
+        rig.run_variant(&STAGE, variant, &resources, &c, groups);
 
         // Single precision, relative to the largest.
         let most = expected.equations.iter().flat_map(|f| &f.data).fold(1.0, |most: f64, v| most.max(v.abs()));
@@ -573,7 +579,7 @@ mod tests {
             check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02), &Kernel::Gaussian, moved);
             let steep = Homography::from_matrix([[1.02, 0.01, 0.7], [-0.02, 0.99, -1.1], [1e-4, -2e-4, 1.0]]).unwrap();
             for (kernel, moved) in [(Kernel::HalfGaussian, None), (Kernel::Gaussian, moved.map(Homography::from))] {
-                check_rows((2, true), [&smooth(1), &smooth(2), &v], steep, &kernel, moved, None);
+                check_rows((2, true, false), [&smooth(1), &smooth(2), &v], steep, &kernel, moved, None);
             }
         }
     }

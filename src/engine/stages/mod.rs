@@ -82,7 +82,7 @@ use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};
 pub(crate) const WORKGROUP: [u32; 2] = [64, 4];
 
 /// The variant with no specialization constant set.
-pub(crate) const NO_VARIANT: Variant = [false; 4];
+pub(crate) const NO_VARIANT: Variant = [false; 5];
 
 /// The number of pixels of an image.
 pub(crate) fn pixels(width: u32, height: u32) -> u64 {
@@ -131,6 +131,7 @@ mod tests {
         let (layout, rest) = line.strip_prefix("layout(binding = ")?.split_once(')')?;
         let number = layout.split(',').next()?.trim().parse().ok()?;
         let kind = match rest {
+            _ if rest.contains("uimage2DArray") => Kind::Words,
             _ if rest.contains("image2DArray") => Kind::Image,
             _ if rest.contains("uniform") => Kind::Uniform,
             _ => Kind::Buffer,

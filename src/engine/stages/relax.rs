@@ -29,7 +29,7 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 }
 
 /// The variant for the first relaxation sweep, which starts from dV of the coarse grid.
-pub(crate) const FIRST: Variant = [true, false, false, false];
+pub(crate) const FIRST: Variant = [true, false, false, false, false];
 
 bindings! {
     RELAX:
@@ -212,7 +212,7 @@ pub(crate) mod tests {
             let mut resources =
                 [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image).to_vec();
             resources.push(Resource::Buffer(&steps));
-            rig.run_variant(&STAGE, [true, false, false, false], &resources, &c, tiles([c.width, c.height]));
+            rig.run_variant(&STAGE, [true, false, false, false, false], &resources, &c, tiles([c.width, c.height]));
         }
         for color in [0, 1] {
             rig.assert_close(&changes[color], &change[color..=color], 1e-5);

@@ -22,7 +22,7 @@ push_constants! {
 }
 
 /// The variant for the first relaxation sweep, which starts from dV of the coarser grid.
-pub(crate) const FIRST: Variant = [true, false, false, false];
+pub(crate) const FIRST: Variant = [true, false, false, false, false];
 
 /// Workgroups over a grid.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {

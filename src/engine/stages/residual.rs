@@ -85,6 +85,7 @@ pub fn cpu_reference<N: Number>(
 mod tests {
     use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
+    use super::super::linearise;
     use super::super::stack::{self, Slopes};
     use super::super::state::State;
     use super::*;
@@ -114,10 +115,13 @@ mod tests {
         let (i1, v, stacks) = ([i1], [v], stacks.concat());
         let inputs = [&i1[..], &v, &stacks].map(Input::Image);
         let inputs = [&inputs[..], &[Input::Unread, Input::State(&state)]].concat();
-        let variant = [slopes == Slopes::Layers, warped, false, false];
+        let variant = linearise::variant(slopes, warped, false, false);
         let groups = STAGE.groups(uncertainty_terms::size([c.width, c.height]));
         // 2e-5: a residual of up to 1, squared in single precision.
-        Trial::run::<Bindings>(&inputs, &c, variant, groups).assert_within(2e-5);
+        for is_packed in [false, slopes == Slopes::Laplacian] {
+            let variant = stack::packed(variant, is_packed);
+            Trial::run::<Bindings>(&inputs, &c, variant, groups).assert_within(2e-5);
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@
 use super::convolve::{self, filter_both};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::spline::{Number, Raster};
-use super::{WORKGROUP, pixels};
+use super::{WORKGROUP, pixels, stack};
 use crate::engine::shaders::separable::{BLOCK, COLUMNS, LINES, LONG_LINES, REACH, SPAN, TAPS, TOTAL};
 use crate::engine::vulkan::Variant;
 
@@ -26,7 +26,7 @@ push_constants! {
     from_step: u32,
     /// From a layer written to the next.
     to_step: u32,
-    /// The number of layers: workgroups along z.
+    /// The number of layers, at most two: workgroups along z, unless they are packed.
     planes: u32,
     /// First weights of the filters along x and along y, in units of four weights.
     offsets: [u32; 2],
@@ -53,13 +53,45 @@ pub(crate) fn is_long(radii: [u32; 2]) -> bool {
 }
 
 const LONG: usize = 0;
+const JOINS: usize = 1;
 const HALVING: usize = 3;
 
+/// How the layers of both photographs are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Packing {
+    /// As floats.
+    Floats,
+    /// As floats, before the filters in two images.
+    JoinedFloats,
+    /// Packed, both before and after the filters.
+    Packed,
+    /// Packed after the filters; before these, as floats of two images.
+    Joined,
+}
+
+impl Packing {
+    /// That of a variant.
+    fn of(variant: Variant) -> Self {
+        match (stack::is_packed(variant), variant[JOINS]) {
+            (false, false) => Self::Floats,
+            (true, false) => Self::Packed,
+            (true, true) => Self::Joined,
+            (false, true) => Self::JoinedFloats,
+        }
+    }
+
+    /// Whether the results are packed.
+    pub(crate) fn packs(self) -> bool {
+        matches!(self, Self::Packed | Self::Joined)
+    }
+}
+
 /// The variant that filters or, with stride 2, halves. `long`: for long filters; `listed`: for listed tiles.
-pub(crate) fn variant(stride: u32, long: bool, listed: bool) -> Variant {
-    let mut variant = [false, false, listed, false];
-    (variant[LONG], variant[HALVING]) = (long, stride == 2);
-    variant
+pub(crate) fn variant(stride: u32, long: bool, listed: bool, packing: Packing) -> Variant {
+    let mut variant = [false, false, listed, false, false];
+    let joins = matches!(packing, Packing::Joined | Packing::JoinedFloats);
+    (variant[LONG], variant[JOINS], variant[HALVING]) = (long, joins, stride == 2);
+    stack::packed(variant, packing.packs())
 }
 
 /// Width and height of a workgroup's results, pixels of the filtered image.
@@ -67,7 +99,7 @@ pub(crate) fn tile(stride: u32, long: bool) -> [u32; 2] {
     [COLUMNS, if long { LONG_LINES - 2 * REACH } else { LINES - TAPS + 1 } / stride]
 }
 
-/// Workgroups over an image of this size before the filters, of `planes` layers.
+/// Workgroups over an image of this size before the filters, of `planes` layers. Packed ones count as one.
 pub(crate) fn groups(size: [u32; 2], stride: u32, long: bool, planes: u32) -> [u32; 3] {
     let [width, height] = tile(stride, long);
     let [columns, rows] = size.map(|side| side.div_ceil(stride));
@@ -77,9 +109,11 @@ pub(crate) fn groups(size: [u32; 2], stride: u32, long: bool, planes: u32) -> [u
 bindings! {
     SEPARABLE:
     /// Image that is filtered.
-    from: Reads<Plane>,
+    from: Reads<Words>,
+    /// The image of the second layer, with the variants that join two.
+    second: Reads<Words>,
     /// Other layers than those that are read.
-    to: Writes<Plane>,
+    to: Writes<Words>,
     filters: Reads<Filters>,
     tiles: Reads<Tiles>,
 }
@@ -88,18 +122,25 @@ impl Pass for Bindings {
     /// Compulsory traffic: every value read, every result written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let [columns, rows] = [c.width, c.height].map(|side| side.div_ceil(stride(variant)));
-        4 * u64::from(c.planes) * (pixels(c.width, c.height) + pixels(columns, rows))
+        let packing = Packing::of(variant);
+        let [read, written] =
+            [packing == Packing::Packed, packing.packs()].map(|is_packed| stack::bytes(c.planes, is_packed));
+        read * pixels(c.width, c.height) + written * pixels(columns, rows)
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let weights = memory.numbers(self.filters);
         let filters =
             [0, 1].map(|axis| weights[4 * c.offsets[axis] as usize..][..2 * c.radii[axis] as usize + 1].to_vec());
+        let is_packed = Packing::of(variant).packs();
         for plane in 0..c.planes {
-            let [from, to] = [c.from_layer + plane * c.from_step, c.to_layer + plane * c.to_step].map(|n| n as usize);
-            let filtered =
-                cpu_reference(c, stride(variant), filters.each_ref().map(Vec::as_slice), memory.layer(self.from, from));
-            memory.set_layer(self.to, to, filtered);
+            let image = match plane {
+                0 => memory.layer(self.from, c.from_layer as usize),
+                _ => memory.layer(self.second, (c.from_layer + c.from_step) as usize),
+            };
+            let filtered = cpu_reference(c, stride(variant), filters.each_ref().map(Vec::as_slice), image);
+            let filtered = stack::stored(filtered, is_packed);
+            memory.set_layer(self.to, (c.to_layer + plane * c.to_step) as usize, filtered);
         }
     }
 }
@@ -126,7 +167,7 @@ const _: () = assert!((LONG_LINES - 2 * REACH).is_multiple_of(2 * SPAN) && LONG_
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Rig, assert_all_close, random_field};
     use super::*;
     use crate::engine::filter;
     use crate::engine::vulkan::Resource;
@@ -164,16 +205,38 @@ mod tests {
         weights.resize(4 * (c.offsets[1] - c.offsets[0]) as usize, 0.0);
         let weights = rig.filter(c.offsets[0], &[&weights, filters[1]].concat());
         let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
-        let resources =
-            [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights), Resource::Buffer(&tiles)];
-        let groups = if listed { [2, 1, 2] } else { groups(size, stride, long, 2) };
-        rig.run_variant(&STAGE, variant(stride, long, listed), &resources, &c, groups);
+        let (weights, tiles) = (Resource::Uniform(&weights), Resource::Buffer(&tiles));
+        let resources = [Resource::Image(&from), Resource::Image(&from), Resource::Image(&to), weights, tiles];
+        let all = |planes| groups(size, stride, long, planes);
+        let groups = if listed { [2, 1, 2] } else { all(2) };
+        rig.run_variant(&STAGE, variant(stride, long, listed, Packing::Floats), &resources, &c, groups);
         let [right, below] = [tile(stride, long)[0], 2 * tile(stride, long)[1]].map(|side| side as usize);
         let written = Field::from_fn(expected.width, expected.height, |x, y| {
             if !listed || x < right && y < below { expected.get(x, y) } else { 0.0 }
         });
         // 1e-5: 38 products of single precision, with weights of the prefilter that sum to 3 in absolute value.
         rig.assert_close(&to, &[times(&written, 1.0), times(&written, 0.0), times(&written, -1.0)], 1e-5);
+
+        // Packed, from layer 1 or from those of two images into layer 0; some results are beyond what is stored.
+        let [first, second] = [2.0, -1.0].map(|factor| stack::stored(times(&input, factor), true));
+        let results = [&first, &second].map(|image| stack::stored(cpu_reference(&c, stride, filters, image), true));
+        let [one, other] = [[&input, &first], [&input, &second]].map(|layers| rig.image(&layers.map(Field::clone)));
+        let (to, joined) = (rig.empty(size.map(|side| side.div_ceil(stride)), 3), Constants { from_step: 0, ..c });
+        let resources = [Resource::Image(&one), Resource::Image(&other), Resource::Image(&to), weights, tiles];
+        rig.run_variant(&STAGE, variant(stride, long, false, Packing::JoinedFloats), &resources, &joined, all(2));
+        let [a, b] = [&first, &second].map(|image| cpu_reference(&c, stride, filters, image));
+        rig.assert_close(&to, &[a, times(&expected, 0.0), b], 2e-5);
+        let both = rig.packed(&[second.clone(), first, input, second].map(|layer| stack::stored(layer, true)));
+        for (packing, from, second, from_step) in
+            [(Packing::Joined, &one, &other, 0), (Packing::Packed, &both, &both, 2)]
+        {
+            let blank = Field::zeros(expected.width, expected.height);
+            let (to, c) = (rig.packed(&[blank.clone(), blank]), Constants { from_step, ..c });
+            let resources = [Resource::Image(from), Resource::Image(second), Resource::Image(&to), weights, tiles];
+            rig.run_variant(&STAGE, variant(stride, long, false, packing), &resources, &c, all(1));
+            // A step of the fixed point, where one rounds up and the other down.
+            assert_all_close(&rig.unpacked(&to), &results, 1.1 * stack::FIXED_MOST / stack::FIXED_STEPS);
+        }
     }
 
     #[test]

@@ -19,7 +19,7 @@ push_constants! {
     first: u32,
     /// From a stack to the next.
     step: u32,
-    /// The number of stacks: workgroups along z.
+    /// The number of stacks: workgroups along z, unless they are packed.
     planes: u32,
 }
 
@@ -30,7 +30,7 @@ bindings! {
     state: Reads<State>,
 }
 
-/// Workgroups over the blur stacks of `planes` images.
+/// Workgroups over the blur stacks of `planes` images. Packed ones count as one.
 pub(crate) fn groups(size: [u32; 2], planes: u32) -> [u32; 3] {
     let [x, y, _] = STAGE.groups(size);
     [x, y, planes]
@@ -38,16 +38,18 @@ pub(crate) fn groups(size: [u32; 2], planes: u32) -> [u32; 3] {
 
 impl Pass for Bindings {
     /// Compulsory traffic: every node read, every one but the sharp image written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * u64::from(c.planes) * u64::from(2 * c.nodes - 1) * pixels(c.width, c.height)
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
+        stack::bytes(c.planes, stack::is_packed(variant)) * u64::from(2 * c.nodes - 1) * pixels(c.width, c.height)
     }
 
-    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let shape = memory.state(self.state).kernel_shape;
         for plane in (0..c.planes).filter(|_| shape != 0.0) {
             let first = (c.first + plane * c.step) as usize;
             let shaped = cpu_reference(shape, &memory.layers(self.stacks)[first..first + c.nodes as usize]);
-            shaped.into_iter().enumerate().for_each(|(k, node)| memory.set_layer(self.stacks, first + k, node));
+            for (k, node) in shaped.into_iter().enumerate() {
+                memory.set_layer(self.stacks, first + k, stack::stored(node, stack::is_packed(variant)));
+            }
         }
     }
 }
@@ -97,6 +99,10 @@ mod tests {
                 let inputs = [Input::Image(&stacks), Input::State(&state)];
                 // Single precision, with coefficients of a few and differences times 4 at most.
                 Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, groups([width, height], 2)).assert_within(2e-5);
+                // A step of the fixed point, where one rounds up and the other down.
+                let packed = stack::packed(NO_VARIANT, true);
+                let trial = Trial::run::<Bindings>(&inputs, &c, packed, groups([width, height], 1));
+                trial.assert_within(1.1 * stack::FIXED_MOST / stack::FIXED_STEPS);
             }
         }
     }

@@ -262,15 +262,18 @@ mod tests {
         let masks = masks.map_or(Input::Unread, |masks| Input::Image(masks));
         let windows = vec![0.0; FLOATS as usize];
         let inputs = [v, stacks, Input::State(&state), masks, Input::Numbers(&windows)];
-        let trial = Trial::run::<Bindings>(&inputs, &c, [false, false, masked, false], [c.grid[0], c.grid[1], 1]);
-        let (actual, expected) = trial.numbers(4);
-        let most = expected.chunks(2).fold(1.0, |most: f64, w| most.max(w[1]));
-        for (n, (actual, expected)) in actual.chunks(2).zip(expected.chunks(2)).enumerate() {
-            let ([shape, weight], [e_shape, e_weight]) =
-                ([0, 1].map(|i| f64::from(actual[i])), [expected[0], expected[1]]);
-            // A thousandth: sums of 576 products in single precision, of which elimination leaves a hundredth.
-            assert!((weight - e_weight).abs() < 2e-3 * most, "{n}: {weight}, not {e_weight}");
-            assert!(e_weight < 1e-2 * most || (shape - e_shape).abs() < 5e-3, "{n}: {shape}, not {e_shape}");
+        for is_packed in [false, true] {
+            let variant = stack::packed([false, false, masked, false, false], is_packed);
+            let trial = Trial::run::<Bindings>(&inputs, &c, variant, [c.grid[0], c.grid[1], 1]);
+            let (actual, expected) = trial.numbers(4);
+            let most = expected.chunks(2).fold(1.0, |most: f64, w| most.max(w[1]));
+            for (n, (actual, expected)) in actual.chunks(2).zip(expected.chunks(2)).enumerate() {
+                let ([shape, weight], [e_shape, e_weight]) =
+                    ([0, 1].map(|i| f64::from(actual[i])), [expected[0], expected[1]]);
+                // A thousandth: sums of 576 products in single precision, of which elimination leaves a hundredth.
+                assert!((weight - e_weight).abs() < 2e-3 * most, "{n}: {weight}, not {e_weight}");
+                assert!(e_weight < 1e-2 * most || (shape - e_shape).abs() < 5e-3, "{n}: {shape}, not {e_shape}");
+            }
         }
     }
 

@@ -8,6 +8,8 @@ use super::segments::{SEGMENT, Segment, range};
 use super::spline::{self, Jet, Number, Raster, Real};
 use crate::base::Kernel;
 use crate::engine::filter::{self, Terms};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// How the slopes at the nodes are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,6 +137,40 @@ pub fn node_count(limit: f64) -> usize {
 #[inline(always)]
 pub(super) fn node_below(v: f64, count: usize) -> usize {
     NODES[1..count - 1].iter().take_while(|&&node| node <= v).count()
+}
+
+/// The specialization constant by which a texel of the stacks has a coefficient of I1 and one of I2.
+const PACKED: usize = 4;
+/// The largest magnitude of a packed coefficient. A white pixel on black has 3, a black one on white -2, and a step at
+/// most 1.4. Larger ones have contrasts of both signs from pixel to pixel along both axes, which lenses do not show;
+/// they are clamped.
+pub(crate) const FIXED_MOST: f64 = shaders::stacks::FIXED_MOST;
+/// The steps of packed coefficients from zero to there.
+pub(crate) const FIXED_STEPS: f64 = shaders::stacks::FIXED_STEPS;
+
+/// A variant for packed stacks, if they are.
+pub(crate) fn packed(mut variant: Variant, is_packed: bool) -> Variant {
+    variant[PACKED] = is_packed;
+    variant
+}
+
+/// Whether a variant is for packed stacks.
+pub(crate) fn is_packed(variant: Variant) -> bool {
+    variant[PACKED]
+}
+
+/// Bytes per pixel of layers of `count` stacks.
+pub(crate) fn bytes(count: u32, is_packed: bool) -> u64 {
+    if is_packed { 4 } else { 4 * u64::from(count) }
+}
+
+/// Coefficients as the stacks store them: in fixed point, if they are packed.
+pub(crate) fn stored<N: Number>(mut layer: Raster<N>, is_packed: bool) -> Raster<N> {
+    if is_packed {
+        let rounded = |c: f64| (c.clamp(-FIXED_MOST, FIXED_MOST) / FIXED_MOST * FIXED_STEPS).round();
+        layer.data.iter_mut().for_each(|c| *c = N::of(FIXED_MOST / FIXED_STEPS * rounded((*c).into())));
+    }
+    layer
 }
 
 /// An image blurred by one variance, at one place.

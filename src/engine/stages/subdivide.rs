@@ -6,9 +6,9 @@
 //! the last pixel of the coarse grid and the next.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::pixels;
 use super::segments::streamed;
 use super::spline::{Number, Raster, fold};
+use super::{pixels, stack};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -30,21 +30,21 @@ push_constants! {
     listed: u32,
 }
 
-/// Workgroups over the pixels of a coarse image, of `planes` layers.
+/// Workgroups over the pixels of a coarse image, of `planes` layers. Packed ones count as one.
 pub(crate) fn groups(size: [u32; 2], planes: u32) -> [u32; 3] {
     let [x, y, _] = STAGE.groups(size);
     [x, y, planes]
 }
 
-/// The variant for listed tiles.
-pub(crate) fn variant(listed: bool) -> Variant {
-    [false, false, listed, false]
+/// The variant for listed tiles, and for packed layers.
+pub(crate) fn variant(listed: bool, packed: bool) -> Variant {
+    stack::packed([false, false, listed, false, false], packed)
 }
 
 bindings! {
     SUBDIVIDE:
     /// Coefficients on every other pixel.
-    coarse: Reads<Plane>,
+    coarse: Reads<Words>,
     /// Coefficients on every pixel.
     fine: Writes<Stacks>,
     tiles: Reads<Tiles>,
@@ -52,16 +52,17 @@ bindings! {
 
 impl Pass for Bindings {
     /// Compulsory traffic: a quarter of the pixels read, all written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * u64::from(c.planes) * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
+        let coarse = pixels(c.width.div_ceil(2), c.height.div_ceil(2));
+        stack::bytes(c.planes, stack::is_packed(variant)) * (coarse + pixels(c.width, c.height))
     }
 
-    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         for plane in 0..c.planes {
             let to = (c.layer + plane * c.step) as usize;
             let fine = memory.take_layer(self.fine, to).of_size([c.width as usize, c.height as usize]);
             let coarse = memory.layer(self.coarse, (c.from_layer + plane * c.from_step) as usize);
-            let fine = refined(fine, coarse);
+            let fine = stack::stored(refined(fine, coarse), stack::is_packed(variant));
             memory.set_layer(self.fine, to, fine);
         }
     }
@@ -115,8 +116,9 @@ fn refined<N: Number>(mut fine: Raster<N>, coarse: &Raster<N>) -> Raster<N> {
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Rig, assert_all_close, random_field};
     use super::super::spline;
+    use super::super::stack::{FIXED_MOST, FIXED_STEPS};
     use super::*;
     use crate::engine::vulkan::Resource;
 
@@ -134,7 +136,7 @@ mod tests {
             let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];
             let zeros = Field::zeros(width as usize, height as usize);
             // The first tile, and the one below it to the right.
-            rig.run_variant(&STAGE, variant(true), &resources, &constants, [2, 1, 2]);
+            rig.run_variant(&STAGE, variant(true, false), &resources, &constants, [2, 1, 2]);
             let some = Field::from_fn(width as usize, height as usize, |x, y| {
                 if (x / 128, y / 8) == (0, 0) || (x / 128, y / 8) == (1, 1) { expected.get(x, y) } else { 0.0 }
             });
@@ -143,6 +145,21 @@ mod tests {
             rig.assert_close(&to, &layers(&some), 1e-6);
             rig.run_groups(&STAGE, &resources, &constants, groups([width.div_ceil(2), height.div_ceil(2)], 2));
             rig.assert_close(&to, &layers(&expected), 1e-6);
+
+            // Packed, from layer 1 into layer 2.
+            let [coarse, other] = [coarse.clone(), negative(&coarse)].map(|layer| stack::stored(layer, true));
+            let expected = [&coarse, &other].map(|coarse| cpu_reference([width as usize, height as usize], coarse));
+            let blank = Field::zeros(coarse.width, coarse.height);
+            let from = rig.packed(&[blank.clone(), coarse, blank, other]);
+            let to = rig.packed(&vec![zeros.clone(); 6]);
+            let constants = Constants { from_layer: 1, layer: 2, ..constants };
+            let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];
+            let groups = groups([width.div_ceil(2), height.div_ceil(2)], 1);
+            rig.run_variant(&STAGE, variant(false, true), &resources, &constants, groups);
+            let [first, second] = expected.map(|fine| [zeros.clone(), zeros.clone(), fine]);
+            // Half a step of the fixed point.
+            let tolerance = 0.51 * FIXED_MOST / FIXED_STEPS;
+            assert_all_close(&rig.unpacked(&to), &[&first[..], &second].concat(), tolerance);
         }
     }
 

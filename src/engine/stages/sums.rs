@@ -16,7 +16,7 @@ use crate::engine::vulkan::Variant;
 pub const UNKNOWNS: usize = 8;
 
 /// The variant of stages that compute the sums of homographies: more monomials.
-pub(crate) const PROJECTIVE: Variant = [false, false, false, true];
+pub(crate) const PROJECTIVE: Variant = [false, false, false, true, false];
 
 /// The displacement by one pixel of each unknown, at a place from the centre divided by L.
 pub fn displacements([x, y]: [f64; 2]) -> [[f64; 2]; UNKNOWNS] {

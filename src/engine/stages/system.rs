@@ -39,7 +39,7 @@ push_constants! {
 }
 
 /// The variant for a sweep.
-pub(crate) const SWEEP: Variant = [true, false, false, false];
+pub(crate) const SWEEP: Variant = [true, false, false, false, false];
 
 /// Layers of the equations that a variant reads: D, b, and for a sweep q.
 pub(crate) fn layers(variant: Variant) -> u32 {
@@ -324,9 +324,9 @@ mod tests {
     fn matches_the_cpu_reference() {
         for (width, height) in [(67, 43), (64, 4), (33, 18), (1, 2)] {
             check(width, height, SWEEP, false);
-            check(width, height, [false; 4], false);
+            check(width, height, [false; 5], false);
         }
-        check(35, 20, [false; 4], true);
+        check(35, 20, [false; 5], true);
     }
 
     /// The host adds up whole rows of partial sums. Those of the pass before must not be among them.

@@ -190,8 +190,8 @@ mod tests {
     fn matches_the_cpu_reference() {
         for size in [[67, 43], [64, 33], [33, 18], [8, 9], [131, 260], [1030, 530]] {
             check(size, system::SWEEP, false);
-            check(size, [false; 4], false);
+            check(size, [false; 5], false);
         }
-        check([35, 20], [false; 4], true);
+        check([35, 20], [false; 5], true);
     }
 }

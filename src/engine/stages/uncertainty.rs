@@ -99,7 +99,7 @@ pub(crate) fn at_limit(max_relative_blur: f64) -> f32 {
 }
 
 /// The variant for masked pixels.
-pub(crate) const MASKED: Variant = [false, false, true, false];
+pub(crate) const MASKED: Variant = [false, false, true, false, false];
 
 bindings! {
     UNCERTAINTY:

@@ -58,7 +58,7 @@ impl Constants {
 /// since software devices execute both sides of a branch.
 pub(crate) fn variant(format: PixelFormat) -> Variant {
     let is_mosaic = matches!(format.order, Order::Mosaic(_));
-    [format.packing == Packing::Bits, format.packing == Packing::Pairs, is_mosaic, format.bits > 8]
+    [format.packing == Packing::Bits, format.packing == Packing::Pairs, is_mosaic, format.bits > 8, false]
 }
 
 bindings! {
@@ -69,7 +69,7 @@ bindings! {
 
 impl Pass for Bindings {
     /// Compulsory traffic: every packed sample read, every sample written.
-    fn bytes(c: &Constants, [_, _, is_mosaic, is_wide]: Variant) -> u64 {
+    fn bytes(c: &Constants, [_, _, is_mosaic, is_wide, _]: Variant) -> u64 {
         let written = if c.count == 1 && !is_mosaic { 1 } else { 3 } * if is_wide { 2 } else { 1 };
         pixels(c.width, c.height) * u64::from(c.count * c.bits + 8 * written) / 8
     }

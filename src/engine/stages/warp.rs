@@ -18,7 +18,7 @@ push_constants! {
     width: u32,
     /// Height of the level, pixels.
     height: u32,
-    /// Target layer of the stacks.
+    /// Target layer.
     layer: u32,
     /// Pixels of the full-size image per pixel of this level.
     factor: f32,
@@ -37,8 +37,7 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 bindings! {
     WARP:
     spline2: Reads<Spline2>,
-    /// The stacks. The pass writes one layer.
-    stacks: Writes<Stacks>,
+    to: Writes<Plane>,
     /// State, which stores the T and the shading that were used.
     state: Updates<State>,
 }
@@ -50,10 +49,10 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let reused = memory.take_layer(self.stacks, c.layer as usize);
+        let reused = memory.take_layer(self.to, c.layer as usize);
         let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);
         let samples = warped(reused, c, &r, &shading, memory.layer(self.spline2, 0));
-        memory.set_layer(self.stacks, c.layer as usize, samples);
+        memory.set_layer(self.to, c.layer as usize, samples);
         let state = memory.state_mut(self.state);
         (state.warped, state.applied_shading) = (r, shading);
     }

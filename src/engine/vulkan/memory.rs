@@ -29,6 +29,14 @@ impl Texel {
         }
     }
 
+    /// Images of one float per texel also have a view of words.
+    fn flags(self) -> vk::ImageCreateFlags {
+        match self {
+            Texel::One => vk::ImageCreateFlags::MUTABLE_FORMAT,
+            Texel::FourHalf => vk::ImageCreateFlags::empty(),
+        }
+    }
+
     /// Returns the number of floats per texel.
     #[cfg(test)]
     pub(crate) fn floats(self) -> usize {
@@ -62,6 +70,8 @@ pub(crate) struct Buffer {
 pub(crate) struct Image {
     pub(super) handle: vk::Image,
     pub(super) view: vk::ImageView,
+    /// The view of texels of one float as words; null for other texels.
+    pub(super) words: vk::ImageView,
     pub(crate) width: u32,
     pub(crate) height: u32,
     pub(crate) layers: u32,
@@ -81,7 +91,7 @@ pub(crate) fn image_limits(device: &Device) -> Result<(u64, u32), Error> {
             vk::ImageType::TYPE_2D,
             vk::ImageTiling::OPTIMAL,
             IMAGE_USAGE,
-            vk::ImageCreateFlags::empty(),
+            Texel::One.flags(),
         )
     };
     let limits = device.check("vkGetPhysicalDeviceImageFormatProperties", limits)?;
@@ -230,6 +240,7 @@ impl Image {
         let create = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
             .format(texel.format())
+            .flags(texel.flags())
             .extent(vk::Extent3D { width, height, depth: 1 })
             .mip_levels(1)
             .array_layers(layers)
@@ -249,6 +260,7 @@ impl Image {
         let mut image = Self {
             handle,
             view: vk::ImageView::null(),
+            words: vk::ImageView::null(),
             width,
             height,
             layers,
@@ -265,6 +277,12 @@ impl Image {
             .subresource_range(image.all_layers());
         // SAFETY: the image is bound and belongs to this device.
         image.view = device.check("vkCreateImageView", unsafe { device.handle.create_image_view(&create, None) })?;
+        if texel == Texel::One {
+            let create = create.format(vk::Format::R32_UINT);
+            // SAFETY: as above. The image is mutable, and both formats are of 32 bits.
+            let words = unsafe { device.handle.create_image_view(&create, None) };
+            image.words = device.check("vkCreateImageView", words)?;
+        }
         Ok(Arc::new(image))
     }
 
@@ -330,6 +348,7 @@ impl Drop for Image {
         // SAFETY: recordings retain the images that they use and are complete; destroying a null view has no effect.
         unsafe {
             self.device.handle.destroy_image_view(self.view, None);
+            self.device.handle.destroy_image_view(self.words, None);
             self.device.handle.destroy_image(self.handle, None);
         }
         free(&self.device, &mut self.allocation);

@@ -17,6 +17,8 @@ use crate::engine::shaders::Shader;
 pub(crate) enum Kind {
     /// A storage image, a 2D array of one or four floats per texel.
     Image,
+    /// The same of one float per texel, by its bits: a word per texel.
+    Words,
     /// A storage buffer.
     Buffer,
     /// A uniform buffer.
@@ -39,8 +41,8 @@ pub(crate) struct Binding {
     pub(crate) access: Access,
 }
 
-/// The specialization constants 2 to 5 of a stage, which select a variant of it.
-pub(crate) type Variant = [bool; 4];
+/// The specialization constants 2 to 6 of a stage, which select a variant of it.
+pub(crate) type Variant = [bool; 5];
 
 /// A shader with its bindings, in order, and the size of its push constants in bytes.
 #[derive(Debug)]
@@ -67,7 +69,7 @@ pub(crate) struct Pipeline {
 impl Kind {
     pub(super) fn descriptor_type(self) -> vk::DescriptorType {
         match self {
-            Kind::Image => vk::DescriptorType::STORAGE_IMAGE,
+            Kind::Image | Kind::Words => vk::DescriptorType::STORAGE_IMAGE,
             Kind::Buffer => vk::DescriptorType::STORAGE_BUFFER,
             Kind::Uniform => vk::DescriptorType::UNIFORM_BUFFER,
         }
@@ -84,7 +86,7 @@ impl Stage {
 impl Pipeline {
     /// Compiles a stage, with the device's pipeline cache.
     pub(crate) fn new(device: &Arc<Device>, stage: &Stage) -> Result<Self, Error> {
-        Self::variant(device, stage, [false; 4])
+        Self::variant(device, stage, Variant::default())
     }
 
     /// Compiles a variant of a stage, with the device's pipeline cache.
@@ -162,9 +164,10 @@ impl Pipeline {
         let module = unsafe { device.handle.create_shader_module(&create, None) };
         let module = device.check("vkCreateShaderModule", module)?;
         let entries =
-            [0u32, 1, 2, 3, 4, 5].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
+            [0u32, 1, 2, 3, 4, 5, 6].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
         let [width, height] = self.workgroup(stage);
-        let constants = [width, height, variant[0].into(), variant[1].into(), variant[2].into(), variant[3].into()];
+        let [a, b, c, d, e] = variant.map(u32::from);
+        let constants = [width, height, a, b, c, d, e];
         let specialization =
             vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&constants));
         let shader = vk::PipelineShaderStageCreateInfo::default()
@@ -229,16 +232,16 @@ impl DescriptorSets {
         pipeline: &Arc<Pipeline>,
         resources: &[Resource<'_>],
     ) -> Result<vk::DescriptorSet, Error> {
-        let kinds: Vec<_> = resources.iter().map(|r| r.kind()).collect();
-        let expected: Vec<_> = pipeline.bindings.iter().map(|b| b.kind).collect();
+        let kinds: Vec<_> = resources.iter().map(|r| r.kind().descriptor_type()).collect();
+        let expected: Vec<_> = pipeline.bindings.iter().map(|b| b.kind.descriptor_type()).collect();
         assert_eq!(kinds, expected, "resources of {}", pipeline.name);
         let key = (pipeline.handle, resources.iter().map(|r| r.id()).collect::<Vec<_>>());
         if let Some(&set) = self.sets.get(&key) {
             return Ok(set);
         }
         let set = self.allocate(pipeline)?;
-        for (index, resource) in (0..).zip(resources) {
-            self.write(set, index, *resource);
+        for (index, (resource, binding)) in (0..).zip(resources.iter().zip(pipeline.bindings)) {
+            self.write(set, index, *resource, binding.kind);
         }
         self.retained.push(pipeline.clone());
         self.sets.insert(key, set);
@@ -267,16 +270,15 @@ impl DescriptorSets {
         Ok(self.device.check("vkAllocateDescriptorSets", sets)?[0])
     }
 
-    fn write(&mut self, set: vk::DescriptorSet, index: u32, resource: Resource<'_>) {
-        let write = vk::WriteDescriptorSet::default()
-            .dst_set(set)
-            .dst_binding(index)
-            .descriptor_type(resource.kind().descriptor_type());
+    fn write(&mut self, set: vk::DescriptorSet, index: u32, resource: Resource<'_>, kind: Kind) {
+        let write =
+            vk::WriteDescriptorSet::default().dst_set(set).dst_binding(index).descriptor_type(kind.descriptor_type());
         match resource {
             Resource::Image(image) => {
-                let info =
-                    [vk::DescriptorImageInfo::default().image_view(image.view).image_layout(vk::ImageLayout::GENERAL)];
-                // SAFETY: the set is new, so that no submission uses it; the view is retained.
+                let view = if kind == Kind::Words { image.words } else { image.view };
+                let info = [vk::DescriptorImageInfo::default().image_view(view).image_layout(vk::ImageLayout::GENERAL)];
+                // SAFETY: the set is new, so that no submission uses it; the view is retained, and has the type of the
+                // shader's declaration.
                 unsafe { self.device.handle.update_descriptor_sets(&[write.image_info(&info)], &[]) };
                 self.retained.push(image.clone());
             }
