@@ -10,7 +10,7 @@ layout(push_constant) uniform Constants {
     int decided;                     // first number of the decisions
     float spread;                    // σ² of the weights of cells along the edge, px²
     // What must speak for an outline, in units of cost per cell, over V as it is; and the cells that continue the edge.
-    float least_gain, least_length;
+    float least_saving, least_length;
     // Not 0 on a coarser level than the finest: V and the deviation are those of the outlines, and V of the front and the
     // share by which they count have layers of their own.
     int coarse;
@@ -38,7 +38,7 @@ int order_of(ivec2 cell) {
     if (number_of(cell, EDGES, 0) == 0.0) return 0;
     float margin = number_of(cell, DECISIONS, decided + 4);
     int reversed = margin < 0.0 ? 1 : 0;
-    bool accepted = abs(margin) > ORDER && number_of(cell, DECISIONS, decided + reversed) > least_gain
+    bool accepted = abs(margin) > ORDER && number_of(cell, DECISIONS, decided + reversed) > least_saving
         && number_of(cell, DECISIONS, decided + 2 + reversed) > WITHIN && number_of(cell, DECISIONS, decided + 5) > least_length;
     return accepted ? 1 + reversed : 0;
 }
@@ -111,7 +111,7 @@ void main() {
     }
     v = mix(v, outlined, share);
     imageStore(relative_blur, ivec3(x, 0), vec4(v));
-    imageStore(results, ivec3(x, SIDES), vec4(!fused ? 0.0 : v * front > 0.0 ? abs(front) : -abs(front)));
+    if (fused && share > 0.0) imageStore(results, ivec3(x, SIDES), vec4(v * front > 0.0 ? abs(front) : -abs(front)));
     // Where there are no results, both are NaN.
     if (isnan(deviation)) return;
     imageStore(results, ivec3(x, 0), vec4(v));

@@ -3,15 +3,15 @@
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform image2DArray results;            // layers: V, its standard deviation; later the cells
+layout(binding = 1, r32f) uniform image2DArray results;            // layers: the standard deviation of V; the edges
 layout(binding = 2, std430) writeonly buffer Arguments { uint arguments[]; };
 layout(push_constant) uniform Constants {
     int width, height;
     int argument_place;              // first word of the workgroups of the passes over edges
     uint tiles_x, tiles_y, cells_x, cells_y, pixels_x, pixels_y;
-    int fused_place;                 // the same of the pixels of the finest level
+    int fused_place;                 // first word of the workgroups of edge_fuse
     uint fused_x, fused_y;
-    int deviation_layer;
+    int deviation_layer;             // of the standard deviation: coarser levels have one of their own
     float least_jump;                // of V, or of u in a sweep
     float share;                     // the least difference of the levels, as a share of the larger |V|
     float largest;                   // the largest |V| of a side: the blur that the searched profile has room for

@@ -11,7 +11,7 @@ layout(push_constant) uniform Constants {
     int fine_width, fine_height;
     int pixels;                          // of the finest level along a pixel of the coarser one
     int apart;                           // distance of the samples, pixels of the finest level
-    float gain;                          // V here by V of the finest: 1/pixels², or 1 for values without pixels
+    float scale;                         // V here by V of the finest: 1/pixels², or 1 for values without pixels
 };
 
 #include "edge.glsl"
@@ -31,6 +31,6 @@ void main() {
         }
     }
     const float NONE = uintBitsToFloat(0x7fc00000u);
-    imageStore(coarse, ivec3(x, 0), vec4(gain * sums.x / weights.x));
-    imageStore(results, ivec3(x, COARSE_DEVIATION), vec4(weights.y > 0.0 ? gain * sums.y / weights.y : NONE));
+    imageStore(coarse, ivec3(x, 0), vec4(scale * sums.x / weights.x));
+    imageStore(results, ivec3(x, COARSE_DEVIATION), vec4(weights.y > 0.0 ? scale * sums.y / weights.y : NONE));
 }

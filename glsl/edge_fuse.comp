@@ -33,7 +33,7 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     float variance = -imageLoad(results, ivec3(x, SIDES)).r;
     if (!(variance > 0.0)) return;
-    // A quarter of σ apart: 25 x 25 samples at most.
+    // A quarter of σ apart, rounded up: 25 x 25 samples at most.
     int apart_by = max(int(ceil(sqrt(variance) / SAMPLES)), 1), reach = int(ceil(3.0 * sqrt(variance)));
     ivec2 before = min(x, ivec2(reach)) / apart_by, after = min(ivec2(width, height) - 1 - x, ivec2(reach)) / apart_by;
     float sum = 0.0, in_front = 0.0, light = 0.0;

@@ -12,7 +12,7 @@ layout(push_constant) uniform Constants {
     int fine_width, fine_height;
     int pixels;                          // of the finest level along a pixel of the coarser one
     int apart;
-    float gain;                          // V here by V of the finest: 1/pixels², or 1 for values without pixels
+    float scale;                         // V here by V of the finest: 1/pixels², or 1 for values without pixels
 };
 
 #include "edge.glsl"
@@ -31,10 +31,10 @@ void main() {
     if (shares == vec4(0.0)) return;
     bvec4 changes = greaterThan(shares, vec4(0.0));
     vec4 v_coarse = vec4(imageLoad(coarse, ivec3(low, 0)).r, imageLoad(coarse, ivec3(high.x, low.y, 0)).r,
-                         imageLoad(coarse, ivec3(low.x, high.y, 0)).r, imageLoad(coarse, ivec3(high, 0)).r) / gain;
+                         imageLoad(coarse, ivec3(low.x, high.y, 0)).r, imageLoad(coarse, ivec3(high, 0)).r) / scale;
     // Where nothing changes, the deviation may be NaN.
-    vec4 deviations = mix(vec4(0.0), four(COARSE_DEVIATION, low, high), changes) / gain;
-    float front = imageLoad(results, ivec3(low, COARSE_FRONT)).r / gain;
+    vec4 deviations = mix(vec4(0.0), four(COARSE_DEVIATION, low, high), changes) / scale;
+    vec4 fronts = four(COARSE_FRONT, low, high) / scale;
     for (int n = 0; n < pixels * pixels; n++) {
         ivec2 step = ivec2(n % pixels, n / pixels), x = pixels * low + step;
         if (x.x >= fine_width || x.y >= fine_height) continue;
@@ -42,12 +42,13 @@ void main() {
         vec4 weights = shares * vec4((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y);
         float share = dot(weights, vec4(1.0)), deviation = imageLoad(results, ivec3(x, 1)).r;
         if (share == 0.0) continue;
-        float v = mix(imageLoad(relative_blur, ivec3(x, 0)).r, dot(weights, v_coarse) / share, share);
-        imageStore(relative_blur, ivec3(x, 0), vec4(v));
-        // Where there are no results, both are NaN.
+        // Where there are no results, the deviation is NaN.
         if (isnan(deviation)) continue;
+        float v = mix(imageLoad(relative_blur, ivec3(x, 0)).r, dot(weights, v_coarse) / share, share);
+        float front = dot(weights, fronts) / share;
+        imageStore(relative_blur, ivec3(x, 0), vec4(v));
         imageStore(results, ivec3(x, 0), vec4(v));
         imageStore(results, ivec3(x, 1), vec4(mix(deviation, dot(weights, deviations) / share, share)));
-        imageStore(results, ivec3(x, SIDES), vec4(v * front > 0.0 ? abs(front) : -abs(front)));
+        if (front != 0.0) imageStore(results, ivec3(x, SIDES), vec4(v * front > 0.0 ? abs(front) : -abs(front)));
     }
 }

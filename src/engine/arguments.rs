@@ -102,7 +102,7 @@ pub(crate) enum Grid {
     Level { level: usize, over: Over },
     /// Those of the n-th of a level's passes that warp I2 again; none unless T or the shading has changed.
     IfMoved { level: usize, n: usize },
-    /// Those over depth edges, of a solve of `levels` levels; none if there is no edge.
+    /// Those over depth edges, of a solve of `levels` levels; none if that level has no edge.
     Edges { levels: usize, over: Edges },
 }
 

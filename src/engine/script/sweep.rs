@@ -126,7 +126,7 @@ pub(crate) struct Outlines<'a> {
     pub(crate) pairs: Vec<edge_costs::Constants>,
 }
 
-/// Begins the search for outlines: what is in the place of u becomes the standard deviation of u.
+/// Begins the search for outlines: copies the standard deviation of u, which is in the place of u, into the results.
 pub(crate) fn begin_outlines(plan: &Plan) -> Script {
     script(plan, 0, |s| {
         let (from, to) = (slot::relative_blur(0).plane().read(), slot::RESULTS.plane().write());
@@ -136,31 +136,26 @@ pub(crate) fn begin_outlines(plan: &Plan) -> Script {
     })
 }
 
-/// Moves the outlines of u, from the coarsest level to the finest.
-pub(crate) fn outlines(plan: &Plan, levels: &[Outlines]) -> Script {
-    script(plan, 0, |s| {
-        for Outlines { level, search, frames, pairs } in levels {
-            s.next_part();
-            s.place = Place::level(level.index);
-            for (frame, constants) in frames {
-                s.aligned(level, *frame, constants);
-            }
-            for costs in [edge::COSTS, edge::REVERSED_COSTS].map(|n| n as u32) {
-                s.empty(Slot::Stacks, level.size, costs..costs + 1);
-            }
-            s.outlines(level, search, |s, tiles| {
-                for constants in pairs {
-                    let (i1, i2) = slot::ALIGNED_AS_PAIR;
-                    let bindings = edge_costs::Bindings {
-                        i1: i1.read(),
-                        i2: i2.read(),
-                        v: slot::relative_blur(level.index).read(),
-                        results: slot::RESULTS.update(),
-                        state: slot::STATE.read(),
-                    };
-                    s.dispatch(bindings, constants, edge_costs::SWEEP, tiles);
-                }
-            });
+/// Moves the outlines of u on a level.
+pub(crate) fn outlines(plan: &Plan, Outlines { level, search, frames, pairs }: &Outlines) -> Script {
+    script(plan, level.index, |s| {
+        for (frame, constants) in frames {
+            s.aligned(level, *frame, constants);
         }
+        let [first, last] = [edge::COSTS, edge::REVERSED_COSTS].map(|n| n as u32);
+        s.empty(Slot::Stacks, level.size, first..last + 1);
+        s.outlines(level, search, |s, tiles| {
+            for constants in pairs {
+                let (i1, i2) = slot::ALIGNED_AS_PAIR;
+                let bindings = edge_costs::Bindings {
+                    i1: i1.read(),
+                    i2: i2.read(),
+                    v: slot::relative_blur(level.index).read(),
+                    results: slot::RESULTS.update(),
+                    state: slot::STATE.read(),
+                };
+                s.dispatch(bindings, constants, edge_costs::SWEEP, tiles);
+            }
+        });
     })
 }

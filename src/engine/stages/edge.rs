@@ -1,7 +1,7 @@
 //! Cells of 4 x 4 px at depth edges: what the passes over edges share.
 //!
-//! The numbers of a cell are in layers of the results that the fused image overwrites later. Each cell has 16 numbers in
-//! a layer, at its own pixels. The CPU reference of `glsl/include/edge.glsl`.
+//! The numbers of a cell are in layers of the results beyond V, its deviation and the residual. Each cell has 16 numbers
+//! in a layer, at its own pixels. The CPU reference of `glsl/include/edge.glsl`.
 
 use super::{Number, Raster};
 use crate::engine::shaders::edge;
@@ -166,7 +166,9 @@ pub(super) mod testing {
         layers[0] =
             Field::from_fn(width, height, |x, y| if deviation.get(x, y).is_nan() { f64::NAN } else { v.get(x, y) });
         layers[1] = deviation.clone();
-        layers[COARSE_DEVIATION] = deviation.clone();
+        layers[COARSE_DEVIATION] =
+            Field::from_fn(width, height, |x, y| if x + y > width { f64::NAN } else { 0.2 + 0.01 * (y % 5) as f64 });
+        layers[SIDES] = Field::from_fn(width, height, |_, _| 0.7);
         layers[EDGES] = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(0, size, 0, size), &v, &deviation);
         if until > COSTS {
             let photographs = [1, 2].map(|seed| smooth_field(width, height, seed));

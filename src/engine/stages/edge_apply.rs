@@ -22,9 +22,9 @@ push_constants! {
     /// σ² of the weights of cells along the edge, px².
     spread: f32,
     /// By how much an outline must cost less than V as it is, per cell.
-    gain: f32,
+    least_saving: f32,
     /// The cells that must continue the edge, with the cell itself.
-    length: f32,
+    least_length: f32,
     /// 0 on the finest level. On others V and the deviation become those of the outlines, and V of the front and the
     /// share by which they count have layers of their own.
     coarse: u32,
@@ -140,13 +140,11 @@ pub(crate) fn cpu_reference<N: Number>(
         // By the sign of V, as the fused image takes the photographs.
         let front = if near_in_front > 0.5 * sum { near } else { far };
         let fused = near * far < 0.0 && !deviation.is_nan();
-        *results[2] = N::of(if !fused {
-            0.0
-        } else if coarse {
-            front
-        } else {
-            front.abs().copysign(now * front)
-        });
+        if coarse {
+            *results[2] = N::of(if fused { front } else { 0.0 });
+        } else if fused && share > 0.0 {
+            *results[2] = N::of(front.abs().copysign(now * front));
+        }
     };
     rows::map(results.each_mut().map(Rows::from), |y, [v, deviation, sides, share]| {
         (0..v.len()).for_each(|x| mixed(x, y, [&mut v[x], &mut deviation[x], &mut sides[x], &mut share[x]]));
@@ -159,9 +157,9 @@ fn order<N: Number>(c: &Constants, decisions: &Raster<N>, cell: [usize; 2]) -> O
     let at = |n: usize| edge::number(decisions, cell, c.decided as usize + n);
     let order = usize::from(at(4) < 0.0);
     (at(4).abs() > shader::ORDER
-        && at(order) > f64::from(c.gain)
+        && at(order) > f64::from(c.least_saving)
         && at(2 + order) > shader::WITHIN
-        && at(5) > f64::from(c.length))
+        && at(5) > f64::from(c.least_length))
     .then_some(order)
 }
 
@@ -182,7 +180,7 @@ mod tests {
     use crate::engine::stages::NO_VARIANT;
 
     const CONSTANTS: Constants =
-        Constants { width: 0, height: 0, decided: 0, spread: 4.0, gain: 0.0, length: 4.0, coarse: 0 };
+        Constants { width: 0, height: 0, decided: 0, spread: 4.0, least_saving: 0.0, least_length: 4.0, coarse: 0 };
 
     /// The results with the decisions of a share of the cells replaced, so that some are accepted in either order.
     fn decided(size: [u32; 2], levels: [f64; 2]) -> Vec<Field> {

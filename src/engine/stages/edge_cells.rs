@@ -239,14 +239,18 @@ mod tests {
             let [step, deviation] = solved(width, height, [4.0, -3.0]);
             let flat = Field::zeros(width, height);
             for (v, is_edge) in [(step, true), (random_field(width, height, 1), false), (flat, false)] {
-                let layers = [vec![v.clone(), deviation.clone()], vec![Field::zeros(width, height); 7]].concat();
+                let mut layers = vec![Field::zeros(width, height); edge::LAYERS as usize];
+                layers[1] = deviation.clone();
+                layers[edge::COARSE_DEVIATION] = Field::from_fn(width, height, |x, _| 0.1 + 0.01 * (x % 4) as f64);
                 let groups = [[3, 4], [5, 6], [7, 8]];
                 let pair = Constants::of_pair(0, size, 0, size);
                 let pair = Constants { argument_place: 2, groups, fused_place: 12, fused: [2, 1], ..pair };
                 let shown = [0.3 * width as f32, 3.5, 0.9 * width as f32, height as f32 - 9.0];
                 let sweep = Constants { deviation_layer: 1, ..Constants::of_sweep(2, size, 0.4, shown) };
                 let sweep = Constants { argument_place: 2, groups, fused_place: 12, uncertain: 0.005, ..sweep };
-                for c in [pair, sweep] {
+                let coarse =
+                    Constants { argument_place: 2, groups, fused_place: 12, ..Constants::of_pair(1, size, 0, size) };
+                for c in [pair, coarse, sweep] {
                     let inputs =
                         [Input::Image(std::slice::from_ref(&v)), Input::Image(&layers), Input::Words(&[9; 16])];
                     let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
@@ -276,6 +280,13 @@ mod tests {
         assert!((edge.normal[0] - 1.0).abs() < 1e-12 && edge.normal[1].abs() < 1e-12);
         assert!((edge.levels[0] - near).abs() < 0.05 && (edge.levels[1] - far).abs() < 0.05, "{edge:?}");
         assert!((edge.deviations[0] - 0.2).abs() < 1e-9 && (edge.deviations[1] - 0.1).abs() < 1e-9, "{edge:?}");
+        // Nor has one of the same sign on both sides an edge on a coarser level.
+        let coarse = Constants::of_pair(1, [64, 48], 0, [64, 48]);
+        let edges_above = |least: f64| {
+            let v = Field::from_fn(64, 48, |x, y| v.get(x, y) + least - far);
+            count(&cpu_reference(&coarse, &v, &deviation)) > 0
+        };
+        assert_eq!([-3.0, 1.0].map(edges_above), [true, false]);
         // A slope that goes on is none.
         let slope = Field::from_fn(64, 48, |x, _| 0.4 * x as f64);
         assert_eq!(count(&cpu_reference(&c, &slope, &deviation)), 0);

@@ -21,7 +21,7 @@ push_constants! {
     /// Distance of the samples, pixels of the finest level. The tent ends `apart` pixels of the coarser level away.
     apart: u32,
     /// V of the coarser level by V of the finest: 1/pixels², or 1 for values that do not depend on the size of pixels.
-    gain: f32,
+    scale: f32,
 }
 
 impl Constants {
@@ -29,12 +29,12 @@ impl Constants {
     /// its cells do not agree; a wide tent makes it straight.
     pub(crate) fn of_pair(level: &Level, finest: [u32; 2]) -> Self {
         let ([width, height], pixels) = (level.size, 1 << level.index);
-        Self { width, height, finest, pixels, apart: 2, gain: 1.0 / (pixels * pixels) as f32 }
+        Self { width, height, finest, pixels, apart: 2, scale: 1.0 / (pixels * pixels) as f32 }
     }
 
     /// Those of a level of a sweep.
     pub(crate) fn of_sweep(level: &Level, finest: [u32; 2]) -> Self {
-        Self { apart: 1, gain: 1.0, ..Self::of_pair(level, finest) }
+        Self { apart: 1, scale: 1.0, ..Self::of_pair(level, finest) }
     }
 }
 
@@ -74,7 +74,7 @@ pub(crate) fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, deviation: 
                     (sum, weight) = (sum + share * value, weight + share);
                 }
             }
-            f64::from(c.gain) * sum / weight
+            f64::from(c.scale) * sum / weight
         })
     })
 }
@@ -109,7 +109,7 @@ mod tests {
     fn a_plane_is_the_same_on_a_coarser_level_and_nan_does_not_spread() {
         let v = Field::from_fn(37, 22, |x, y| x as f64 - 2.0 * y as f64);
         let deviation = Field::from_fn(37, 22, |x, y| if x > 20 && y > 7 { f64::NAN } else { 1.0 });
-        let c = Constants { width: 19, height: 11, finest: [37, 22], pixels: 2, apart: 1, gain: 0.25 };
+        let c = Constants { width: 19, height: 11, finest: [37, 22], pixels: 2, apart: 1, scale: 0.25 };
         let [v, deviation] = cpu_reference(&c, &v, &deviation);
         // Away from the border, where pixels are repeated.
         let is_plane = |x: usize, y: usize| (v.get(x, y) - 0.5 * x as f64 + y as f64).abs() < 1e-12;

@@ -192,13 +192,13 @@ fn profiles<N: Number>(
     [i1, i2]: [&Raster<N>; 2],
     edge: &Edge,
 ) -> [Profile; 2] {
-    let centre = c.centre.map(f64::from);
+    let (centre, factor) = (c.centre.map(f64::from), f64::from(c.factor));
     let last = [i1.width as f64 - 1.0, i1.height as f64 - 1.0];
     let inside = |x: [f64; 2]| [0, 1].map(|i| x[i].clamp(0.0, last[i]));
     // Shading hardly changes around an edge.
     let matched = state.map(|state| {
         let r = &state.registration;
-        let [dx, dy] = r.transform.displacement([edge.place[0] - centre[0], edge.place[1] - centre[1]]);
+        let [dx, dy] = r.displacement_at(edge.place, factor, centre);
         (r, state.applied_shading.at(from_centre([edge.place[0] + dx, edge.place[1] + dy], centre)))
     });
     let mut profiles = [[[0.0; ALONG]; ROWS]; 2];
@@ -208,7 +208,7 @@ fn profiles<N: Number>(
         profiles[1][row][k] = matched.map_or_else(
             || between(i2, x),
             |(r, shading)| {
-                let d = r.transform.displacement([x[0] - centre[0], x[1] - centre[1]]);
+                let d = r.displacement_at(x, factor, centre);
                 r.gain * shading * between(i2, inside([x[0] + d[0], x[1] + d[1]])) + r.offset
             },
         );
@@ -507,7 +507,7 @@ mod tests {
     #[test]
     fn matches_the_cpu_reference() {
         let photometric = Photometric { gain: 0.9, offset: 0.02 };
-        let mut state = State::new(&Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &photometric));
+        let mut state = State::new(&Registration::new(Similarity::new(5.6, -3.2, 0.5, 1.01), &photometric));
         state.applied_shading[0] = 0.1;
         // Fronts in focus in I1 and in I2, backs of the same and of the other sign, wide and narrow blur.
         for (n, levels) in [[4.0, -3.0], [9.0, 2.0], [-1.0, -7.0], [1.2, -1.0]].into_iter().enumerate() {
@@ -520,7 +520,9 @@ mod tests {
             let v = [results[0].clone()];
             for [i1, i2] in [texture, noise] {
                 let inputs = [&i1[..], &i2, &v, &results].map(Input::Image).into_iter().chain([Input::State(&state)]);
-                let c = constants(size);
+                // The second and the fourth are on the level of a quarter of the size.
+                let index = n % 2 * 2;
+                let c = Constants::of_pair(&Level::new(index, size[0] << index, size[1] << index, 576.0));
                 let [columns, rows] = tiles(size);
                 let trial = Trial::run::<Bindings>(&inputs.collect::<Vec<_>>(), &c, NO_VARIANT, [columns, rows, 1]);
                 // Sums of 232 costs of up to 8, whose logarithms are in single precision.

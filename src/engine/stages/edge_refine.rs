@@ -44,8 +44,8 @@ pub(crate) fn cpu_reference<N: Number>(
     v: &mut Raster<N>,
     [masked, deviation, sides]: [&mut Raster<N>; 3],
 ) {
-    let (pixels, gain, [last_x, last_y]) =
-        (c.pixels as usize, f64::from(c.gain), [c.width, c.height].map(|side| side as usize - 1));
+    let [last_x, last_y] = [c.width, c.height].map(|side| side as usize - 1);
+    let (pixels, scale) = (c.pixels as usize, f64::from(c.scale));
     for (y, x) in (0..=last_y).flat_map(|y| (0..=last_x).map(move |x| (y, x))) {
         let (right, below) = ((x + 1).min(last_x), (y + 1).min(last_y));
         let four = |field: &Raster<N>| [(x, y), (right, y), (x, below), (right, below)].map(|(x, y)| field.get(x, y));
@@ -53,26 +53,26 @@ pub(crate) fn cpu_reference<N: Number>(
         if shares == [0.0; 4] {
             continue;
         }
-        let (v_coarse, deviations, front) = (four(coarse), four(deviations), fronts.get(x, y) / gain);
+        let [v_coarse, deviations, fronts] = [coarse, deviations, fronts].map(four);
         let (columns, rows) = (pixels * x..v.width.min(pixels * (x + 1)), pixels * y..v.height.min(pixels * (y + 1)));
         for (j, i) in rows.flat_map(|j| columns.clone().map(move |i| (j, i))) {
             let [fx, fy] = [i % pixels, j % pixels].map(|step| step as f64 / pixels as f64);
             let mut weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
             weights.iter_mut().zip(shares).for_each(|(weight, share)| *weight *= share);
             let share: f64 = weights.iter().sum();
-            if share == 0.0 {
+            let before = deviation.get(i, j);
+            // Where there are no results, it is NaN.
+            if share == 0.0 || before.is_nan() {
                 continue;
             }
             // Where nothing changes, the deviation may be NaN.
             let changes = |four: [f64; 4]| four.into_iter().zip(weights).filter(|(_, weight)| *weight > 0.0);
-            let mean = |four| changes(four).map(|(value, weight)| value * weight).sum::<f64>() / (gain * share);
+            let mean = |four| changes(four).map(|(value, weight)| value * weight).sum::<f64>() / (scale * share);
             let mixed = |before: f64, after: f64| before + share * (after - before);
-            let (now, n) = (mixed(v.get(i, j), mean(v_coarse)), j * v.width + i);
-            v.data[n] = N::of(now);
-            // Where there are no results, both are NaN.
-            if !deviation.get(i, j).is_nan() {
-                masked.data[n] = N::of(now);
-                deviation.data[n] = N::of(mixed(deviation.get(i, j), mean(deviations)));
+            let (now, front, n) = (mixed(v.get(i, j), mean(v_coarse)), mean(fronts), j * v.width + i);
+            (v.data[n], masked.data[n]) = (N::of(now), N::of(now));
+            deviation.data[n] = N::of(mixed(before, mean(deviations)));
+            if front != 0.0 {
                 sides.data[n] = N::of(if now * front > 0.0 { front.abs() } else { -front.abs() });
             }
         }
@@ -102,7 +102,9 @@ mod tests {
             // Unknown where nothing changes, on some pixels and not on others.
             let unknown = |x: usize, y: usize| !is_changed(x, y) && y < rows / 2;
             let mut layers = vec![Field::zeros(width, height); LAYERS as usize];
-            layers[COARSE_DEVIATION] = Field::from_fn(width, height, |x, y| if unknown(x, y) { f64::NAN } else { 0.2 });
+            let known = random(6);
+            let coarse_deviation = |x, y| if unknown(x, y) { f64::NAN } else { known.get(x, y) };
+            layers[COARSE_DEVIATION] = Field::from_fn(width, height, coarse_deviation);
             layers[1] = Field::from_fn(width, height, |x, _| if x + 5 > width { f64::NAN } else { 1.0 });
             (layers[0], layers[SIDES]) = (v.clone(), random(5));
             (layers[COARSE_FRONT], layers[COARSE_SHARE]) = (front, share);

@@ -240,15 +240,15 @@ impl Rig {
     }
 }
 
-/// Asserts that each number of the layers is within `tolerance` of the expected one, or both are NaN. Smaller layers are
-/// expected in the corner.
+/// Asserts that each number of the layers is within `tolerance` of the expected one, or both are NaN. Around an expected
+/// layer that is smaller, 0 is expected.
 #[track_caller]
 pub(crate) fn assert_all_close(actual: &[Field], expected: &[Field], tolerance: f64) {
     assert_eq!(actual.len(), expected.len(), "layers");
     for (layer, (actual, expected)) in actual.iter().zip(expected).enumerate() {
-        for (i, &e) in expected.data.iter().enumerate() {
-            let (x, y) = (i % expected.width, i / expected.width);
-            let f = actual.get(x, y);
+        for (i, &f) in actual.data.iter().enumerate() {
+            let (x, y) = (i % actual.width, i / actual.width);
+            let e = if x < expected.width && y < expected.height { expected.get(x, y) } else { 0.0 };
             let close = (f - e).abs() <= tolerance || (f.is_nan() && e.is_nan());
             assert!(close, "layer {layer}, ({x}, {y}): {f}, not {e} ± {tolerance}");
         }

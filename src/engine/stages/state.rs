@@ -327,7 +327,13 @@ impl Registration {
     /// `T x - x` on a level whose pixels are `factor` wide.
     #[inline(always)]
     pub fn displacement(&self, x: usize, y: usize, factor: f64, centre: [f64; 2]) -> [f64; 2] {
-        let p = [factor * (x as f64 - centre[0]), factor * (y as f64 - centre[1])];
+        self.displacement_at([x as f64, y as f64], factor, centre)
+    }
+
+    /// The same between pixels.
+    #[inline(always)]
+    pub fn displacement_at(&self, x: [f64; 2], factor: f64, centre: [f64; 2]) -> [f64; 2] {
+        let p = [factor * (x[0] - centre[0]), factor * (x[1] - centre[1])];
         let (d, over) = (self.transform.displacement(p), 1.0 / factor);
         [over * d[0], over * d[1]]
     }

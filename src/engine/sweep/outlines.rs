@@ -8,14 +8,11 @@ use super::validity::{self, Rectangle};
 use crate::base::Error;
 use crate::engine::arguments::{self, Edges};
 use crate::engine::plan::{Level, Plan};
-use crate::engine::script::outlines::Search;
+use crate::engine::script::outlines::{OF_SWEEPS, Search};
 use crate::engine::script::sweep::{self, Outlines};
 use crate::engine::slot::Slot;
 use crate::engine::stages::{Field, edge_cells, edge_coarsen, edge_costs};
 
-/// σ² of the weights of cells along an edge, px². With the 4 px² of pairs 14.0 % at bars were off, with 8 to 16 px²
-/// 13.2 %, and the sides of a metal part are straighter.
-const SPREAD: f32 = 8.0;
 /// The largest distance of the frames used, px of blur, where frames are so dense: those between them are hardly
 /// sharper.
 const APART: f64 = 1.5;
@@ -42,9 +39,9 @@ pub(super) fn sharpen(
     device.run(&sweep::begin_outlines(plan))?;
     device.fill(slot, &u)?;
     device.write_words(Slot::Arguments, &arguments::initial_words(&[], &[]))?;
-    let levels = plan.pyramid.iter().take(Edges::COARSEST + 1).rev();
-    let levels: Vec<Outlines> = levels.map(|level| on_level(shared, plan.size, level)).collect();
-    device.run(&sweep::outlines(plan, &levels))?;
+    for level in plan.pyramid.iter().take(Edges::COARSEST + 1).rev() {
+        device.run(&sweep::outlines(plan, &on_level(shared, plan.size, level)))?;
+    }
     let sharp = [device.read(slot, plan.size, 0..1)?, device.read(Slot::Stacks, plan.size, 1..2)?];
     for i in 0..u.data.len() {
         let [now, deviation_now] = [0, 1].map(|n| sharp[n][0].data[i]);
@@ -62,11 +59,11 @@ fn on_level<'a>(shared: &SharedParameters, finest: [u32; 2], level: &'a Level) -
     let frames = spaced(&shared.settings, APART / rate.sqrt());
     let shown = frames.iter().map(|&n| validity::visible(&shared.transforms[n], level));
     let shown = shown.fold([f64::MIN, f64::MIN, f64::MAX, f64::MAX], |a: Rectangle, b| validity::intersection([a, b]));
-    let found = edge_cells::Constants::of_sweep(level.index, level.size, rate, shown.map(|side| side as f32));
+    let cells = edge_cells::Constants::of_sweep(level.index, level.size, rate, shown.map(|side| side as f32));
     let pairs = pairs(shared, level, &frames);
     let frames = frames.iter().map(|&n| (n as u32, shared.alignment(level, n))).collect();
-    let (scaled, (gain, length)) = (edge_coarsen::Constants::of_sweep(level, finest), Search::LEAST);
-    Outlines { level, search: Search { scaled, found, spread: SPREAD, gain, length, levels: 0 }, frames, pairs }
+    let coarsening = edge_coarsen::Constants::of_sweep(level, finest);
+    Outlines { level, search: Search { coarsening, cells, levels: 0, criteria: OF_SWEEPS }, frames, pairs }
 }
 
 /// The first and the last frame, and the fewest between them that leave no gap over `apart`, if the settings allow it.
