@@ -100,7 +100,7 @@ void main() {
                 // Packed texels are loaded once for both photographs.
                 if (i == 0 || JOINS) load(PACKED ? i : plane, x + BLOCK * block, y, source + i * from_step, texels);
                 float values[VALUES];
-                [[unroll]] for (int m = 0; m < VALUES; m++) 
+                [[unroll]] for (int m = 0; m < VALUES; m++)
                     values[m] = PACKED && !JOINS ? unpacked(texels[m], i + 1) : uintBitsToFloat(texels[m]);
                 add(sums[i], values, offset_x + BLOCK / 4 * block);
             }

@@ -35,7 +35,7 @@ pub(crate) const SCRATCH_LAYERS: u32 = 2;
 /// The most layers of results: three fused channels more.
 const RESULT_LAYERS: u32 = MAP_LAYERS + 3;
 
-/// The least number of pixels for which blur stacks are packed. With fewer, a solve takes less than 0.6 GB anyway, and a
+/// The least number of pixels for which blur stacks are packed. With fewer, a solve takes at most 0.51 GB anyway, and a
 /// packed one takes longer by the model of GPUs: 1 Mpx 0.1 ms on an H200.
 const LEAST_PACKED: u64 = 3 << 20;
 
