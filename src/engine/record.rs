@@ -320,17 +320,17 @@ mod tests {
             (Kernel::Auto, true, Depth::F32),
             (Kernel::HalfGaussian, true, Depth::F32),
             // With packed blur stacks.
-            (Kernel::Auto, true, Depth::U16),
+            (Kernel::Auto, true, Depth::U8),
         ];
         for (kernel, for_gpu, depth) in plans {
             // Six iterations suffice: later ones repeat the first two. The finest of the three levels is warped.
             // With this limit both stacks of the coarsest level fit as floats.
-            let max_relative_blur = if depth == Depth::U16 { 30.0 } else { Settings::default().max_relative_blur };
+            let max_relative_blur = if depth == Depth::U8 { 30.0 } else { Settings::default().max_relative_blur };
             let settings = Settings { outer_iterations: 6, kernel, max_relative_blur, ..Settings::default() };
             let plan = Plan::new(160, 136, [Format { channels: Channels::Gray, depth }; 2], &settings).unwrap();
             let plan = if for_gpu { plan.shaped_for_gpu() } else { plan };
             let plan = Plan { least_packed: 0, ..plan };
-            assert_eq!(plan.packs(&plan.pyramid[0]), depth == Depth::U16);
+            assert_eq!(plan.packs(&plan.pyramid[0]), depth == Depth::U8);
             let workspace = Workspace::new(&device, &plan, &plan.pair_layout()).unwrap();
             let mut first = Recorder::new(&device, Clock::Never).unwrap();
             first.initialize(&workspace.images());

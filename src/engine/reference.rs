@@ -140,10 +140,10 @@ mod tests {
             let noise = random(image.intensities(Decode::None).len(), 3);
             let sample = |(v, n): (f32, f64)| {
                 let v = v + 0.01 * (n as f32 - 0.5);
-                (65535.0 * v.clamp(0.0, 1.0)) as u16
+                (255.0 * v.clamp(0.0, 1.0)).round() as u8
             };
             let samples = image.intensities(Decode::None).into_iter().zip(noise).map(sample).collect();
-            Frame::new(width, height, Channels::Gray, Samples::U16(samples)).unwrap()
+            Frame::new(width, height, Channels::Gray, Samples::U8(samples)).unwrap()
         });
         let [i1, i2] = &images;
         // Depth edges are decisions, which a step may turn.

@@ -288,14 +288,15 @@ impl Plan {
     }
 
     /// Whether a texel of the blur stacks holds a coefficient of each photograph in 16 bits, instead of a float: on
-    /// GPUs, of large photographs of integers, which have a known range.
+    /// GPUs, of large photographs of 8 bits, whose own steps are larger: 1/(255·12.92) of the range in the darkest part of
+    /// sRGB, and 3/32767 here. Photographs of more bits may use a small part of their range.
     pub(crate) fn packs_stacks(&self) -> bool {
-        let is_float = self.formats.iter().any(|format| format.depth == Depth::F32);
+        let has_8_bits = self.formats.iter().all(|format| format.depth == Depth::U8);
         let is_large = self.pixels() >= self.least_packed;
         let mut packed = self.pyramid.iter().filter(|level| self.exceeds_packed(level));
         self.for_gpu
             && is_large
-            && !is_float
+            && has_8_bits
             && self.slopes() == Slopes::Laplacian
             && packed.all(|level| self.filters_by_both_axes(level))
     }

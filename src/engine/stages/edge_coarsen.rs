@@ -1,6 +1,6 @@
 //! Computes V and its standard deviation on a coarser level from those of the finest one, for the search for outlines there.
 //!
-//! Both are means under a tent, of samples of the finest level that are one or two pixels apart. The deviation is NaN where it is NaN on
+//! Both are means under a tent, of samples of the finest level that are one or three pixels apart. The deviation is NaN where it is NaN on
 //! all of them, so that excluded areas do not grow.
 
 use super::edge::COARSE_DEVIATION;
@@ -29,7 +29,7 @@ impl Constants {
     /// its cells do not agree; a wide tent makes it straight.
     pub(crate) fn of_pair(level: &Level, finest: [u32; 2]) -> Self {
         let ([width, height], pixels) = (level.size, 1 << level.index);
-        Self { width, height, finest, pixels, apart: 2, scale: 1.0 / (pixels * pixels) as f32 }
+        Self { width, height, finest, pixels, apart: 3, scale: 1.0 / (pixels * pixels) as f32 }
     }
 
     /// Those of a level of a sweep.
