@@ -5,7 +5,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform writeonly image2DArray coarse;
-layout(binding = 2, r32f) uniform image2DArray results;   // layers: the standard deviation; the same on the coarser level
+layout(binding = 2, r32f) uniform image2DArray results;   // layers: the standard deviation; that of the coarser level
 layout(push_constant) uniform Constants {
     int width, height;                   // of the coarser level
     int fine_width, fine_height;

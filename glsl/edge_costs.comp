@@ -95,7 +95,8 @@ vec2 centre() { return vec2(centre_x, centre_y); }
 float gain_at(vec2 x) {
     if (SWEEP) return 1.0;
     Registration r = state.registration;
-    return r.gain * shading_at(state.applied_shading, (x + displacement_at(r, x, factor, centre()) - centre()) / centre());
+    vec2 in_image2 = x + displacement_at(r, x, factor, centre());
+    return r.gain * shading_at(state.applied_shading, (in_image2 - centre()) / centre());
 }
 
 // I1, or I2 on I1's pixels with I1's brightness, by the gain around the edge.

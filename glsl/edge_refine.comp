@@ -5,7 +5,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;   // V of the coarser level by its outlines
 layout(binding = 1, r32f) uniform image2DArray relative_blur;
-// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the front, and how far V is to change.
+// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the front, and the share.
 layout(binding = 2, r32f) uniform image2DArray results;
 layout(push_constant) uniform Constants {
     int width, height;                   // of the coarser level

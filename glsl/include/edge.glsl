@@ -2,12 +2,12 @@
 // each cell has 16 floats in a layer, at its own pixels. CPU reference: src/engine/stages/edge.rs.
 
 const int SIDE = 4;                  // of a cell, pixels
-// Layers: costs of the outlines with the near side in front, and with the far side in front; the edges; the distributions
-// of the outline's place in both orders; the decisions. SIDES, per pixel near an accepted outline across which V
+// Layers: costs of the outlines with the near side in front, and with the far side in front; the edges; the
+// distributions of the outline's place in both orders; the decisions. SIDES, per pixel near an accepted outline across which V
 // changes sign: |V| of the front, positive in front, negative behind; 0 elsewhere. It stays for the fused image.
 const int COSTS = 3, REVERSED_COSTS = 4, EDGES = 5, OUTLINES = 6, REVERSED_OUTLINES = 7, DECISIONS = 8, SIDES = 9;
-// A coarser level uses the corner of the layers. Its standard deviation has a layer; V of the front near accepted outlines,
-// and how far V is to change to that of the outlines, 0 to 1, come in place of the costs.
+// A coarser level uses the corner of the layers. Its standard deviation has a layer; V of the front near accepted
+// outlines, and how far V is to change to that of the outlines, 0 to 1, come in place of the costs.
 const int COARSE_DEVIATION = 10, COARSE_FRONT = 3, COARSE_SHARE = 4, LAYERS = 11;
 // Displacements of an outline towards the side in front, px: from -BACKWARD on.
 const int BACKWARD = 4, DISPLACEMENTS = 15;

@@ -71,8 +71,8 @@ impl Pass for Bindings {
     }
 }
 
-/// V, its standard deviation, and the sides, from those before; on a coarser level V and the deviation of the outlines, and V of
-/// the front. Then the share by which the outlines count.
+/// V, its standard deviation, and the sides, from those before; on a coarser level V and the deviation of the outlines,
+/// and V of the front. Then the share by which the outlines count.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
     [v, deviation, sides]: [&Raster<N>; 3],

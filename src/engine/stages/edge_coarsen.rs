@@ -1,7 +1,7 @@
-//! Computes V and its standard deviation on a coarser level from those of the finest one, for the search for outlines there.
+//! Computes V and its standard deviation on a coarser level from those of the finest one, for the search for outlines.
 //!
-//! Both are means under a tent, of samples of the finest level that are one or three pixels apart. The deviation is NaN where it is NaN on
-//! all of them, so that excluded areas do not grow.
+//! Both are means under a tent, of samples of the finest level that are one or three pixels apart. The deviation is NaN
+//! where it is NaN on all of them, so that excluded areas do not grow.
 
 use super::edge::COARSE_DEVIATION;
 use super::pass::{Memory, Pass, bindings, push_constants};

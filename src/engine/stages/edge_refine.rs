@@ -36,8 +36,8 @@ impl Pass for Bindings {
     }
 }
 
-/// Changes V, and of the results V, its standard deviation and the sides, by V, the deviation, V of the front and the share
-/// of the coarser level.
+/// Changes V, and of the results V, its standard deviation and the sides, by V, the deviation, V of the front and the
+/// share of the coarser level.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
     [coarse, deviations, fronts, shares]: [&Raster<N>; 4],

@@ -240,8 +240,8 @@ impl Rig {
     }
 }
 
-/// Asserts that each number of the layers is within `tolerance` of the expected one, or both are NaN. Around an expected
-/// layer that is smaller, 0 is expected.
+/// Asserts that each number of the layers is within `tolerance` of the expected one, or both are NaN. Around an
+/// expected layer that is smaller, 0 is expected.
 #[track_caller]
 pub(crate) fn assert_all_close(actual: &[Field], expected: &[Field], tolerance: f64) {
     assert_eq!(actual.len(), expected.len(), "layers");
