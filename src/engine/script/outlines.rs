@@ -1,6 +1,6 @@
 //! The passes of the search for outlines at depth edges, of pairs and of sweeps. Section 7 of `docs/method.md`.
 //!
-//! It begins on a coarse level, where much blur is little, and ends on the finest.
+//! It starts on a coarse level, where a wide blur spans few pixels, and ends on the finest.
 
 use super::compose::Composer;
 use crate::engine::arguments::{Edges, Grid, Place};
@@ -14,7 +14,7 @@ use crate::engine::stages::{
 pub(crate) struct Search {
     pub(crate) coarsening: edge_coarsen::Constants,
     pub(crate) cells: edge_cells::Constants,
-    /// The levels of the solve; 0 for a sweep, whose levels have no words of their own.
+    /// The number of levels of the solve; 0 for a sweep, because its levels have no words in the arguments.
     pub(crate) levels: usize,
     pub(crate) criteria: Criteria,
 }
@@ -24,19 +24,19 @@ pub(crate) struct Search {
 pub(crate) struct Criteria {
     /// σ² of the weights of cells along an edge, px².
     pub(crate) spread: f32,
-    /// By how much it must cost less than V as it is, per cell.
+    /// The least saving over the cost of V as it is, per cell.
     pub(crate) least_saving: f32,
-    /// The cells that must continue the edge.
+    /// The number of cells that continue the edge, with the cell itself, must exceed this.
     pub(crate) least_length: f32,
 }
 
-/// The criteria of pairs on the finest level. Noise of V makes edges of fewer cells.
+/// The criteria of pairs on the finest level. Edges of fewer cells are noise of V.
 const FINEST: Criteria = Criteria { spread: 4.0, least_saving: 0.0, least_length: 4.0 };
 /// The criteria of pairs on a coarser level, where noise of V is less. True outlines of generated scenes cost 9 to 70
 /// less than V as it is.
 const COARSE: Criteria = Criteria { spread: 4.0, least_saving: 8.0, least_length: 3.0 };
-/// The criteria of sweeps. With the spread of pairs 14.0 % at bars were off, with 8 to 16 px² 13.2 %, and the sides of a
-/// metal part are straighter.
+/// The criteria of sweeps. With the spread of pairs 14.0 % of the pixels at bars were off by
+/// more than half a frame, with 8 to 16 px² 13.2 % (an earlier version), and the sides of a metal part are straighter.
 pub(crate) const OF_SWEEPS: Criteria = Criteria { spread: 8.0, ..FINEST };
 
 impl Composer<'_> {
