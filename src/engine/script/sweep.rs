@@ -131,7 +131,10 @@ pub(crate) fn begin_outlines(plan: &Plan) -> Script {
     script(plan, 0, |s| {
         let (from, to) = (slot::relative_blur(0).plane().read(), slot::RESULTS.plane().write());
         let [width, height] = plan.size;
-        s.empty(Slot::Stacks, plan.size, 0..edge::LAYERS);
+        // Only these are read before they are written: V of the results, and the sides.
+        for layer in [0, edge::SIDES as u32] {
+            s.empty(Slot::Stacks, plan.size, layer..layer + 1);
+        }
         s.over(plan.size, copy::Bindings { from, to }, &copy::Constants { width, height, layer: 1 }, NO_VARIANT);
     })
 }
