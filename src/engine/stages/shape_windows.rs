@@ -270,7 +270,7 @@ mod tests {
             for (n, (actual, expected)) in actual.chunks(2).zip(expected.chunks(2)).enumerate() {
                 let ([shape, weight], [e_shape, e_weight]) =
                     ([0, 1].map(|i| f64::from(actual[i])), [expected[0], expected[1]]);
-                // A thousandth: sums of 576 products in single precision, of which elimination leaves a hundredth.
+                // A thousandth: the sums of 576 products are in single precision, and elimination leaves a hundredth of them.
                 assert!((weight - e_weight).abs() < 2e-3 * most, "{n}: {weight}, not {e_weight}");
                 assert!(e_weight < 1e-2 * most || (shape - e_shape).abs() < 5e-3, "{n}: {shape}, not {e_shape}");
             }
