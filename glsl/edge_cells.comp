@@ -4,11 +4,12 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform image2DArray results;            // layers: the standard deviation of V; the edges
-layout(binding = 2, std430) writeonly buffer Arguments { uint arguments[]; };
+layout(binding = 2, std430) buffer Arguments { uint arguments[]; };
+layout(binding = 3, std430) writeonly buffer Listed { uint listed[]; };
 layout(push_constant) uniform Constants {
     int width, height;
-    int argument_place;              // first word of the workgroups of the passes over edges
-    uint tiles_x, tiles_y, cells_x, cells_y, pixels_x, pixels_y;
+    uint argument_place;             // first word of the workgroups of the passes over edges
+    uint pixels_x, pixels_y;
     int fused_place;                 // first word of the workgroups of edge_fuse
     uint fused_x, fused_y;
     int deviation_layer;             // of the standard deviation: coarser levels have one of their own
@@ -121,9 +122,14 @@ void main() {
     }
     float numbers[10] = float[](1.0, place.x, place.y, normal.x, normal.y, near.y, far.y, near.z, far.z, 0.0);
     for (int n = 0; n < 10; n++) imageStore(results, place_of(cell, EDGES, n), vec4(numbers[n]));
+    uint n = atomicAdd(arguments[argument_place + COUNT_PLACE], 1);
+    listed[n] = uint(cell.x) | uint(cell.y) << ROW_BIT;
+    atomicMax(arguments[argument_place], min(n + 1, uint(ALONG_X)));
+    atomicMax(arguments[argument_place + 1], n / uint(ALONG_X) + 1);
     // All invocations that get here write the same.
-    uint groups[9] = uint[](tiles_x, tiles_y, 1, cells_x, cells_y, 1, pixels_x, pixels_y, 1);
-    for (int n = 0; n < 9; n++) arguments[argument_place + n] = groups[n];
+    arguments[argument_place + 2] = 1;
+    uint groups[3] = uint[](pixels_x, pixels_y, 1);
+    for (int n = 0; n < 3; n++) arguments[argument_place + 3 + n] = groups[n];
     uint fused[3] = uint[](fused_x, fused_y, 1);
     for (int n = 0; n < 3; n++) arguments[fused_place + n] = fused[n];
 }

@@ -1,6 +1,6 @@
 #version 460
 // The costs of displaced outlines: how well two layers, the front one in focus at its own V and hiding part of the other,
-// explain both photographs around a depth edge. One workgroup for 8 x 8 cells. CPU reference:
+// explain both photographs around a depth edge. A workgroup for each cell with an edge. CPU reference:
 // src/engine/stages/edge_costs.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
@@ -15,6 +15,8 @@ layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;   // u in
 // Of a sweep costs are read that an earlier dispatch wrote; of each cell its share.
 layout(binding = 3, r32f) uniform coherent image2DArray results;
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 5, std430) readonly buffer Arguments { uint arguments[]; };
+layout(binding = 6, std430) readonly buffer Listed { uint listed[]; };
 layout(push_constant) uniform Constants {
     int width, height;
     float centre_x, centre_y;
@@ -22,14 +24,15 @@ layout(push_constant) uniform Constants {
     // Of a sweep: c, px² by squared settings; of the frames, that with the larger setting first: settings and layers.
     float rate, setting1, setting2;
     int layer1, layer2;
+    uint argument_place;
 };
 
 #include "edge.glsl"
+#include "edge_list.glsl"
 
-const int CELLS = 8;                 // of a workgroup, along x and along y
-// Two cells at a time, each with a row of invocations per order: with the near side in front, and with the far side. An
-// invocation has one place along the normal, and all lines as the components of a vector.
-const int AT_ONCE = 2, ORDERS = 2, ROWS = AT_ONCE * ORDERS, ROW = 64;
+// A row of invocations per order: with the near side in front, and with the far side. An invocation has one place along
+// the normal, and all lines as the components of a vector.
+const int ROWS = 2, ROW = 64;
 // The photographs are sampled along the normal, to HALF px on either side of where V is halfway, on LINES lines a pixel
 // apart, and on REACH more on either side of them, for blur across the normal.
 const int HALF = 24, ALONG = 2 * HALF + 1, LINES = 4, REACH = 10;
@@ -48,11 +51,6 @@ const float LEAST_VARIANCE = 0.08, EXTENT = 2.6;
 const int OWN = 0, BOTH = 1, OWN_TEXTURE = 2, TEXTURE = 3, MEAN = 4, RIM = 5, KERNELS = 6;
 const float MEAN_VARIANCE = 4.0, TEXTURE_VARIANCE = 6.25, RIM_VARIANCE = 0.36;
 
-// The cells with an edge: their places in the workgroup, and the edges.
-shared int found[CELLS * CELLS];
-shared Edge edges[CELLS * CELLS];
-shared float share[CELLS * CELLS];
-shared int count;
 // How much a pair of frames says, by how far its frames are out of focus on either side of the edge: σ² of a Gaussian,
 // px² of blur, and how far they may be.
 const float FOCUSED = 1.0, FAR = 4.0;
@@ -188,7 +186,7 @@ void blur_across(int image, float gain, Edge edge, float variances[KERNELS]) {
 // The mean of a blurred photograph over samples from `first` to `last`, by a kernel of this row; over all where none of
 // them is in reach. In the reversed order samples are counted from the other end.
 vec4 mean_between(int kernel, int of_row, int k, int first, int last) {
-    bool reversed = row() % ORDERS == 1;
+    bool reversed = row() == 1;
     vec4 sum = vec4(0.0);
     float weight = 0.0;
     int most = reach[row()][kernel], low = max(-most, first - k), high = min(most, last - k);
@@ -225,7 +223,7 @@ vec3 texture_variances(bool opposite, vec4 in_sharper, vec4 in_other) {
 // other photograph.
 void share_of_costs(bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_variance, float average, float least,
                     out float shares[DISPLACEMENTS]) {
-    bool reversed = row() % ORDERS == 1, is_sample = place_in_row() < ALONG;
+    bool reversed = row() == 1, is_sample = place_in_row() < ALONG;
     int own = row(), back_row = row() ^ 1, k = min(place_in_row(), ALONG - 1), seen = reversed ? ALONG - 1 - k : k;
     // Sums over what is inside the outline and outside it. They lose or gain a sample as it moves on by a pixel.
     int outline = HALF - BACKWARD;
@@ -317,7 +315,7 @@ void share_of_costs(bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_
 // costs the same as there. The front ends where V is halfway. S is that of a Gaussian, as in the costs of outlines: the
 // solve's is less, since it knows the kernel better. Across the normal the blur is that of the side's V.
 float cost_before(Edge edge, bool opposite, vec4 in_sharper, vec4 in_other, vec3 texture_variance, float least) {
-    bool reversed = row() % ORDERS == 1;
+    bool reversed = row() == 1;
     int own = row(), back_row = row() ^ 1, k = min(place_in_row(), ALONG - 1), seen = reversed ? ALONG - 1 - k : k;
     if (abs(k - HALF) > WINDOW || place_in_row() >= ALONG) return 0.0;
     vec4 front = in_sharper - mean_between(MEAN, own, k, HALF, ALONG - 1);
@@ -348,67 +346,48 @@ float cost_before(Edge edge, bool opposite, vec4 in_sharper, vec4 in_other, vec3
 }
 
 void main() {
-    ivec2 first = CELLS * ivec2(gl_WorkGroupID.xy), columns_rows = ivec2(width, height) / SIDE;
-    if (gl_LocalInvocationIndex == 0) {
-        count = 0;
-        for (int n = 0; n < CELLS * CELLS; n++) {
-            ivec2 cell = first + ivec2(n % CELLS, n / CELLS);
-            if (any(greaterThanEqual(cell, columns_rows)) || share_of(edge_of(cell)) == 0.0) continue;
-            found[count] = n;
-            count++;
-        }
-    }
-    barrier();
-    for (int n = int(gl_LocalInvocationIndex); n < count; n += ROWS * ROW) {
-        Edge edge = edge_of(first + ivec2(found[n] % CELLS, found[n] / CELLS));
-        share[n] = share_of(edge);
-        edge.near = relative_blur_of(edge.near);
-        edge.far = relative_blur_of(edge.far);
-        edges[n] = edge;
-    }
-    barrier();
-    bool reversed = row() % ORDERS == 1;
+    ivec2 cell = listed_cell();
+    if (cell.x < 0) return;
+    Edge edge = edge_of(cell);
+    float share = share_of(edge);
+    if (share == 0.0) return;
+    edge.near = relative_blur_of(edge.near);
+    edge.far = relative_blur_of(edge.far);
+    bool reversed = row() == 1;
     int k = min(place_in_row(), ALONG - 1);
-    for (int start = 0; start < count; start += AT_ONCE) {
-        // With an odd number the last cell is computed twice.
-        int n = min(start + row() / ORDERS, count - 1);
-        ivec2 cell = first + ivec2(found[n] % CELLS, found[n] / CELLS);
-        Edge edge = edges[n];
-        float gain = gain_at(edge.place);
-        float own = abs(reversed ? edge.far : edge.near), other = abs(reversed ? edge.near : edge.far);
-        int sharper = (reversed ? edge.far : edge.near) > 0.0 ? 0 : 1;
-        bool opposite = (edge.near > 0.0) != (edge.far > 0.0);
-        barrier();
-        float variances[KERNELS] = float[](own, own + other, own + TEXTURE_VARIANCE, TEXTURE_VARIANCE, MEAN_VARIANCE,
-                                           RIM_VARIANCE);
-        if (place_in_row() < KERNELS) set_kernel(place_in_row(), variances[place_in_row()]);
-        barrier();
-        if (place_in_row() < ALONG) blur_across(sharper, gain, edge, variances);
-        // Average and variance of the photograph in which the near side is the sharper.
-        vec4 of_near = photograph_on_lines(edge.near > 0.0 ? 0 : 1, gain, edge, k);
-        if (place_in_row() >= ALONG) of_near = vec4(0.0);
-        vec4 moments = row_total(vec4(dot(of_near, vec4(1.0)), dot(of_near, of_near), 0.0, 0.0)) / float(LINES * ALONG);
-        float least = LEAST * LEAST + CONTRAST * CONTRAST * max(moments.y - moments.x * moments.x, 0.0);
-        int seen = reversed ? ALONG - 1 - k : k;
-        vec4 in_sharper = photograph_on_lines(sharper, gain, edge, seen);
-        vec4 in_other = photograph_on_lines(1 - sharper, gain, edge, seen);
-        float shares[DISPLACEMENTS];
-        vec3 textures = texture_variances(opposite, in_sharper, in_other);
-        share_of_costs(opposite, in_sharper, in_other, textures, moments.x, least, shares);
-        float before = cost_before(edge, opposite, in_sharper, in_other, textures, least);
-        for (int m = 0; m < DISPLACEMENTS + 1; m += 4) {
-            vec4 some;
-            for (int i = 0; i < 4; i++) some[i] = m + i < DISPLACEMENTS ? shares[min(m + i, DISPLACEMENTS - 1)] : before;
-            some = row_total(some);
-            if (place_in_row() < 4 && start + row() / ORDERS < count) {
-                int target = reversed ? REVERSED_COSTS : COSTS, number = m + place_in_row();
-                float sum = some[place_in_row()];
-                if (SWEEP) sum = number_of(cell, target, number) + share[n] * sum;
-                imageStore(results, place_of(cell, target, number), vec4(sum));
-            }
+    float gain = gain_at(edge.place);
+    float own = abs(reversed ? edge.far : edge.near), other = abs(reversed ? edge.near : edge.far);
+    int sharper = (reversed ? edge.far : edge.near) > 0.0 ? 0 : 1;
+    bool opposite = (edge.near > 0.0) != (edge.far > 0.0);
+    float variances[KERNELS] = float[](own, own + other, own + TEXTURE_VARIANCE, TEXTURE_VARIANCE, MEAN_VARIANCE,
+                                       RIM_VARIANCE);
+    if (place_in_row() < KERNELS) set_kernel(place_in_row(), variances[place_in_row()]);
+    barrier();
+    if (place_in_row() < ALONG) blur_across(sharper, gain, edge, variances);
+    // Average and variance of the photograph in which the near side is the sharper.
+    vec4 of_near = photograph_on_lines(edge.near > 0.0 ? 0 : 1, gain, edge, k);
+    if (place_in_row() >= ALONG) of_near = vec4(0.0);
+    vec4 moments = row_total(vec4(dot(of_near, vec4(1.0)), dot(of_near, of_near), 0.0, 0.0)) / float(LINES * ALONG);
+    float least = LEAST * LEAST + CONTRAST * CONTRAST * max(moments.y - moments.x * moments.x, 0.0);
+    int seen = reversed ? ALONG - 1 - k : k;
+    vec4 in_sharper = photograph_on_lines(sharper, gain, edge, seen);
+    vec4 in_other = photograph_on_lines(1 - sharper, gain, edge, seen);
+    float shares[DISPLACEMENTS];
+    vec3 textures = texture_variances(opposite, in_sharper, in_other);
+    share_of_costs(opposite, in_sharper, in_other, textures, moments.x, least, shares);
+    float before = cost_before(edge, opposite, in_sharper, in_other, textures, least);
+    for (int m = 0; m < DISPLACEMENTS + 1; m += 4) {
+        vec4 some;
+        for (int i = 0; i < 4; i++) some[i] = m + i < DISPLACEMENTS ? shares[min(m + i, DISPLACEMENTS - 1)] : before;
+        some = row_total(some);
+        if (place_in_row() < 4) {
+            int target = reversed ? REVERSED_COSTS : COSTS, number = m + place_in_row();
+            float sum = some[place_in_row()];
+            if (SWEEP) sum = number_of(cell, target, number) + share * sum;
+            imageStore(results, place_of(cell, target, number), vec4(sum));
         }
-        if (!reversed && place_in_row() == 0 && start + row() / ORDERS < count) {
-            imageStore(results, place_of(cell, EDGES, TOTAL), vec4(number_of(cell, EDGES, TOTAL) + share[n]));
-        }
+    }
+    if (!reversed && place_in_row() == 0) {
+        imageStore(results, place_of(cell, EDGES, TOTAL), vec4(number_of(cell, EDGES, TOTAL) + share));
     }
 }

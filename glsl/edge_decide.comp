@@ -1,14 +1,18 @@
 #version 460
 // The distribution of the outline's place in both orders, from the costs of the cells along the edge, and what speaks for
-// it. CPU reference: src/engine/stages/edge_decide.rs.
+// it. A workgroup for each cell with an edge. CPU reference: src/engine/stages/edge_decide.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray results;
+layout(binding = 1, std430) readonly buffer Arguments { uint arguments[]; };
+layout(binding = 2, std430) readonly buffer Listed { uint listed[]; };
 layout(push_constant) uniform Constants {
     int width, height;
+    uint argument_place;
 };
 
 #include "edge.glsl"
+#include "edge_list.glsl"
 
 // Costs are averaged over this many cells in each direction along the edge, with weights of this σ², in cells.
 const int AROUND = 2;
@@ -16,59 +20,81 @@ const float SPREAD = 1.44;
 // The costs of neighbouring samples are not independent: a distribution is exp(-cost / TEMPERATURE).
 const float TEMPERATURE = 1.5;
 
+const int SIDE_AROUND = 2 * AROUND + 1, NEIGHBOURS = SIDE_AROUND * SIDE_AROUND;
+// A row of invocations per order. Each has one of the costs, and of every so many neighbours the first is its own.
+const int COSTS_OF_CELL = DISPLACEMENTS + 1, PARTS = 4;
+
+// Of each neighbour: how far it agrees, its weight, and the weight of its sums over pairs of frames.
+shared vec3 neighbours[NEIGHBOURS];
+// By order: the sums over the neighbours, and the density of the outline's place.
+shared float parts[2][PARTS][COSTS_OF_CELL], densities[2][DISPLACEMENTS];
+
 void main() {
-    ivec2 cell = ivec2(gl_GlobalInvocationID.xy), count = ivec2(width, height) / SIDE;
-    if (any(greaterThanEqual(cell, count))) return;
-    Edge edge = edge_of(cell);
-    if (!edge.exists) return;
-    float costs[2][DISPLACEMENTS], before[2] = float[](0.0, 0.0), sum = 0.0, length = 0.0;
-    for (int n = 0; n < DISPLACEMENTS; n++) costs[0][n] = costs[1][n] = 0.0;
-    ivec2 low = max(cell - AROUND, ivec2(0)), high = min(cell + AROUND, count - 1);
-    for (int y = low.y; y <= high.y; y++) {
-        for (int x = low.x; x <= high.x; x++) {
-            ivec2 other = ivec2(x, y), apart = other - cell;
+    ivec2 cell = listed_cell(), count = ivec2(width, height) / SIDE;
+    if (cell.x < 0) return;
+    int lane = int(gl_LocalInvocationID.x), order = int(gl_LocalInvocationID.y);
+    if (order == 0 && lane < NEIGHBOURS) {
+        ivec2 apart = ivec2(lane % SIDE_AROUND, lane / SIDE_AROUND) - AROUND, other = cell + apart;
+        neighbours[lane] = vec3(0.0);
+        if (all(greaterThanEqual(other, ivec2(0))) && all(lessThan(other, count))) {
             Edge neighbour = edge_of(other);
             float total = neighbour.exists ? number_of(other, EDGES, TOTAL) : 0.0;
-            if (total == 0.0) continue;
-            float agree = agreement(edge, neighbour);
-            length += agree;
-            float weight = agree * exp(-float(apart.x * apart.x + apart.y * apart.y) / (2.0 * SPREAD));
-            if (weight == 0.0) continue;
-            sum += weight;
-            weight /= total;
-            before[0] += weight * number_of(other, COSTS, BEFORE);
-            before[1] += weight * number_of(other, REVERSED_COSTS, BEFORE);
-            for (int n = 0; n < DISPLACEMENTS; n++) {
-                costs[0][n] += weight * number_of(other, COSTS, n);
-                costs[1][n] += weight * number_of(other, REVERSED_COSTS, n);
+            if (total != 0.0) {
+                float agree = agreement(edge_of(cell), neighbour);
+                float weight = agree * exp(-float(apart.x * apart.x + apart.y * apart.y) / (2.0 * SPREAD));
+                neighbours[lane] = vec3(agree, weight, weight / total);
             }
         }
+    }
+    barrier();
+    int n = lane % COSTS_OF_CELL, part = lane / COSTS_OF_CELL;
+    float cost = 0.0, sum = 0.0, length = 0.0;
+    for (int i = part; i < NEIGHBOURS; i += PARTS) {
+        ivec2 other = clamp(cell + ivec2(i % SIDE_AROUND, i / SIDE_AROUND) - AROUND, ivec2(0), count - 1);
+        float weight = neighbours[i].z;
+        // Cells without an edge have no costs.
+        float its = number_of(other, order == 0 ? COSTS : REVERSED_COSTS, n);
+        cost += weight == 0.0 ? 0.0 : weight * its;
+    }
+    parts[order][part][n] = cost;
+    for (int i = 0; i < NEIGHBOURS; i++) {
+        length += neighbours[i].x;
+        sum += neighbours[i].y;
     }
     // No pair of frames shows the edge: it stays as it is.
     if (sum == 0.0) length = -1e6;
     sum = max(sum, 1e-6);
-    // By order: the least cost, and whether the outline is well within the displacements.
+    barrier();
+    // By order: the least cost.
     float least[2];
-    for (int order = 0; order < 2; order++) {
-        least[order] = costs[order][0];
-        for (int n = 1; n < DISPLACEMENTS; n++) least[order] = min(least[order], costs[order][n]);
-        float total = 0.0, place = 0.0;
-        for (int n = 0; n < DISPLACEMENTS; n++) {
-            costs[order][n] = exp(-(costs[order][n] - least[order]) / (TEMPERATURE * sum));
-            total += costs[order][n];
-            place += float(n) * costs[order][n];
+    for (int o = 0; o < 2; o++) {
+        for (int i = 0; i < DISPLACEMENTS; i++) {
+            float total = parts[o][0][i] + parts[o][1][i] + parts[o][2][i] + parts[o][3][i];
+            least[o] = i == 0 ? total : min(least[o], total);
+            if (o == order && i == lane) cost = total;
         }
-        // The share of the distribution up to each displacement.
-        float share = 0.0;
-        for (int n = 0; n < DISPLACEMENTS; n++) {
-            share += costs[order][n] / total;
-            imageStore(results, place_of(cell, order == 0 ? OUTLINES : REVERSED_OUTLINES, n), vec4(share));
-        }
-        place /= total;
-        float within = place > 1.0 && place < float(DISPLACEMENTS - 2) ? 1.0 : 0.0;
-        imageStore(results, place_of(cell, DECISIONS, order), vec4((before[order] - least[order]) / sum));
-        imageStore(results, place_of(cell, DECISIONS, 2 + order), vec4(within));
     }
+    if (lane < DISPLACEMENTS) densities[order][lane] = exp(-(cost - least[order]) / (TEMPERATURE * sum));
+    barrier();
+    float total = 0.0, place = 0.0, share = 0.0;
+    for (int i = 0; i < DISPLACEMENTS; i++) {
+        float density = densities[order][i];
+        total += density;
+        place += float(i) * density;
+        // The share of the distribution up to each displacement.
+        share += i <= lane ? density : 0.0;
+    }
+    if (lane < DISPLACEMENTS) {
+        imageStore(results, place_of(cell, order == 0 ? OUTLINES : REVERSED_OUTLINES, lane), vec4(share / total));
+    }
+    if (lane > 0) return;
+    // Whether the outline is well within the displacements.
+    place /= total;
+    float within = place > 1.0 && place < float(DISPLACEMENTS - 2) ? 1.0 : 0.0;
+    float before = parts[order][0][BEFORE] + parts[order][1][BEFORE] + parts[order][2][BEFORE] + parts[order][3][BEFORE];
+    imageStore(results, place_of(cell, DECISIONS, order), vec4((before - least[order]) / sum));
+    imageStore(results, place_of(cell, DECISIONS, 2 + order), vec4(within));
+    if (order > 0) return;
     imageStore(results, place_of(cell, DECISIONS, 4), vec4((least[1] - least[0]) / sum));
     imageStore(results, place_of(cell, DECISIONS, 5), vec4(length));
 }

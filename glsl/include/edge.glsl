@@ -16,6 +16,11 @@ const int BEFORE = DISPLACEMENTS;
 // The sum of the shares of all pairs of frames in the costs, behind the edge: 1 for a pair.
 const int TOTAL = 9;
 
+// The cells with an edge are listed as edge_cells finds them, each by its column and, from this bit on, its row. Passes
+// over the list have a workgroup for each: this many along x, and further ones along y. After the words of the workgroups
+// over the list and over pixels comes the number of cells.
+const int ROW_BIT = 16, ALONG_X = 32768, COUNT_PLACE = 6;
+
 ivec3 place_of(ivec2 cell, int layer, int n) {
     return ivec3(SIDE * cell + ivec2(n % SIDE, n / SIDE), layer);
 }

@@ -9,6 +9,7 @@
 //! [`edge_cells`](super::stages::edge_cells) finds an edge. The last word is [`NOT_CANCELLED`]. The host sets it to
 //! [`CANCELLED`] at any time; `update_transform` then ends its level and all finer ones.
 
+use super::shaders::edge as shader;
 use super::stages::state::{LevelState, MAX_LEVELS};
 
 /// The most coarse grids that have workgroups of their own: those of a level of 65536 x 65536 pixels.
@@ -34,9 +35,7 @@ pub(crate) const CANCELLED: u32 = 1;
 pub(crate) enum Edges {
     /// The pixels of the fused image, if any level has an edge.
     Fused,
-    /// Tiles of `edge_costs` on a level.
-    Tiles(usize),
-    /// Cells of a level.
+    /// The cells of a level that have an edge.
     Cells(usize),
     /// Pixels of a level.
     Pixels(usize),
@@ -50,16 +49,17 @@ impl Edges {
     pub(crate) fn word(self, levels: usize) -> usize {
         let n = match self {
             Edges::Fused => 0,
-            Edges::Tiles(level) => 1 + 3 * level,
-            Edges::Cells(level) => 2 + 3 * level,
-            Edges::Pixels(level) => 3 + 3 * level,
+            Edges::Cells(level) => 3 + LEVEL_EDGE_WORDS * level,
+            Edges::Pixels(level) => 6 + LEVEL_EDGE_WORDS * level,
         };
-        levels * WORDS + 3 * n
+        levels * WORDS + n
     }
 }
 
+/// Words of the passes over edges of a level: the workgroups over cells and over pixels, and the number of cells.
+const LEVEL_EDGE_WORDS: usize = shader::COUNT_PLACE as usize + 1;
 /// Words of the passes over edges.
-const EDGE_WORDS: usize = 3 + 9 * (Edges::COARSEST + 1);
+const EDGE_WORDS: usize = 3 + LEVEL_EDGE_WORDS * (Edges::COARSEST + 1);
 
 /// Bytes of the words of `levels` levels, of those of the passes over edges, and of the last word.
 pub(crate) fn bytes(levels: usize) -> u64 {

@@ -49,7 +49,7 @@ impl Costs {
         }
     }
 
-    /// The search for edges computes much for each tile that has one. How many have is known only when it runs: 0 to
+    /// The search for edges computes much for each cell that has one. How many have is known only when it runs: 0 to
     /// 12 % of the time, for which the middle stands.
     fn of_edges(pass: &str) -> f64 {
         match pass {

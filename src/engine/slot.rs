@@ -27,7 +27,7 @@ pub(crate) enum Slot {
     Weights,
     /// Equations of the coarse grids of the cascade.
     GridEquations,
-    /// dV of the coarse grids of the cascade.
+    /// dV of the coarse grids of the cascade. After the solve the list of the cells at depth edges.
     GridSteps,
     /// dV of the red (0) or of the black pixels (1).
     Change { color: usize },
@@ -152,6 +152,8 @@ quantities! {
     GridEquations: Buffer;
     /// dV of the coarse grids.
     GridSteps: Buffer;
+    /// The list of the cells at depth edges.
+    EdgeList: Buffer;
     /// Terms of the uncertainty, a blur-matched pair, or a step of V.
     UncertaintyTerms: Image, Scalar;
     /// Filter weights.
@@ -233,6 +235,7 @@ pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::Scratch);
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
 pub(crate) const GRID_EQUATIONS: Handle<GridEquations> = Handle::new(Slot::GridEquations);
 pub(crate) const GRID_STEPS: Handle<GridSteps> = Handle::new(Slot::GridSteps);
+pub(crate) const EDGE_LIST: Handle<EdgeList> = Handle::new(Slot::GridSteps);
 pub(crate) const UNCERTAINTY_TERMS: Handle<UncertaintyTerms> = Handle::new(Slot::UncertaintyTerms);
 pub(crate) const ALIGNED: Handle<Plane> = Handle::new(Slot::Aligned);
 /// Frames of a sweep on one frame's pixels, in the place of I1 and of I2.

@@ -10,8 +10,8 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::cascade::Coarser;
 use crate::engine::stages::state::{LevelState, MAX_LEVELS};
 use crate::engine::stages::{
-    convolve, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles, separable,
-    subdivide, update_transform,
+    convolve, edge, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles,
+    separable, subdivide, update_transform,
 };
 use crate::engine::sweep::model as sweep;
 use crate::engine::vulkan::{Stage, Variant};
@@ -69,10 +69,7 @@ const PAIRS: [Measured; 4] = [
 /// an edge.
 fn share_at_edges(over: Edges) -> f64 {
     match over {
-        // Rounds of two cells in a workgroup: 0.29 on average, where the compiler counts 8.
-        Edges::Tiles(_) => 0.036,
-        // Waves with a cell that has an edge.
-        Edges::Cells(_) => 0.21,
+        Edges::Cells(_) => 0.008,
         // Waves within the reach of such a cell.
         Edges::Pixels(_) | Edges::Fused => 0.26,
     }
@@ -211,11 +208,18 @@ impl Solve {
     }
 }
 
-/// The workgroups of a pass over depth edges, which `edge_cells` writes to the arguments.
+/// The workgroups of a pass over depth edges, if all cells have one.
 fn groups_at_edges(script: &Script, levels: usize, over: Edges) -> [u32; 3] {
-    let found = script.dispatches().filter_map(Dispatch::of::<edge_cells::Bindings>);
-    let mut places = found.flat_map(|(_, constants, _)| constants.places());
-    let (_, [x, y]) = places.find(|(place, _)| *place == over.word(levels)).unwrap();
+    let level = |n: usize| {
+        let found = script.dispatches().filter_map(Dispatch::of::<edge_cells::Bindings>);
+        let place = Edges::Cells(n).word(levels) as u32;
+        found.map(|(_, constants, _)| constants).find(|c| c.argument_place == place).unwrap()
+    };
+    let [x, y] = match over {
+        Edges::Fused => level(0).fused,
+        Edges::Cells(n) => edge::cells([level(n).width, level(n).height]),
+        Edges::Pixels(n) => level(n).pixels,
+    };
     [x, y, 1]
 }
 
@@ -364,10 +368,10 @@ mod tests {
         // V, its deviation, the residual and the grey fused image, read and written.
         let downloaded: Vec<f64> = of(&work, "download").map(|work| work.bytes).collect();
         assert_eq!(downloaded, [32e6]);
-        // 62, 125 and 250 cells along a side: workgroups of 8 x 8.
+        // 62, 125 and 250 cells along a side: workgroups of two waves.
         let edges: Vec<f64> = of(&work, "edge_costs").map(|work| work.waves).collect();
-        let groups = |side: f64| share_at_edges(Edges::Tiles(0)) * side * side * 4.0;
-        assert_eq!(edges, [8.0, 16.0, 32.0].map(groups));
+        let waves = |side: f64| share_at_edges(Edges::Cells(0)) * side * side * 2.0;
+        assert_eq!(edges, [62.0, 125.0, 250.0].map(waves));
     }
 
     #[test]

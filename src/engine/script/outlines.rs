@@ -51,15 +51,17 @@ impl Composer<'_> {
             let coarsening = edge_coarsen::Constants::of_pair(level, plan.size);
             let criteria = if level.index == 0 { FINEST } else { COARSE };
             let search = Search { coarsening, cells, levels: plan.solved, criteria };
-            self.outlines(level, &search, |s, tiles| {
+            self.outlines(level, &search, |s, cells| {
                 let bindings = edge_costs::Bindings {
                     i1: slot::i1(level.index).read(),
                     i2: slot::i2(level.index).read(),
                     v: slot::relative_blur(level.index).read(),
                     results: slot::RESULTS.update(),
                     state: slot::STATE.read(),
+                    arguments: slot::ARGUMENTS.read(),
+                    listed: slot::EDGE_LIST.read(),
                 };
-                s.dispatch(bindings, &edge_costs::Constants::of_pair(level), NO_VARIANT, tiles);
+                s.dispatch(bindings, &edge_costs::Constants::of_pair(level, plan.solved), NO_VARIANT, cells);
             });
         }
     }
@@ -76,15 +78,19 @@ impl Composer<'_> {
             let bindings = edge_coarsen::Bindings { v: finest.read(), coarse: v.write(), results };
             self.over(size, bindings, &search.coarsening, NO_VARIANT);
         }
-        let bindings = edge_cells::Bindings { v: v.read(), results, arguments: slot::ARGUMENTS.write() };
-        self.over(edge::cells(size), bindings, &search.cells, NO_VARIANT);
-        costs(self, over(Edges::Tiles(level.index)));
-        let bindings = edge_decide::Bindings { results };
-        self.dispatch(bindings, &edge_decide::Constants { width, height }, NO_VARIANT, cells);
+        let (arguments, listed) = (slot::ARGUMENTS, slot::EDGE_LIST);
+        let found =
+            edge_cells::Bindings { v: v.read(), results, arguments: arguments.update(), listed: listed.write() };
+        self.over(edge::cells(size), found, &search.cells, NO_VARIANT);
+        costs(self, cells);
+        let (arguments, listed, argument_place) = (arguments.read(), listed.read(), search.cells.argument_place);
+        let bindings = edge_decide::Bindings { results, arguments, listed };
+        self.dispatch(bindings, &edge_decide::Constants { width, height, argument_place }, NO_VARIANT, cells);
         for n in 0..edge_agree::PASSES {
-            let bindings = edge_agree::Bindings { results };
+            let bindings = edge_agree::Bindings { results, arguments, listed };
             let (from, to) = (edge_agree::place(n), edge_agree::place(n + 1));
-            self.dispatch(bindings, &edge_agree::Constants { width, height, from, to }, NO_VARIANT, cells);
+            let constants = edge_agree::Constants { width, height, from, to, argument_place };
+            self.dispatch(bindings, &constants, NO_VARIANT, cells);
         }
         let bindings = edge_apply::Bindings { v: v.update(), results };
         let (decided, coarse) = (edge_agree::place(edge_agree::PASSES), u32::from(level.index > 0));

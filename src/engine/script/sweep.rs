@@ -147,7 +147,7 @@ pub(crate) fn outlines(plan: &Plan, Outlines { level, search, frames, pairs }: &
         }
         let [first, last] = [edge::COSTS, edge::REVERSED_COSTS].map(|n| n as u32);
         s.empty(Slot::Stacks, level.size, first..last + 1);
-        s.outlines(level, search, |s, tiles| {
+        s.outlines(level, search, |s, cells| {
             for constants in pairs {
                 let (i1, i2) = slot::ALIGNED_AS_PAIR;
                 let bindings = edge_costs::Bindings {
@@ -156,8 +156,10 @@ pub(crate) fn outlines(plan: &Plan, Outlines { level, search, frames, pairs }: &
                     v: slot::relative_blur(level.index).read(),
                     results: slot::RESULTS.update(),
                     state: slot::STATE.read(),
+                    arguments: slot::ARGUMENTS.read(),
+                    listed: slot::EDGE_LIST.read(),
                 };
-                s.dispatch(bindings, constants, edge_costs::SWEEP, tiles);
+                s.dispatch(bindings, constants, edge_costs::SWEEP, cells);
             }
         });
     })

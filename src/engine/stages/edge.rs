@@ -56,6 +56,18 @@ pub(super) fn all_cells(size: [u32; 2]) -> impl Iterator<Item = [usize; 2]> {
     (0..rows).flat_map(move |y| (0..columns).map(move |x| [x, y]))
 }
 
+/// The cells that have an edge, as they are listed: row by row, where the device lists them as it finds them.
+pub(super) fn listed<N: Number>(edges: &Raster<N>, size: [u32; 2]) -> Vec<u32> {
+    let found = all_cells(size).filter(|&cell| Edge::of(edges, cell).is_some());
+    found.map(|[x, y]| (x | y << edge::ROW_BIT) as u32).collect()
+}
+
+/// The words of the passes over edges of a level with `count` cells that have one: the workgroups over these, and over
+/// pixels; the number of cells.
+pub(super) fn words(count: u32, [x, y]: [u32; 2]) -> [u32; 7] {
+    [count.min(edge::ALONG_X), count.div_ceil(edge::ALONG_X), 1, x, y, 1, count]
+}
+
 /// The cells within `around` of a cell.
 pub(super) fn cells_around(
     [x, y]: [usize; 2],
@@ -182,6 +194,12 @@ pub(super) mod testing {
             (layers[OUTLINES[0]], layers[OUTLINES[1]], layers[DECISIONS]) = (near, far, decisions);
         }
         layers
+    }
+
+    /// The words of a level with these edges, and their list.
+    pub(in super::super) fn arguments(edges: &Field, size: [u32; 2]) -> [Vec<u32>; 2] {
+        let list = listed(edges, size);
+        [words(list.len() as u32, [0; 2]).to_vec(), list]
     }
 
     /// The number of cells with an edge.

@@ -26,12 +26,16 @@ push_constants! {
     from: u32,
     /// First number of those that are written.
     to: u32,
+    /// First word of the workgroups of the passes over edges.
+    argument_place: u32,
 }
 
 bindings! {
-    EDGE_AGREE:
+    EDGE_AGREE, [64, 1];
     /// Layers: edges and decisions.
     results: Updates<Results>,
+    arguments: Reads<Arguments>,
+    listed: Reads<EdgeList>,
 }
 
 impl Pass for Bindings {
@@ -66,7 +70,7 @@ pub(crate) fn cpu_reference<N: Number>(c: &Constants, edges: &Raster<N>, decisio
 
 #[cfg(test)]
 mod tests {
-    use super::super::edge::testing::layers;
+    use super::super::edge::testing::{arguments, layers};
     use super::super::harness::{Input, Trial};
     use super::*;
     use crate::engine::stages::NO_VARIANT;
@@ -76,10 +80,13 @@ mod tests {
         for (size, levels) in [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0])] {
             let results = layers(size, levels, DECISIONS);
             for n in 0..PASSES {
-                let c = Constants { width: size[0], height: size[1], from: place(n), to: place(n + 1) };
-                let groups = STAGE.groups(edge::cells(size));
+                let [width, height] = size;
+                let c = Constants { width, height, from: place(n), to: place(n + 1), argument_place: 0 };
+                let [words, list] = arguments(&results[EDGES], size);
+                let inputs = [Input::Image(&results), Input::Words(&words), Input::Words(&list)];
+                let groups = [list.len() as u32, 1, 1];
                 // Means of differences of up to 1000.
-                Trial::run::<Bindings>(&[Input::Image(&results)], &c, NO_VARIANT, groups).assert_within(2e-3);
+                Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, groups).assert_within(2e-3);
             }
         }
     }

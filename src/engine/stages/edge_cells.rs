@@ -33,8 +33,8 @@ push_constants! {
     height: u32,
     /// First word of the workgroups of the passes over edges.
     argument_place: u32,
-    /// Their workgroups along x and y, if there is an edge: over tiles, over cells, over pixels.
-    groups: [[u32; 2]; 3],
+    /// The workgroups over pixels along x and y, if there is an edge.
+    pixels: [u32; 2],
     /// First word of the workgroups of `edge_fuse`.
     fused_place: u32,
     /// Its workgroups along x and y, if there is an edge.
@@ -63,8 +63,8 @@ impl Constants {
         Self {
             width,
             height,
-            argument_place: Edges::Tiles(level).word(levels) as u32,
-            groups: [edge_costs::tiles(size), along(STAGE.groups(edge::cells(size))), pixels(size)],
+            argument_place: Edges::Cells(level).word(levels) as u32,
+            pixels: pixels(size),
             fused_place: Edges::Fused.word(levels) as u32,
             fused: pixels(finest),
             deviation_layer: deviation_layer(level == 0) as u32,
@@ -77,13 +77,6 @@ impl Constants {
             uncertain: 0.0,
             shown: [0.0, 0.0, width as f32, height as f32],
         }
-    }
-
-    /// The first word of the workgroups of each pass, and the workgroups along x and y.
-    pub(crate) fn places(&self) -> [(usize, [u32; 2]); 4] {
-        let [tiles, cells, pixels] = self.groups;
-        let place = self.argument_place as usize;
-        [(self.fused_place as usize, self.fused), (place, tiles), (place + 3, cells), (place + 6, pixels)]
     }
 
     /// Those of a sweep on a level with c px² by squared settings.
@@ -103,7 +96,8 @@ bindings! {
     v: Reads<RelativeBlur>,
     /// Layers: the standard deviation of V; the edges.
     results: Updates<Results>,
-    arguments: Writes<Arguments>,
+    arguments: Updates<Arguments>,
+    listed: Writes<EdgeList>,
 }
 
 impl Pass for Bindings {
@@ -114,12 +108,14 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let edges = cpu_reference(c, memory.layer(self.v, 0), memory.layer(self.results, c.deviation_layer as usize));
-        if all_cells([c.width, c.height]).any(|cell| Edge::of(&edges, cell).is_some()) {
-            let words = memory.words_mut(self.arguments);
-            for (place, [x, y]) in c.places() {
-                words[place..place + 3].copy_from_slice(&[x, y, 1]);
-            }
+        let listed = edge::listed(&edges, [c.width, c.height]);
+        if !listed.is_empty() {
+            let (words, [x, y]) = (memory.words_mut(self.arguments), c.fused);
+            let mut set = |place: u32, set: &[u32]| words[place as usize..][..set.len()].copy_from_slice(set);
+            set(c.argument_place, &edge::words(listed.len() as u32, c.pixels));
+            set(c.fused_place, &[x, y, 1]);
         }
+        *memory.words_mut(self.listed) = listed;
         memory.set_layer(self.results, EDGES, edges);
     }
 }
@@ -242,25 +238,28 @@ mod tests {
                 let mut layers = vec![Field::zeros(width, height); edge::LAYERS as usize];
                 layers[1] = deviation.clone();
                 layers[edge::COARSE_DEVIATION] = Field::from_fn(width, height, |x, _| 0.1 + 0.01 * (x % 4) as f64);
-                let groups = [[3, 4], [5, 6], [7, 8]];
                 let pair = Constants::of_pair(0, size, 0, size);
-                let pair = Constants { argument_place: 2, groups, fused_place: 12, fused: [2, 1], ..pair };
                 let shown = [0.3 * width as f32, 3.5, 0.9 * width as f32, height as f32 - 9.0];
                 let sweep = Constants { deviation_layer: 1, ..Constants::of_sweep(2, size, 0.4, shown) };
-                let sweep = Constants { argument_place: 2, groups, fused_place: 12, uncertain: 0.005, ..sweep };
-                let coarse =
-                    Constants { argument_place: 2, groups, fused_place: 12, ..Constants::of_pair(1, size, 0, size) };
+                let sweep = Constants { uncertain: 0.005, ..sweep };
+                let coarse = Constants::of_pair(1, size, 0, size);
                 for c in [pair, coarse, sweep] {
-                    let inputs =
-                        [Input::Image(std::slice::from_ref(&v)), Input::Image(&layers), Input::Words(&[9; 16])];
+                    let c = Constants { argument_place: 1, pixels: [7, 8], fused_place: 9, fused: [2, 1], ..c };
+                    let (words, list) = ([&[9][..], &[0; 7], &[9; 5]].concat(), [9; 700]);
+                    let images = [std::slice::from_ref(&v), &layers].map(Input::Image).into_iter();
+                    let inputs: Vec<_> = images.chain([&words[..], &list].map(Input::Words)).collect();
                     let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
                     // Places are up to 96 px, in single precision, from a quotient by the slope.
                     trial.assert_within(1e-4);
-                    assert_eq!(count(&trial.layers(1)[EDGES]) > 0, is_edge, "{width} x {height}");
-                    let [actual, expected] = trial.words(2);
-                    let [x, y] = c.fused;
-                    let set = [9, 9, 3, 4, 1, 5, 6, 1, 7, 8, 1, 9, x, y, 1, 9];
-                    assert_eq!([actual, expected], [if is_edge { set } else { [9; 16] }; 2].map(Vec::from));
+                    let found = count(&trial.layers(1)[EDGES]);
+                    assert_eq!(found > 0, is_edge, "{width} x {height}");
+                    let n = found as u32;
+                    let set = if is_edge { vec![9, n, 1, 1, 7, 8, 1, n, 9, 2, 1, 1, 9] } else { words };
+                    assert_eq!(trial.words(2), [set.clone(), set]);
+                    // A device lists the cells as it finds them.
+                    let [mut actual, expected] = trial.words(3);
+                    actual[..found].sort();
+                    assert_eq!([&actual[..found], &actual[found..]], [&expected[..], &list[found..]]);
                 }
             }
         }

@@ -18,6 +18,7 @@ use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
 use super::{Number, Raster, pixels};
 use crate::base::workers;
+use crate::engine::arguments::Edges;
 use crate::engine::plan::Level;
 use crate::engine::shaders::edge_costs as shader;
 use crate::engine::vulkan::Variant;
@@ -37,6 +38,8 @@ push_constants! {
     settings: [f32; 2],
     /// Their layers.
     layers: [u32; 2],
+    /// First word of the workgroups of the passes over edges.
+    argument_place: u32,
 }
 
 /// Two frames of a sweep, on one frame's pixels; their costs are added to those of other frames.
@@ -46,10 +49,11 @@ pub(crate) const SWEEP: Variant = [true, false, false, false, false];
 pub(crate) const LARGEST: f32 = shader::LARGEST as f32;
 
 impl Constants {
-    /// Those of a pair on a level.
-    pub(crate) fn of_pair(level: &Level) -> Self {
+    /// Those of a pair on a level, in a solve of `levels` levels.
+    pub(crate) fn of_pair(level: &Level, levels: usize) -> Self {
         let ([width, height], centre, factor) = (level.size, level.centre.map(|c| c as f32), level.factor as f32);
-        Self { width, height, centre, factor, rate: 0.0, settings: [0.0; 2], layers: [0; 2] }
+        let argument_place = Edges::Cells(level.index).word(levels) as u32;
+        Self { width, height, centre, factor, rate: 0.0, settings: [0.0; 2], layers: [0; 2], argument_place }
     }
 
     /// V between two frames of a sweep where u is in focus.
@@ -69,7 +73,7 @@ impl Constants {
 }
 
 bindings! {
-    EDGE_COSTS:
+    EDGE_COSTS, [shader::ROW, shader::ROWS];
     /// Of a sweep all frames, in layers.
     i1: Reads<I1>,
     i2: Reads<I2>,
@@ -78,11 +82,8 @@ bindings! {
     /// Layers: the edges; the costs.
     results: Updates<Results>,
     state: Reads<State>,
-}
-
-/// Workgroups over an image.
-pub(crate) fn tiles(size: [u32; 2]) -> [u32; 2] {
-    edge::cells(size).map(|cells| cells.div_ceil(shader::CELLS))
+    arguments: Reads<Arguments>,
+    listed: Reads<EdgeList>,
 }
 
 impl Pass for Bindings {
@@ -481,7 +482,7 @@ pub(super) mod testing {
 
     /// The constants of a pair.
     pub(in super::super) fn constants([width, height]: [u32; 2]) -> Constants {
-        Constants::of_pair(&Level::new(0, width, height, 36.0))
+        Constants::of_pair(&Level::new(0, width, height, 36.0), 0)
     }
 
     /// The layers of the costs of a pair whose photographs lie on each other, and of the edges.
@@ -496,7 +497,7 @@ pub(super) mod testing {
 mod tests {
     use super::super::Field;
     use super::super::edge::BEFORE;
-    use super::super::edge::testing::{count, layers};
+    use super::super::edge::testing::{arguments, count, layers};
     use super::super::harness::{Input, Trial, random_field, smooth_field};
     use super::super::state::{Registration, State};
     use super::testing::{constants, of_pair};
@@ -519,12 +520,15 @@ mod tests {
             let noise = [3, 4].map(|seed| [random_field(width, height, seed)]);
             let v = [results[0].clone()];
             for [i1, i2] in [texture, noise] {
-                let inputs = [&i1[..], &i2, &v, &results].map(Input::Image).into_iter().chain([Input::State(&state)]);
+                let [words, list] = arguments(&results[EDGES], size);
+                let others = [Input::State(&state), Input::Words(&words), Input::Words(&list)];
+                let inputs = [&i1[..], &i2, &v, &results].map(Input::Image).into_iter().chain(others);
                 // The second and the fourth are on the level of a quarter of the size.
                 let index = n % 2 * 2;
-                let c = Constants::of_pair(&Level::new(index, size[0] << index, size[1] << index, 576.0));
-                let [columns, rows] = tiles(size);
-                let trial = Trial::run::<Bindings>(&inputs.collect::<Vec<_>>(), &c, NO_VARIANT, [columns, rows, 1]);
+                let level = Level::new(index, size[0] << index, size[1] << index, 576.0);
+                let c = Constants { argument_place: 0, ..Constants::of_pair(&level, 0) };
+                let groups = [list.len() as u32, 1, 1];
+                let trial = Trial::run::<Bindings>(&inputs.collect::<Vec<_>>(), &c, NO_VARIANT, groups);
                 // Sums of 232 costs of up to 8, whose logarithms are in single precision.
                 trial.assert_within(0.02);
                 assert!(trial.layers(3)[COSTS].data.iter().any(|&cost| cost > 1.0));
@@ -548,11 +552,12 @@ mod tests {
         let state = State::new(&Registration::new(Similarity::new(0.0, 0.0, 0.0, 1.0), &Photometric::IDENTITY));
         // The frames near both sides; the same in the wrong order; frames that are too far apart.
         for (settings, adds) in [([2.5, -1.0], true), ([-1.0, 2.5], false), ([9.0, -8.0], false)] {
-            let c = Constants { rate: 0.8, settings, layers: [2, 0], ..constants(image) };
+            let c = Constants { rate: 0.8, settings, layers: [2, 0], argument_place: 0, ..constants(image) };
+            let [words, list] = arguments(&results[EDGES], image);
+            let others = [Input::State(&state), Input::Words(&words), Input::Words(&list)];
             let inputs = [&frames[..], &frames, &u, &results].map(Input::Image).into_iter();
-            let inputs: Vec<_> = inputs.chain([Input::State(&state)]).collect();
-            let [columns, rows] = tiles(image);
-            let trial = Trial::run::<Bindings>(&inputs, &c, SWEEP, [columns, rows, 1]);
+            let inputs: Vec<_> = inputs.chain(others).collect();
+            let trial = Trial::run::<Bindings>(&inputs, &c, SWEEP, [list.len() as u32, 1, 1]);
             trial.assert_within(0.02);
             let changed = [COSTS, REVERSED_COSTS].map(|layer| trial.layers(3)[layer] != before[layer - COSTS]);
             assert_eq!(trial.layers(3)[EDGES] != results[EDGES], adds);

@@ -18,12 +18,16 @@ push_constants! {
     width: u32,
     /// Height, pixels.
     height: u32,
+    /// First word of the workgroups of the passes over edges.
+    argument_place: u32,
 }
 
 bindings! {
-    EDGE_DECIDE:
+    EDGE_DECIDE, [64, 2];
     /// Layers: edges and costs; distributions and decisions.
     results: Updates<Results>,
+    arguments: Reads<Arguments>,
+    listed: Reads<EdgeList>,
 }
 
 impl Pass for Bindings {
@@ -95,7 +99,7 @@ pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], costs: [&Raster<N>; 2], e
 
 #[cfg(test)]
 mod tests {
-    use super::super::edge::testing::{count, layers};
+    use super::super::edge::testing::{arguments, count, layers};
     use super::super::harness::{Input, Trial};
     use super::*;
     use crate::engine::stages::NO_VARIANT;
@@ -110,9 +114,10 @@ mod tests {
                 let total = [1.0, 0.7, 1.9, 0.0][(x + 2 * y) % 4];
                 edge::set(&mut results[EDGES], cell, TOTAL, &[total]);
             }
-            let c = Constants { width: size[0], height: size[1] };
-            let trial =
-                Trial::run::<Bindings>(&[Input::Image(&results)], &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
+            let c = Constants { width: size[0], height: size[1], argument_place: 0 };
+            let [words, list] = arguments(&results[EDGES], size);
+            let inputs = [Input::Image(&results), Input::Words(&words), Input::Words(&list)];
+            let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, [list.len() as u32, 2, 1]);
             // Costs of some 1000 in single precision, whose differences are divided by a temperature of 1.5.
             trial.assert_within(2e-3);
             let shown = |&cell: &_| edge::number(&results[EDGES], cell, TOTAL) > 0.0;

@@ -87,7 +87,7 @@ fn pairs(shared: &SharedParameters, level: &Level, frames: &[usize]) -> Vec<edge
         rate: rate as f32,
         settings: layers.map(|n| setting(n) as f32),
         layers: layers.map(|n| n as u32),
-        ..edge_costs::Constants::of_pair(level)
+        ..edge_costs::Constants::of_pair(level, 0)
     })
     .collect()
 }
