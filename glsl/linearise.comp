@@ -22,8 +22,12 @@ layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 2, r32ui) uniform readonly uimage2DArray stacks;         // of I1, then of I2
 layout(binding = 3, r32f) uniform writeonly image2DArray normal_equations; // D, b
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
-layout(binding = 5, std430) writeonly buffer Partials { float partials[]; };
+layout(binding = 5, std430) coherent buffer Partials { float partials[]; };
 layout(binding = 6, r32f) uniform readonly image2DArray masks;          // of I1, of I2
+layout(binding = 7, std430) buffer UpdatedBuffer { State updated; };     // the state, by the last workgroup
+layout(binding = 8, std430) writeonly buffer Energies { float energies[]; };
+layout(binding = 9, std430) writeonly buffer Arguments { uint arguments[]; };
+layout(binding = 10, std430) readonly volatile buffer AllArguments { uint all_arguments[]; };
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
@@ -31,12 +35,13 @@ layout(push_constant) uniform Constants {
     int rows;                        // lines per invocation
     float factor;                    // pixels of the full-size image per pixel of this level
     float centre_x, centre_y;
-    float length;                    // L, the length that places are divided by, pixels
+    float scale_length;              // L, the length that places are divided by, pixels
     float continuation;              // factor by which α is larger than its final value
     float eta, smoothness_eta, epsilon;
     float elimination;               // share of Σa that damps the elimination of dV
     float mean_x, mean_y;            // of the kernel at V = 1
     Noise noise;                     // of either image
+    Step t_step;
 };
 
 const float PI = 3.14159265358979;
@@ -192,11 +197,33 @@ vec2 equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data 
     // Weights of T's step, with η of BROAD spreads.
     float broad = BROAD * spread();
     float ratio = t.psi * inversesqrt(t.psi * t.psi - eta * eta + broad * broad);
-    add_pixel(sums, ratio * n, ratio * g, share * (t.psi + state.alpha / relative.phi), p / length, share);
+    add_pixel(sums, ratio * n, ratio * g, share * (t.psi + state.alpha / relative.phi), p / scale_length, share);
     float square = 1.0 / (relative.phi * relative.phi) - smoothness_eta * smoothness_eta;
     sums.variance += vec2(b * b, d);
     sums.roughness += share * vec2(sqrt(abs(b)), sqrt(max(square, 0.0)));
     return vec2(d, b);
+}
+
+int rows_of_sums() { return int(gl_NumWorkGroups.x * gl_NumWorkGroups.y); }
+float length_of_places() { return scale_length; }
+vec2 half_size() { return vec2(centre_x, centre_y); }
+
+#include "update_transform.glsl"
+
+shared bool is_last;
+
+// Whether all other workgroups have stored their sums, which then are visible to this one.
+bool is_last_workgroup() {
+    memoryBarrierBuffer();
+    barrier();
+    if (gl_LocalInvocationIndex == 0) {
+        memoryBarrierBuffer();
+        is_last = atomicAdd(updated.finished, 1) + 1 == rows_of_sums();
+        if (is_last) updated.finished = 0;
+    }
+    barrier();
+    memoryBarrierBuffer();
+    return is_last;
 }
 
 void main() {
@@ -259,4 +286,5 @@ void main() {
     float sum = workgroup_sum(sums);
     uint n = gl_LocalInvocationIndex;
     if (n < SUMS) partials[(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
+    if (is_set(STEPS) && is_last_workgroup()) update_transform();
 }

@@ -35,3 +35,22 @@ int monomial(ivec2 powers) {
 ivec2 powers_of(int unknown, int axis) {
     return axis == 0 ? POWERS[unknown].xy : POWERS[unknown].zw;
 }
+
+// The step that follows the sums.
+struct Step {
+    int level;
+    int energy_place;                // of this level and iteration
+    int unknowns;                    // the number of unknowns of T to solve for
+    int flags;
+    float still;                     // a level settles only if no corner moves by more, pixels of the level
+    float share;                     // of the step that is taken
+    float steady;                    // or its step by less than a share of T's deviation: x N x over Σ b² / Σ D,
+    float steady_by_tiles;           // or over the variance of the gradient by tiles
+    float flatness;                  // a level settles only if the energy changes by no more than this share
+    float most_moving;               // a level settles only if the latest step moved no more than this share of the pixels,
+    float most_far;                  // and no more than this share far
+    float least_spread;              // noise for which η of the weights is wide enough
+};
+// Its flags: the last workgroup of the pass that makes the sums takes the step; it descends the gradient instead of
+// solving; α has its final value; it finds α; the next iteration may warp I2 again.
+const int STEPS = 1, DESCENDS = 2, MAY_SETTLE = 4, FINDS_ALPHA = 8, MAY_WARP = 16;

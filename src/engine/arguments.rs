@@ -9,7 +9,9 @@
 //! [`edge_cells`](super::stages::edge_cells) finds an edge. The last word is [`NOT_CANCELLED`]. The host sets it to
 //! [`CANCELLED`] at any time; `update_transform` then ends its level and all finer ones.
 
-use super::shaders::edge as shader;
+use std::ops::Range;
+
+use super::shaders;
 use super::stages::state::{LevelState, MAX_LEVELS};
 
 /// The most coarse grids that have workgroups of their own: those of a level of 65536 x 65536 pixels.
@@ -20,10 +22,9 @@ const FIRST: usize = 9;
 const GRIDS: usize = FIRST + 2 * COARSE;
 /// Words of all grids of a level.
 const GRID_WORDS: usize = 3 * GRIDS;
-/// The most words of the passes that warp I2 again, of a level.
-const WARP_WORDS: usize = 3 * 48;
-/// Words of a level.
-pub(crate) const WORDS: usize = GRID_WORDS + WARP_WORDS;
+/// Words of a level. The last are those of the passes that warp I2 again.
+pub(crate) const WORDS: usize = shaders::update_transform::WORDS as usize;
+const _: () = assert!(WORDS == GRID_WORDS + shaders::update_transform::WARP_WORDS as usize);
 
 /// The last word unless the solve is cancelled.
 pub(crate) const NOT_CANCELLED: u32 = 0;
@@ -57,7 +58,7 @@ impl Edges {
 }
 
 /// Words of the passes over edges of a level: the workgroups over cells and over pixels, and the number of cells.
-const LEVEL_EDGE_WORDS: usize = shader::COUNT_PLACE as usize + 1;
+const LEVEL_EDGE_WORDS: usize = shaders::edge::COUNT_PLACE as usize + 1;
 /// Words of the passes over edges.
 const EDGE_WORDS: usize = 3 + LEVEL_EDGE_WORDS * (Edges::COARSEST + 1);
 
@@ -156,28 +157,10 @@ pub(crate) fn initial_words(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>
     words.chain([0; EDGE_WORDS]).chain([NOT_CANCELLED]).collect()
 }
 
-/// The words of a level that `update_transform` writes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Words {
-    /// First word of the level.
-    pub(crate) place: u32,
-    /// Number of words of the level.
-    pub(crate) count: u32,
-    /// First word of its passes that warp I2 again.
-    pub(crate) warp_place: u32,
-    /// Number of their words; 0 if the next iteration has no such passes.
-    pub(crate) warp_count: u32,
-}
-
-/// The words of a level.
-pub(crate) fn words(level: usize, may_warp: bool) -> Words {
+/// The words of a level, and those of them that belong to its passes that warp I2 again.
+pub(crate) fn words(level: usize) -> [Range<usize>; 2] {
     let first = level * WORDS;
-    Words {
-        place: first as u32,
-        count: WORDS as u32,
-        warp_place: (first + GRID_WORDS) as u32,
-        warp_count: if may_warp { WARP_WORDS as u32 } else { 0 },
-    }
+    [first..first + WORDS, first + GRID_WORDS..first + WORDS]
 }
 
 /// The place of a dispatch in the method.

@@ -9,7 +9,8 @@
 //! ```
 //!
 //! A wave has 64 invocations. The inverse throughput is the cycles per wave on a full SIMD, the latency those of a wave
-//! alone. `docs/performance.md` has the results, and what the model leaves out. The module is compiled for tests only.
+//! alone. What the last workgroup of a dispatch does when all others are done takes its latency besides.
+//! `docs/performance.md` has the results, and what the model leaves out. The module is compiled for tests only.
 
 mod solves;
 
@@ -112,7 +113,15 @@ impl Sum {
     /// Adds up entries.
     fn of<'a>(card: &Card, work: impl Iterator<Item = &'a Work>, compiled: &HashMap<Name, Compiled>) -> Self {
         let mut sum = Self::default();
-        work.for_each(|work| sum.add(card, work, &compiled.get(&work.name).copied().unwrap_or_default()));
+        let compiled = |name| compiled.get(&name).copied().unwrap_or_default();
+        for work in work {
+            sum.add(card, work, &compiled(work.name));
+            if let Some((stage, variant, rounds)) = work.last.filter(|_| work.waves > 0.0) {
+                let latency = rounds * compiled((stage.shader.name, variant)).latency as f64 / card.clock;
+                sum.latency += latency;
+                sum.time += latency;
+            }
+        }
         sum
     }
 }
@@ -240,7 +249,10 @@ fn totals_are_within_those_of_the_documentation() {
     let mut details = String::new();
     for solve in Solve::all() {
         let work = solve.work();
-        for (name, stage) in work.iter().filter_map(|work| Some((work.name, work.stage?))) {
+        let stages = work.iter().filter_map(|work| Some((work.name, work.stage?)));
+        let last =
+            work.iter().filter_map(|work| work.last.map(|(stage, variant, _)| ((stage.shader.name, variant), stage)));
+        for (name, stage) in stages.chain(last) {
             compiled.entry(name).or_insert_with(|| Compiled::new(&statistics(&device, stage, name.1).unwrap()));
         }
         for totals in totals(&chip, &solve, &work, &compiled) {
@@ -294,7 +306,7 @@ mod tests {
     const CARD: Card = Card { name: "test", chip: "test", simds: 10.0, clock: 1e9, bandwidth: 1e11 };
 
     fn work(waves: f64, bytes: f64, waits: bool) -> Work {
-        Work { name: ("pass", [false; 5]), stage: None, level: 0, waves, bytes, waits, rounds: 1.0 }
+        Work { name: ("pass", [false; 5]), stage: None, level: 0, waves, bytes, waits, rounds: 1.0, last: None }
     }
 
     #[test]
@@ -329,6 +341,16 @@ mod tests {
         assert_eq!([sum.dispatches, sum.others], [2, 1]);
         let us = [sum.arithmetic, sum.traffic, sum.latency, sum.time].map(|seconds| (1e9 * seconds).round() / 1e3);
         assert_eq!(us, [5.05, 8.08, 6.0, 8.0 + 2.0 + 2.0 + 3.0 + 0.5]);
+        // Behind it the last workgroup runs half the rounds of a pass: 1.5 µs.
+        let stage = &super::super::stages::update_transform::STAGE;
+        let compiled =
+            HashMap::from([((stage.shader.name, [false; 5]), Compiled { latency: 3000, ..Compiled::default() })]);
+        let sum = Sum::of(
+            &CARD,
+            [Work { last: Some((stage, [false; 5], 0.5)), ..work(1000.0, 8e5, true) }].iter(),
+            &compiled,
+        );
+        assert!((sum.time - 11.5e-6).abs() < 1e-15, "{sum:?}");
     }
 
     #[test]

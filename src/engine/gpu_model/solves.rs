@@ -99,6 +99,8 @@ pub(super) struct Work {
     pub(super) waits: bool,
     /// The rounds of its loops, as a share of those that the compiler counts.
     pub(super) rounds: f64,
+    /// The pass that the last workgroup runs when all others are done, and the rounds of its loops.
+    pub(super) last: Option<(&'static Stage, Variant, f64)>,
 }
 
 impl Solve {
@@ -190,6 +192,11 @@ impl Solve {
             bytes: needed * bytes(dispatch) * share_of_tiles(dispatch, groups),
             waits: false,
             rounds: rounds(dispatch),
+            last: (dispatch.stage.shader.name == "linearise").then(|| {
+                let c: linearise::Constants = bytemuck::pod_read_unaligned(&dispatch.constants);
+                let rows = c.step_constants().rows;
+                (&update_transform::STAGE, dispatch.variant, rounds_of_step(rows, dispatch.variant))
+            }),
         }
     }
 
@@ -204,7 +211,7 @@ impl Solve {
             Action::Dispatch(_) => unreachable!("it copies nothing"),
         };
         let name = (name, [false; 5]);
-        Work { name, stage: None, level, waves: 0.0, bytes: bytes as f64, waits: false, rounds: 1.0 }
+        Work { name, stage: None, level, waves: 0.0, bytes: bytes as f64, waits: false, rounds: 1.0, last: None }
     }
 }
 
@@ -250,12 +257,15 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         }
         ("update_transform", _) => {
             let rows = bytemuck::pod_read_unaligned::<update_transform::Constants>(c).rows;
-            (19.7 + f64::from(update_transform::rounds(rows, dispatch.variant))) / (19.7 + 8.0)
+            rounds_of_step(rows, dispatch.variant)
         }
         ("linearise", _) => {
-            // The fixed cost of an invocation, in lines, by variant.
-            let once = [[0.3, 0.3], [0.7, 1.2]][usize::from(dispatch.variant[1])][usize::from(dispatch.variant[3])];
-            (once + f64::from(bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows)) / (once + 8.0)
+            // In lines, by variant: the fixed cost of an invocation; the step as the compiler counts it, which only the last
+            // workgroup takes.
+            let [warped, projective] = [1, 3].map(|n| usize::from(dispatch.variant[n]));
+            let (once, step) = ([[0.3, 0.3], [0.7, 1.2]][warped][projective], [0.5, 1.05][warped]);
+            let rows = bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows;
+            (once + f64::from(rows)) / (once + 8.0 + step)
         }
         ("exposure", shades) => {
             // In the cost of a sample of a round: the moments, the three rounds of the shading, and what these leave.
@@ -276,6 +286,11 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         }
         _ => 1.0,
     }
+}
+
+/// The rounds of the step of T. Its other work takes as long as 19.7 of them.
+fn rounds_of_step(rows: u32, variant: Variant) -> f64 {
+    (19.7 + f64::from(update_transform::rounds(rows, variant))) / (19.7 + 8.0)
 }
 
 /// The rounds of a relaxation of a grid or level, as a share of those that the compiler counts. Its other work takes as
@@ -388,7 +403,10 @@ mod tests {
         let small = 0.49 * (3.0 + 3.0 * 6.0 + 36.0);
         assert!((rounds("relax_grid_tiles", 0) - (4.5 + 3.0 + 2.0 * 6.4 + small) / compiled).abs() < 1e-12);
         // Lines per invocation: one on small levels; and what takes as long as 0.3, with a warped I2 as 1.2.
-        assert_eq!([5, 0].map(|level| rounds("linearise", level)), [(0.3 + 1.0) / 8.3, 1.0]);
+        assert_eq!([5, 0].map(|level| rounds("linearise", level)), [(0.3 + 1.0) / 8.8, 9.2 / 10.25]);
+        // 8 x 32 workgroups: 8 chains of 32 rows, 4 at once.
+        let step = of(&work, "linearise").find(|work| work.level == 0).unwrap().last.unwrap();
+        assert_eq!(step.2, rounds_of_step(256, step.1));
         assert_eq!(rounds("system_tiles", 0), 1.0);
     }
 

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::compose::Composer;
 use crate::base::{Decode, RegistrationStep};
-use crate::engine::arguments::{self, Grid, Over};
+use crate::engine::arguments::{Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
 use crate::engine::slot;
 use crate::engine::stages::cascade::Coarser;
@@ -210,9 +210,16 @@ impl Composer<'_> {
             stacks: slot::STACKS.read(),
             equations: slot::NORMAL_EQUATIONS.write(),
             state: slot::STATE.read(),
-            partials: slot::PARTIALS.write(),
+            partials: slot::PARTIALS.update(),
             masks: slot::masks(level.index).read(),
+            updated: slot::STATE.update(),
+            energies: slot::ENERGIES.write(),
+            arguments: slot::ARGUMENTS.write(),
+            start_arguments: slot::START_ARGUMENTS.read(),
         };
+        let step = transform_step(plan, level, k);
+        // On a processor a dispatch for it takes no longer.
+        let flags = if plan.for_gpu { step.flags | update_transform::STEPS } else { step.flags };
         let constants = linearise::Constants {
             width: level.size[0],
             height: level.size[1],
@@ -230,32 +237,39 @@ impl Composer<'_> {
             elimination: if descends(plan) { 1e20 } else { linearise::ELIMINATION },
             mean: single(s.kernel.mean()),
             noise: Noise::new(level.index),
+            step: update_transform::Step { flags, ..step },
         };
         let variant = linearise::variant(plan.slopes(), plan.warps(level), self.masked, plan.sums_all(level));
         let variant = stack::packed(variant, plan.packs(level));
         self.within(level, Over::Tiles, bindings, &constants, variant);
     }
 
-    /// Updates T in iteration k of a level that solves for V, and determines whether the level has settled.
+    /// Updates T in iteration k of a level that solves for V, and determines whether the level has settled. On a GPU the
+    /// last workgroup of `linearise` does.
     pub(super) fn update_transform(&mut self, level: &Level, k: u32) {
-        self.dispatch_update_transform(level, &transform_step(self.plan, level, k));
+        if !self.plan.for_gpu {
+            self.dispatch_update_transform(level, transform_step(self.plan, level, k));
+        }
+        self.place = self.place.after_step();
     }
 
     /// Updates T after `appearance`, in iteration k of a level.
     pub(super) fn update_transform_by_appearance(&mut self, level: &Level, k: u32) {
-        let constants = update_transform::Constants {
+        use update_transform::{MAY_SETTLE, MAY_WARP};
+        let step = transform_step(self.plan, level, k);
+        let step = update_transform::Step {
             unknowns: self.plan.settings.motion.unknowns() as u32,
-            may_settle: u32::from(k > 0),
-            warp_count: 0,
+            flags: step.flags & !(MAY_SETTLE | MAY_WARP) | flag(k > 0, MAY_SETTLE),
             steady: 0.0,
             steady_by_tiles: 0.0,
             flatness: if level.index == 0 && step_share(k) == 1.0 { FINEST_FLAT } else { COARSER_FLAT },
-            ..transform_step(self.plan, level, k)
+            ..step
         };
-        self.dispatch_update_transform(level, &constants);
+        self.dispatch_update_transform(level, step);
+        self.place = self.place.after_step();
     }
 
-    fn dispatch_update_transform(&mut self, level: &Level, constants: &update_transform::Constants) {
+    fn dispatch_update_transform(&mut self, level: &Level, step: update_transform::Step) {
         let bindings = update_transform::Bindings {
             partials: slot::PARTIALS.read(),
             state: slot::STATE.update(),
@@ -263,34 +277,33 @@ impl Composer<'_> {
             arguments: slot::ARGUMENTS.write(),
             start_arguments: slot::START_ARGUMENTS.read(),
         };
+        let ([columns, rows, _], [factor, length]) = (level.tiles(), [level.factor, level.length].map(|x| x as f32));
+        let half_size = single(level.centre);
+        let constants = update_transform::Constants { rows: columns * rows, factor, length, half_size, step };
         let variant = if self.plan.sums_all(level) { sums::PROJECTIVE } else { NO_VARIANT };
-        self.within(level, Over::One, bindings, constants, variant);
-        self.place = self.place.after_step();
+        self.within(level, Over::One, bindings, &constants, variant);
     }
 }
 
-/// Push constants of `update_transform` in iteration k of a level that solves for V.
-fn transform_step(plan: &Plan, level: &Level, k: u32) -> update_transform::Constants {
-    let [columns, rows, _] = level.tiles();
-    let words = arguments::words(level.index, plan.warps_again(level, k + 1));
+/// A flag if it is set.
+fn flag(is_set: bool, flag: u32) -> u32 {
+    if is_set { flag } else { 0 }
+}
+
+/// The step of T in iteration k of a level that solves for V.
+fn transform_step(plan: &Plan, level: &Level, k: u32) -> update_transform::Step {
+    use update_transform::{DESCENDS, FINDS_ALPHA, MAY_SETTLE, MAY_WARP};
     let is_finest = level.index == 0;
     let unknowns = if plan.solves_transform() { plan.settings.motion.unknowns() as u32 } else { 0 };
-    update_transform::Constants {
-        rows: columns * rows,
+    update_transform::Step {
         level: level.index as u32,
         energy_place: level.index as u32 * plan.settings.outer_iterations + k,
-        argument_place: words.place,
-        argument_count: words.count,
         unknowns,
-        descend: u32::from(descends(plan)),
-        may_settle: u32::from(plan.may_settle(level, k)),
+        flags: flag(descends(plan), DESCENDS)
+            | flag(plan.may_settle(level, k), MAY_SETTLE)
+            | flag(plan.finds_alpha(level, k), FINDS_ALPHA)
+            | flag(plan.warps_again(level, k + 1), MAY_WARP),
         still: if is_finest { FINEST_STILL } else { COARSER_STILL },
-        warp_place: words.warp_place,
-        warp_count: words.warp_count,
-        factor: level.factor as f32,
-        length: level.length as f32,
-        half_size: single(level.centre),
-        finds_alpha: u32::from(plan.finds_alpha(level, k)),
         share: step_share(k),
         steady: if unknowns > 0 { STEADY * unknowns as f32 } else { f32::MAX },
         steady_by_tiles: if has_tiles(level) { STEADY_BY_TILES * unknowns as f32 } else { 0.0 },

@@ -20,14 +20,16 @@ use super::blur::{NEAR, Stacks, heaviside, sample_pair, sample_segment};
 use super::links::Links;
 use super::mask::{self, Masks};
 use super::noise::{self, Noise};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Bindings as _, Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::segments::{SEGMENT, first_of, vectorised};
 use super::stack::Slopes;
 use super::state::{Registration, margin};
 use super::sums::{Layout, Line};
+use super::update_transform::{self, Step};
 use super::{Number, Raster, Real, WORKGROUP, pixels};
 use crate::engine::shaders;
+use crate::engine::slot::Bound;
 use crate::engine::vulkan::Variant;
 
 /// The most lines of two pixels per invocation. Values that adjacent lines share are loaded once, and the sums of a
@@ -93,6 +95,8 @@ push_constants! {
     mean: [f32; 2],
     /// Noise of either image.
     noise: Noise,
+    /// The step of T, if the last workgroup takes it.
+    step: Step,
 }
 
 /// Workgroups over a level of this size, with `rows` lines per invocation.
@@ -117,10 +121,15 @@ bindings! {
     equations: Writes<Plane>,
     /// State.
     state: Reads<State>,
-    /// A row of sums for each workgroup.
-    partials: Writes<Partials>,
+    /// A row of sums for each workgroup. The last one reads them all.
+    partials: Updates<Partials>,
     /// Masks of I1 and I2.
     masks: Reads<Masks>,
+    /// The state, and what else [`update_transform`] writes.
+    updated: Updates<State>,
+    energies: Writes<Energies>,
+    arguments: Writes<Arguments>,
+    start_arguments: Reads<StartArguments>,
 }
 
 impl Pass for Bindings {
@@ -145,6 +154,20 @@ impl Pass for Bindings {
         let Linearised { equations, partials } = linearise(reused, c, layout, state, warped, [i1, v], (&stacks, masks));
         equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.equations, n, field));
         memory.set_numbers(self.partials, &partials);
+        if c.step.is(update_transform::STEPS) {
+            let Self { partials, updated, energies, arguments, start_arguments, .. } = self;
+            let slots = [partials.slot(), updated.slot(), energies.slot(), arguments.slot(), start_arguments.slot()];
+            update_transform::Bindings::of(&slots).run(&c.step_constants(), variant, memory);
+        }
+    }
+}
+
+impl Constants {
+    /// The constants of [`update_transform`] after this pass.
+    pub(crate) fn step_constants(&self) -> update_transform::Constants {
+        let [columns, rows, _] = tiles([self.width, self.height], self.rows);
+        let &Self { factor, length, centre: half_size, step, .. } = self;
+        update_transform::Constants { rows: columns * rows, factor, length, half_size, step }
     }
 }
 
@@ -468,6 +491,7 @@ mod tests {
     use super::super::sums::{Sums, assert_close};
     use super::*;
     use crate::base::{Aperture, Homography, Kernel, Photometric, Similarity};
+    use crate::engine::arguments;
     use crate::engine::stages::harness::build_stack;
     use crate::engine::vulkan::Resource;
 
@@ -488,6 +512,20 @@ mod tests {
             elimination: ELIMINATION,
             mean: kernel.mean().map(|m| m as f32),
             noise: Noise::new(1),
+            step: Step {
+                level: 1,
+                energy_place: 2,
+                unknowns: 4,
+                flags: update_transform::STEPS,
+                still: 0.001,
+                share: 1.0,
+                steady: 0.0,
+                steady_by_tiles: 0.0,
+                flatness: 1e-5,
+                most_moving: 0.2,
+                most_far: 0.03,
+                least_spread: 0.0025,
+            },
         }
     }
 
@@ -540,13 +578,16 @@ mod tests {
         let stacks = stacks.concat();
         let inputs = [rig.field(i1), rig.field(v), if is_packed { rig.packed(&stacks) } else { rig.image(&stacks) }];
         let equations = rig.empty([c.width, c.height], LAYERS as usize);
-        let state = rig.upload(bytemuck::bytes_of(&state));
+        let [state, stepped] = [(); 2].map(|()| rig.upload(bytemuck::bytes_of(&state)));
         let none = [Field::zeros(width, height), Field::zeros(width, height)];
         let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
         let groups = [c.width.div_ceil(2 * WORKGROUP[0]), c.height.div_ceil(WORKGROUP[1] * rows), 1];
         let partials = rig.upload(&vec![0; 4 * layout.length * (groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = inputs.iter().chain([&equations]).map(Resource::Image).collect();
         resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials), Resource::Image(&masks)]);
+        let written = [16, 4 * 2 * arguments::WORDS, 4].map(|bytes| rig.upload(&vec![0; bytes]));
+        let others = written.each_ref().map(Resource::Buffer);
+        resources.extend([Resource::Buffer(&state)].into_iter().chain(others));
         let variant = stack::packed(variant(slopes, moved.is_some(), masked, projective), is_packed);
         rig.run_variant(&STAGE, variant, &resources, &c, groups);
 
@@ -555,6 +596,22 @@ mod tests {
         rig.assert_close(&equations, &expected.equations, 1e-4 * most);
         let actual = Sums::from_partials(&rig.floats(&partials), layout);
         assert_close(&actual, &Sums::from_partials(&expected.partials, layout), layout, 1e-4);
+
+        // The last workgroup steps as `update_transform` does from the same sums. Masks change nothing there.
+        if masked {
+            return;
+        }
+        let resources = [Resource::Buffer(&partials), Resource::Buffer(&stepped)].into_iter().chain(others);
+        let resources: Vec<_> = resources.collect();
+        rig.run_variant(&update_transform::STAGE, variant, &resources, &c.step_constants(), [1; 3]);
+        let [actual, expected] = [state, stepped].map(|state| rig.value::<State>(&state));
+        let moved = |state: &State| {
+            Registration::from(state.registration).transform.corner_distance(transform, c.width, c.height)
+        };
+        assert!((moved(&actual) - moved(&expected)).abs() <= 1e-5 * moved(&expected), "{actual:?} {expected:?}");
+        let [level, other] = [actual, expected].map(|state| state.levels[1]);
+        assert!((level.energy - other.energy).abs() <= 1e-6 * other.energy, "{level:?} {other:?}");
+        assert_eq!((actual.finished, level.iterations, level.valid), (0, 1, other.valid));
     }
 
     #[test]

@@ -45,6 +45,8 @@ pub struct State {
     pub at_limit: u32,
     /// Clipped pixels of I1 and I2 that no mask excludes.
     pub clipped: [u32; 2],
+    /// Workgroups of the current dispatch that have stored their sums; 0 between dispatches.
+    pub finished: u32,
     /// T when I2 was last warped onto I1's pixels.
     pub warped: Single,
     /// Coefficients of the shading.
@@ -233,6 +235,7 @@ impl From<&DoubleState> for State {
             moving_far,
             at_limit,
             clipped: double.clipped,
+            finished: 0,
             warped: (&double.warped).into(),
             shading: double.shading.coefficients.map(|c| c as f32),
             applied_shading: double.applied_shading.coefficients.map(|c| c as f32),

@@ -3,8 +3,6 @@
 //! It solves `N ζ = -g` with the sums of [`linearise`](super::linearise), or descends the gradient. Section 5 of
 //! `docs/method.md`.
 
-use std::ops::Range;
-
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
@@ -20,54 +18,68 @@ const _: () = assert!(arguments::WORDS <= (WORKGROUP[0] * WORKGROUP[1]) as usize
 // An invocation for each element of N and of the right side.
 const _: () = assert!(UNKNOWNS * (UNKNOWNS + 1) <= (WORKGROUP[0] * WORKGROUP[1]) as usize);
 
-push_constants! {
-    /// Rows of partial sums, one per workgroup of `linearise`.
-    rows: u32,
+/// The step that follows the sums.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Step {
     /// Level, 0 the finest.
-    level: u32,
+    pub level: u32,
     /// Index of the energy of this level and iteration.
-    energy_place: u32,
-    /// First of the level's indirect arguments, in words.
-    argument_place: u32,
-    /// Number of words, all zeroed once the level has settled.
-    argument_count: u32,
+    pub energy_place: u32,
     /// The number of unknowns of T to solve for; 0 holds T.
-    unknowns: u32,
-    /// 1 to descend the gradient instead of solving.
-    descend: u32,
-    /// 1 once an iteration at the final α is complete. A level cannot converge before.
-    may_settle: u32,
+    pub unknowns: u32,
+    /// A sum of [`STEPS`], [`DESCENDS`], [`MAY_SETTLE`], [`FINDS_ALPHA`] and [`MAY_WARP`].
+    pub flags: u32,
     /// A level settles only if no corner moves by more, pixels of the level.
-    still: f32,
-    /// First of the indirect arguments of the passes that warp I2 again, in words.
-    warp_place: u32,
-    /// Number of their words; 0 if the next iteration has no such passes.
-    warp_count: u32,
+    pub still: f32,
+    /// Share of the step that is taken.
+    pub share: f32,
+    /// Or if `ζ N ζ` is less than this times Σ b² / Σ D: T moves by less than a share of its standard deviation if
+    /// residuals are independent.
+    pub steady: f32,
+    /// Or less than this times the variance of g over N: by less than a share of the deviation by the scatter over
+    /// tiles.
+    pub steady_by_tiles: f32,
+    /// A level settles only if the energy changes by no more than this share.
+    pub flatness: f32,
+    /// A level settles only if the latest step moved no more than this share of the valid pixels by a tenth of their
+    /// standard deviation,
+    pub most_moving: f32,
+    /// and no more than this share by half of it.
+    pub most_far: f32,
+    /// The noise for which η of the data term is wide enough, intensities.
+    pub least_spread: f32,
+}
+
+/// The last workgroup of [`linearise`](super::linearise) takes the step.
+pub const STEPS: u32 = shaders::sums::STEPS;
+/// It descends the gradient instead of solving.
+pub const DESCENDS: u32 = shaders::sums::DESCENDS;
+/// An iteration at the final α is complete. A level cannot converge before.
+pub const MAY_SETTLE: u32 = shaders::sums::MAY_SETTLE;
+/// It estimates α.
+pub const FINDS_ALPHA: u32 = shaders::sums::FINDS_ALPHA;
+/// The next iteration has passes that warp I2 again.
+pub const MAY_WARP: u32 = shaders::sums::MAY_WARP;
+
+impl Step {
+    /// Whether a flag is set.
+    pub fn is(&self, flag: u32) -> bool {
+        self.flags & flag != 0
+    }
+}
+
+push_constants! {
+    /// Rows of partial sums, one per workgroup of the pass that makes them.
+    rows: u32,
     /// Pixels of the full-size image per pixel of this level.
     factor: f32,
     /// L, the length that places are divided by, pixels of the level.
     length: f32,
     /// From the centre to a corner, pixels of the level.
     half_size: [f32; 2],
-    /// 1: estimates α.
-    finds_alpha: u32,
-    /// Share of the step that is taken.
-    share: f32,
-    /// Or if `ζ N ζ` is less than this times Σ b² / Σ D: T moves by less than a share of its standard deviation if
-    /// residuals are independent.
-    steady: f32,
-    /// Or less than this times the variance of g over N: by less than a share of the deviation by the scatter over
-    /// tiles.
-    steady_by_tiles: f32,
-    /// A level settles only if the energy changes by no more than this share.
-    flatness: f32,
-    /// A level settles only if the latest step moved no more than this share of the valid pixels by a tenth of their
-    /// standard deviation,
-    most_moving: f32,
-    /// and no more than this share by half of it.
-    most_far: f32,
-    /// The noise for which η of the data term is wide enough, intensities.
-    least_spread: f32,
+    /// The step.
+    step: Step,
 }
 
 bindings! {
@@ -92,7 +104,7 @@ impl Pass for Bindings {
         let sums = memory.sums(self.partials, Layout::of_variant(variant));
         let start = memory.words(self.start_arguments).to_vec();
         let state = memory.state_mut(self.state);
-        let level = c.level as usize;
+        let level = c.step.level as usize;
         let step = cpu_reference(
             c,
             &sums,
@@ -101,17 +113,17 @@ impl Pass for Bindings {
             std::mem::take(&mut state.moving),
         );
         state.variance = sums.variance[0] / sums.variance[1].max(1e-30);
-        if c.level == 0 && step.steady {
+        if level == 0 && step.steady {
             state.spread = find_spread(c, &sums, state.spread);
         }
-        if c.finds_alpha == 1 {
+        if c.step.is(FINDS_ALPHA) {
             state.alpha = find_alpha(&sums, state.alpha);
         }
         let follows =
             !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.applied_shading);
         let cancelled = start.last().is_some_and(|&last| last != arguments::NOT_CANCELLED);
         let ends = step.settled || cancelled;
-        let warps = c.warp_count > 0 && !ends && !follows;
+        let warps = c.step.is(MAY_WARP) && !ends && !follows;
         state.degenerate = step.degenerate;
         let progress = &mut state.levels[level];
         if warps {
@@ -123,15 +135,16 @@ impl Pass for Bindings {
         if cancelled {
             state.levels[..=level].iter_mut().for_each(|level| level.settled = true);
         }
-        let energies = memory.numbers_mut(self.energies, c.energy_place as usize + 1);
-        energies[c.energy_place as usize] = N::of(step.energy);
-        let words = memory.words_mut(self.arguments);
+        let place = c.step.energy_place as usize;
+        memory.numbers_mut(self.energies, place + 1)[place] = N::of(step.energy);
+        let (words, [own, warping]) = (memory.words_mut(self.arguments), arguments::words(level));
         if ends {
-            let own = range(c.argument_place, c.argument_count);
             words[if cancelled { 0..own.end } else { own }].fill(0);
         }
-        for i in range(c.warp_place, c.warp_count) {
-            words[i] = if warps { start[i] } else { 0 };
+        if warps {
+            words[warping.clone()].copy_from_slice(&start[warping]);
+        } else if c.step.is(MAY_WARP) {
+            words[warping].fill(0);
         }
     }
 }
@@ -143,13 +156,9 @@ pub(crate) fn rounds(rows: u32, variant: Variant) -> u32 {
     rows.div_ceil(chains * AT_ONCE)
 }
 
-fn range(first: u32, count: u32) -> Range<usize> {
-    first as usize..(first + count) as usize
-}
-
 /// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
+pub struct Stepped {
     /// Energy per valid pixel, before the step.
     pub energy: f64,
     /// T and V are at rest: the level has no more iterations.
@@ -170,26 +179,27 @@ pub fn cpu_reference(
     r: &mut Registration,
     before: f64,
     [moving, far, at_limit]: [f64; 3],
-) -> Step {
+) -> Stepped {
     let factor = f64::from(c.factor);
     let (x, degenerate) = solve(c, sums);
     let decrease: f64 = -x.iter().zip(&sums.gradient).map(|(x, g)| x * g).sum::<f64>();
-    let step = displacing(c.length.into(), factor, x.map(|x| f64::from(c.share) * x));
+    let step = displacing(c.length.into(), factor, x.map(|x| f64::from(c.step.share) * x));
     let moved = corner_moves(c, &step);
     *r = r.after(&step);
     let energy = sums.energy / sums.valid.max(1.0);
     let change = (energy - before).abs();
     let free = (sums.valid - at_limit).max(LEAST_FREE * sums.valid).max(1.0);
     let share = moving / free;
-    let few = share <= f64::from(c.most_moving) && far <= f64::from(c.most_far) * sums.valid;
+    let few = share <= f64::from(c.step.most_moving) && far <= f64::from(c.step.most_far) * sums.valid;
     let variance = sums.variance[0] / sums.variance[1].max(1e-30);
     let by_tiles = if sums.tiles > TOO_FEW { sums.scatter / (sums.normal[0][0] + sums.normal[1][1]) } else { 0.0 };
-    let is_steady = decrease < f64::from(c.steady) * variance || decrease < f64::from(c.steady_by_tiles) * by_tiles;
-    let settled = c.may_settle == 1
-        && (moved < f64::from(c.still) * factor || is_steady)
+    let is_steady =
+        decrease < f64::from(c.step.steady) * variance || decrease < f64::from(c.step.steady_by_tiles) * by_tiles;
+    let settled = c.step.is(MAY_SETTLE)
+        && (moved < f64::from(c.step.still) * factor || is_steady)
         && few
-        && change <= f64::from(c.flatness) * before;
-    Step { energy, settled, moving: share, degenerate, steady: moved <= FOLLOWED * factor }
+        && change <= f64::from(c.step.flatness) * before;
+    Stepped { energy, settled, moving: share, degenerate, steady: moved <= FOLLOWED * factor }
 }
 
 /// Pixels at the limit of |V| rest, whatever the others do, so shares are of the others. If these are less than a tenth
@@ -252,7 +262,7 @@ const MOST_GROWTH: f64 = shaders::update_transform::MOST_GROWTH;
 /// Gaussian noise an error falls to a fifth per iteration.
 pub fn find_spread(c: &Constants, sums: &Sums, spread: f64) -> f64 {
     let share = sums.spread / sums.valid.max(1.0);
-    spread.max(c.least_spread.into()) * (share / (1.0 - share).max(1e-6)).min(MOST_GROWTH)
+    spread.max(c.step.least_spread.into()) * (share / (1.0 - share).max(1e-6)).min(MOST_GROWTH)
 }
 
 /// α from the mean √|b| of the data and the steepness of V. It changes only by more than a tenth, since each change
@@ -272,9 +282,9 @@ fn solve(c: &Constants, sums: &Sums) -> ([f64; UNKNOWNS], bool) {
     // 1e-7: stripes leave a gradient 3e-4 as steep as the others', by rounding.
     let least = f64::max(1e-12 * sums.valid, 1e-7 * most);
     let unseen: [bool; UNKNOWNS] = std::array::from_fn(|i| n(i, i).is_nan() || n(i, i) <= least);
-    let mut held: [bool; UNKNOWNS] = std::array::from_fn(|i| unseen[i] || i >= c.unknowns as usize);
-    let mut degenerate = sums.valid.is_nan() || sums.valid <= 0.0 || unseen[..c.unknowns as usize].contains(&true);
-    if c.descend == 1 {
+    let mut held: [bool; UNKNOWNS] = std::array::from_fn(|i| unseen[i] || i >= c.step.unknowns as usize);
+    let mut degenerate = sums.valid.is_nan() || sums.valid <= 0.0 || unseen[..c.step.unknowns as usize].contains(&true);
+    if c.step.is(DESCENDS) {
         let row = |i: usize| (0..UNKNOWNS).filter(|&j| !held[j]).map(|j| n(i, j).abs()).sum::<f64>();
         return (std::array::from_fn(|i| if held[i] { 0.0 } else { -sums.gradient[i] / row(i) }), degenerate);
     }
@@ -317,29 +327,42 @@ mod tests {
     fn constants(rows: u32) -> Constants {
         Constants {
             rows,
-            level: 1,
-            energy_place: 3,
-            argument_place: 4,
-            argument_count: 4,
-            unknowns: 4,
-            descend: 0,
-            may_settle: 1,
-            still: 0.001,
-            warp_place: 8,
-            warp_count: 0,
             factor: 2.0,
             length: 30.0,
             half_size: [60.0, 40.0],
-            finds_alpha: 0,
-            share: 1.0,
-            steady: 0.0,
-            steady_by_tiles: 0.0,
-            flatness: 1e-5,
-            most_moving: 0.2,
-            most_far: 0.03,
-            least_spread: 0.0025,
+            step: Step {
+                level: 1,
+                energy_place: 3,
+                unknowns: 4,
+                flags: MAY_SETTLE,
+                still: 0.001,
+                share: 1.0,
+                steady: 0.0,
+                steady_by_tiles: 0.0,
+                flatness: 1e-5,
+                most_moving: 0.2,
+                most_far: 0.03,
+                least_spread: 0.0025,
+            },
         }
     }
+
+    /// The constants with another number of unknowns and other flags.
+    fn with(c: Constants, unknowns: u32, flags: u32) -> Constants {
+        Constants { step: Step { unknowns, flags, ..c.step }, ..c }
+    }
+
+    /// The words of three levels: of each the first two are those of the grids and of the warping passes.
+    fn of_levels(words: [[u32; 2]; 3]) -> Vec<u32> {
+        let level = |n: usize| {
+            let [own, warping] = arguments::words(n);
+            let [grids, warps] = words[n];
+            [vec![grids; own.len() - warping.len()], vec![warps; warping.len()]].concat()
+        };
+        (0..3).flat_map(level).collect()
+    }
+
+    const ALL: [[u32; 2]; 3] = [[7; 2]; 3];
 
     /// Partial sums of a well-posed problem: a few random residuals per row.
     fn partials(rows: usize, pixels: usize, layout: Layout) -> Vec<f32> {
@@ -383,10 +406,10 @@ mod tests {
     fn check_warped(c: Constants, partials: &[f32], before: f32, t: [f32; 2], variant: Variant) -> (State, Vec<u32>) {
         let start = Registration::new(Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
         let mut state = State::new(&start);
-        state.levels[c.level as usize].energy = before;
+        state.levels[c.step.level as usize].energy = before;
         state.warped = Single { t, ..state.registration };
-        let start_words = [&[9; 12][..], &[arguments::NOT_CANCELLED]].concat();
-        let (actual, words, energies) = run(&c, variant, partials, &state, [&[7; 12], &start_words]);
+        let start_words = [of_levels([[9; 2]; 3]), vec![arguments::NOT_CANCELLED]].concat();
+        let (actual, words, energies) = run(&c, variant, partials, &state, [&of_levels(ALL), &start_words]);
         let sums = Sums::from_partials(partials, Layout::of_variant(variant));
         let mut expected = state.registration();
         let step = cpu_reference(
@@ -401,16 +424,16 @@ mod tests {
         assert!(corner < 1e-4, "{corner} px: {actual:?} {expected:?}");
         assert_eq!(actual.registration().photometric(), state.registration().photometric());
         let close = |f: f64, e: f64| assert!((f - e).abs() < 1e-5, "{f}, not {e}");
-        close(actual.levels[c.level as usize].energy.into(), step.energy);
-        let is_found = c.level == 0 && step.steady;
+        close(actual.levels[c.step.level as usize].energy.into(), step.energy);
+        let is_found = c.step.level == 0 && step.steady;
         close(actual.spread.into(), if is_found { find_spread(&c, &sums, state.spread.into()) } else { 0.0 });
         close(energies[3].into(), step.energy);
-        assert_eq!(actual.levels[c.level as usize].iterations, 1);
+        assert_eq!(actual.levels[c.step.level as usize].iterations, 1);
         close(
             actual.alpha.into(),
-            if c.finds_alpha == 1 { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() },
+            if c.step.is(FINDS_ALPHA) { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() },
         );
-        assert_eq!(actual.levels[c.level as usize].settled, u32::from(step.settled));
+        assert_eq!(actual.levels[c.step.level as usize].settled, u32::from(step.settled));
         (actual, words)
     }
 
@@ -421,8 +444,8 @@ mod tests {
             let layout = Layout::of_variant(variant);
             let partials = partials(rows, 40, layout);
             for unknowns in (0..=layout.unknowns as u32).step_by(2) {
-                for descend in [0, 1] {
-                    let c = Constants { unknowns, descend, ..constants(rows as u32) };
+                for descends in [0, DESCENDS] {
+                    let c = with(constants(rows as u32), unknowns, MAY_SETTLE | descends);
                     check_warped(c, &partials, 0.1, [0.0; 2], variant);
                 }
             }
@@ -438,9 +461,10 @@ mod tests {
                 let valid = row[layout.energy + 1];
                 row[layout.energy + 2..layout.energy + 5].copy_from_slice(&[root * valid, steep * valid, 0.7 * valid]);
             }
-            for finds_alpha in [0, 1] {
-                check(Constants { finds_alpha, ..constants(8) }, &partials, 0.1);
-                check(Constants { level: 0, unknowns: 0, ..constants(8) }, &partials, 0.1);
+            for finds_alpha in [0, FINDS_ALPHA] {
+                check(with(constants(8), 4, MAY_SETTLE | finds_alpha), &partials, 0.1);
+                let finest = Step { level: 0, unknowns: 0, ..constants(8).step };
+                check(Constants { step: finest, ..constants(8) }, &partials, 0.1);
             }
         }
     }
@@ -448,42 +472,42 @@ mod tests {
     #[test]
     fn settles_only_when_allowed_and_zeroes_its_own_arguments() {
         let partials = partials(8, 40, Layout::of(false));
-        let held = Constants { unknowns: 0, ..constants(8) };
+        let held = with(constants(8), 0, MAY_SETTLE);
         let energy = check(held, &partials, 0.1).0.levels[1].energy;
         let (state, arguments) = check(held, &partials, energy);
         assert_eq!(state.levels[1].settled, 1);
-        assert_eq!(arguments, [7, 7, 7, 7, 0, 0, 0, 0, 7, 7, 7, 7]);
+        assert_eq!(arguments, of_levels([[7; 2], [0; 2], [7; 2]]));
         let (state, arguments) = check(held, &partials, 1.0005 * energy);
         assert_eq!(state.levels[1].settled, 0);
-        assert_eq!(arguments, [7; 12]);
-        let (state, arguments) = check(Constants { may_settle: 0, ..held }, &partials, energy);
+        assert_eq!(arguments, of_levels(ALL));
+        let (state, arguments) = check(with(held, 0, 0), &partials, energy);
         assert_eq!(state.levels[1].settled, 0);
-        assert_eq!(arguments, [7; 12]);
+        assert_eq!(arguments, of_levels(ALL));
     }
 
     #[test]
     fn warps_again_where_t_has_moved() {
         let partials = partials(8, 40, Layout::of(false));
-        let held = Constants { unknowns: 0, warp_count: 4, ..constants(8) };
+        let held = with(constants(8), 0, MAY_WARP);
         // The start is at (1, -2); 0.02 px of a level of factor 2 are 0.04 px.
         let (_, arguments) = check_warped(held, &partials, 0.1, [1.0, -2.0], NO_VARIANT);
-        assert_eq!(arguments, [7, 7, 7, 7, 7, 7, 7, 7, 0, 0, 0, 0]);
+        assert_eq!(arguments, of_levels([[7; 2], [7, 0], [7; 2]]));
         let (_, arguments) = check_warped(held, &partials, 0.1, [1.035, -2.0], NO_VARIANT);
-        assert_eq!(arguments[8..], [0; 4]);
+        assert_eq!(arguments, of_levels([[7; 2], [7, 0], [7; 2]]));
         let (_, arguments) = check_warped(held, &partials, 0.1, [1.0, -2.045], NO_VARIANT);
-        assert_eq!(arguments, [7, 7, 7, 7, 7, 7, 7, 7, 9, 9, 9, 9]);
-        let none = Constants { warp_count: 0, ..held };
-        assert_eq!(check_warped(none, &partials, 0.1, [1.0, -2.045], NO_VARIANT).1, [7; 12]);
+        assert_eq!(arguments, of_levels([[7; 2], [7, 9], [7; 2]]));
+        let none = with(held, 0, 0);
+        assert_eq!(check_warped(none, &partials, 0.1, [1.0, -2.045], NO_VARIANT).1, of_levels(ALL));
     }
 
     #[test]
     fn a_cancelled_solve_ends_the_level_and_all_finer_levels() {
         let partials = partials(8, 40, Layout::of(false));
-        let c = Constants { may_settle: 0, warp_place: 6, warp_count: 2, ..constants(8) };
-        let start_words = [&[9; 16][..], &[arguments::CANCELLED]].concat();
-        let (state, words, _) = run(&c, NO_VARIANT, &partials, &identity(), [&[7; 16], &start_words]);
+        let c = with(constants(8), 4, MAY_WARP);
+        let start_words = [of_levels([[9; 2]; 3]), vec![arguments::CANCELLED]].concat();
+        let (state, words, _) = run(&c, NO_VARIANT, &partials, &identity(), [&of_levels(ALL), &start_words]);
         assert_eq!(state.levels.map(|level| level.settled)[..3], [1, 1, 0]);
-        assert_eq!(words, [[0; 8], [7; 8]].concat());
+        assert_eq!(words, of_levels([[0; 2], [0; 2], [7; 2]]));
     }
 
     #[test]
@@ -492,7 +516,8 @@ mod tests {
         assert_eq!(state.degenerate, 1);
         // With gradients along x at one place only, shift, zoom and turn cannot be separated: only the first may step.
         let sums = row(&[([0.5, 0.0], 0.025, [1.0, 0.0]); 16], Layout::of(false));
-        let (state, ..) = run(&constants(1), NO_VARIANT, &sums, &identity(), [&[0; 12], &[0; 12]]);
+        let (state, ..) =
+            run(&constants(1), NO_VARIANT, &sums, &identity(), [&of_levels([[0; 2]; 3]); 2].map(Vec::as_slice));
         assert_eq!(state.degenerate, 1);
         let [tx, ty] = state.registration.t;
         assert!((tx + 0.1).abs() < 1e-5 && ty == 0.0 && state.registration.linear == [0.0; 4], "{state:?}");

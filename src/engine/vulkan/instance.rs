@@ -347,8 +347,8 @@ impl Instance {
             "subgroups of 4 to 128"
         } else if limits.max_per_stage_descriptor_storage_images < 8 {
             "eight storage images per shader"
-        } else if limits.max_per_stage_descriptor_storage_buffers < 5 {
-            "five storage buffers per shader"
+        } else if limits.max_per_stage_descriptor_storage_buffers < 6 {
+            "six storage buffers per shader"
         } else if limits.max_compute_work_group_invocations < LEAST_WORKGROUP {
             "workgroups of 256"
         } else if limits.max_compute_shared_memory_size < 1 << 15 {
