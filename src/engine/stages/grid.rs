@@ -95,7 +95,8 @@ impl<'a, N: Number> Grid<'a, N> {
 
     /// All relaxation sweeps of dV.
     pub(crate) fn relax_all(&self, dv: &mut [N], sweeps: u32, over_relaxation: f32) {
-        self.relax(&dv.to_vec(), 0..2 * sweeps as usize, over_relaxation.into(), dv);
+        let start = dv.to_vec();
+        self.relax(&start, 0..2 * sweeps as usize, over_relaxation.into(), dv);
     }
 
     /// Halves of relaxation sweeps from a start. Even halves relax the red cells, where x + y is even, odd ones the
