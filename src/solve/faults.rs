@@ -1,7 +1,6 @@
 //! Tests that a solve survives each failing Vulkan call and host allocation.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use ash::vk;
@@ -10,9 +9,6 @@ use crate::base::{Error, Frame, Settings};
 use crate::engine::vulkan::faults::{self, Call, Fault, Log};
 use crate::engine::{Engine, Solution, testing};
 use crate::solve::{PairSolver, SolveOptions};
-
-/// Serializes these tests, since they count calls and bytes of the whole process.
-static ALONE: Mutex<()> = Mutex::new(());
 
 /// Calls whose failure a solve ignores.
 const IGNORED: [&str; 3] = ["vkSetDebugUtilsObjectNameEXT", "vkGetPipelineCacheData", "vkDeviceWaitIdle"];
@@ -130,7 +126,7 @@ fn strikes(calls: &[Call]) -> Vec<Fault> {
 
 #[test]
 fn each_failing_call_is_reported_and_the_next_engine_solves() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = faults::alone();
     let pair = pair();
     let expected = Expected::of(&pair);
     let (mut tried, mut ways) = (0, BTreeSet::new());
@@ -166,7 +162,7 @@ fn each_failing_call_is_reported_and_the_next_engine_solves() {
 
 #[test]
 fn a_wait_for_a_hung_device_ends_and_poisons_the_engine() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = faults::alone();
     let pair = pair();
     faults::begin(None, None);
     let engine = Engine::new(&testing::options()).unwrap();
@@ -187,7 +183,7 @@ fn a_wait_for_a_hung_device_ends_and_poisons_the_engine() {
 #[test]
 #[ignore = "it tests drivers more than this crate: tools/trust runs it"]
 fn failing_host_allocations_are_reported() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = faults::alone();
     let pair = pair();
     let expected = Expected::of(&pair);
     let mut ends = BTreeMap::<&str, usize>::new();

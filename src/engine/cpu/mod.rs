@@ -4,8 +4,9 @@ pub(super) mod pair;
 pub(super) mod sweep;
 
 use super::script::{Action, Dispatch, Entry, Executable};
-use super::stages::pass::Memory;
-use super::stages::{Number, convolve};
+use super::stages::pass::{Memory, Pass};
+use super::stages::{Number, convolve, relax, relax_grid};
+use super::vulkan::Variant;
 use crate::base::Error;
 
 /// Runs entries of a script. `proceed` is called before each, and ends the run by an error.
@@ -14,34 +15,47 @@ pub(crate) fn run<'a, N: Executable>(
     memory: &mut Memory<N>,
     proceed: &mut dyn FnMut(&Entry) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    let mut entries = entries.into_iter().peekable();
-    while let Some(entry) = entries.next() {
+    let entries: Vec<&Entry> = entries.into_iter().collect();
+    let mut n = 0;
+    while let Some(entry) = entries.get(n) {
         proceed(entry)?;
+        let mut count = 1;
         match &entry.action {
             Action::Dispatch(dispatch) if !runs(dispatch, memory) => {}
-            Action::Dispatch(dispatch) => match entries.peek() {
-                Some(Entry { action: Action::Dispatch(next), .. })
-                    if runs(next, memory) && filters_both([dispatch, next], memory) =>
-                {
-                    entries.next().map_or(Ok(()), &mut *proceed)?;
-                }
-                _ => N::run(dispatch, memory),
+            Action::Dispatch(dispatch) => match run_several(&entries[n..], memory) {
+                0 => N::run(dispatch, memory),
+                several => count = several,
             },
             Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
             Action::Clear { image, size, layers } => memory.clear(*image, *size, layers.clone()),
             // The results are read from the blur stacks.
             Action::Download { .. } => {}
         }
+        entries[n + 1..n + count].iter().try_for_each(|entry| proceed(entry))?;
+        n += count;
     }
     Ok(())
 }
 
-/// Runs a filter along x and the next dispatch, one along y, at once. Returns false if they are not.
-fn filters_both<N: Number>(dispatches: [&Dispatch; 2], memory: &mut Memory<N>) -> bool {
-    match dispatches.map(Dispatch::of::<convolve::Bindings>) {
-        [Some(x), Some(y)] => convolve::run_both([x, y], memory),
-        _ => false,
+/// Runs the first dispatches at once, so that rows stay in the cache: a filter along x and one along y, or all
+/// relaxation sweeps of a level or of a grid. Returns how many they are; 0 for others.
+fn run_several<N: Number>(entries: &[&Entry], memory: &mut Memory<N>) -> usize {
+    if let [x, y, ..] = first_of::<convolve::Bindings, N>(entries, memory)[..] {
+        return if convolve::run_both([x, y], memory) { 2 } else { 0 };
     }
+    match relax::run_all(&first_of(entries, memory), memory) {
+        0 => relax_grid::run_all(&first_of(entries, memory), memory),
+        count => count,
+    }
+}
+
+/// The first dispatches, those of one pass.
+fn first_of<P: Pass, N: Number>(entries: &[&Entry], memory: &Memory<N>) -> Vec<(P, P::Constants, Variant)> {
+    let of_pass = |entry: &&Entry| match &entry.action {
+        Action::Dispatch(dispatch) if runs(dispatch, memory) => dispatch.of(),
+        _ => None,
+    };
+    entries.iter().map_while(of_pass).collect()
 }
 
 /// Whether a dispatch has any workgroups.

@@ -5,6 +5,7 @@ use crate::engine::filter::{self, Filter};
 use crate::engine::shaders::system_tiles::TAPS;
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
+use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::{self, Sampling, Slopes, node_count};
 use crate::engine::stages::state::MAX_LEVELS;
 use crate::engine::stages::{
@@ -425,6 +426,8 @@ pub(crate) struct Level {
     pub(crate) nodes: usize,
     /// Lines of pairs of pixels that an invocation of `linearise` computes.
     pub(crate) rows: u32,
+    /// Noise of a photograph on this level.
+    pub(crate) noise: Noise,
 }
 
 impl Level {
@@ -442,6 +445,7 @@ impl Level {
             limit,
             nodes: node_count(READ_BEYOND * limit),
             rows: linearise::rows(size, false),
+            noise: Noise::new(index),
         }
     }
 

@@ -9,7 +9,6 @@ use crate::engine::plan::{Level, Plan, step_share};
 use crate::engine::slot;
 use crate::engine::stages::cascade::Coarser;
 use crate::engine::stages::exposure::Adopt;
-use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::{
     NO_VARIANT, appearance, blur_matched_pair, cascade, coarsest_grids, exposure, grid, halve_grid, ingest, linearise,
@@ -153,7 +152,7 @@ impl Composer<'_> {
             grid,
             factor: level.factor as f32,
             centre: single(level.centre),
-            noise: Noise::new(level.index),
+            noise: level.noise,
         };
         let variant = stack::packed([false, false, self.masked, false, false], self.plan.packs(level));
         self.dispatch(bindings, &constants, variant, Grid::Direct([columns, rows, 1]));
@@ -236,7 +235,7 @@ impl Composer<'_> {
             // Gradient descent does not eliminate dV: this smoothness keeps V of every pixel in place.
             elimination: if descends(plan) { 1e20 } else { linearise::ELIMINATION },
             mean: single(s.kernel.mean()),
-            noise: Noise::new(level.index),
+            noise: level.noise,
             step: update_transform::Step { flags, ..step },
         };
         let variant = linearise::variant(plan.slopes(), plan.warps(level), self.masked, plan.sums_all(level));

@@ -3,8 +3,9 @@
 //! The system is divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::rows::{self, Rows};
 use super::segments::vectorised;
-use super::{Field, Number, Raster, WORKGROUP, pixels};
+use super::{Field, Number, Raster, WORKGROUP, grid, pixels};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -73,58 +74,116 @@ impl Pass for Bindings {
     }
 }
 
-/// dV of one color of a level before the first relaxation sweep, by dV of its coarse grids; 0 where a row has no pixel
-/// left.
-pub(crate) fn start<N: Number>(steps: &[N], size: [u32; 2], color: u32) -> Raster<N> {
-    started(Raster::default(), steps, size, color)
+/// dV of one color of a level before the first relaxation sweep, by dV of its coarse grids, in the memory of a raster.
+fn started<N: Number>(reused: Raster<N>, steps: &[N], [width, height]: [u32; 2], color: u32) -> Raster<N> {
+    let mut start = reused.of_size([width.div_ceil(2) as usize, height as usize]);
+    start.fill_rows(start_of(steps, width, color as usize));
+    start
 }
 
-/// As [`start`], in the memory of a raster.
-fn started<N: Number>(reused: Raster<N>, steps: &[N], [width, height]: [u32; 2], color: u32) -> Raster<N> {
+/// Sets a row of dV of one color before the first relaxation sweep; 0 where a row has no pixel left.
+pub(super) fn start_of<N: Number>(steps: &[N], width: u32, color: usize) -> impl Fn(usize, &mut [N]) {
     let columns = width.div_ceil(2) as usize;
-    let mut start = reused.of_size([columns, height as usize]);
-    start.fill_rows(|y, row| {
+    move |y, row| {
         row.copy_from_slice(&steps[y / 2 * columns..][..columns]);
-        if width % 2 == 1 && (y + color as usize) % 2 == 1 {
+        if width % 2 == 1 && (y + color) % 2 == 1 {
             row[columns - 1] = N::default();
         }
+    }
+}
+
+/// Runs adjacent dispatches that are all relaxation sweeps of a level, from the first on. Returns how many: 0 for
+/// others.
+pub(crate) fn run_all<N: Number>(halves: &[(Bindings, Constants, Variant)], memory: &mut Memory<N>) -> usize {
+    let is_next = |(n, (_, c, variant)): (usize, &(Bindings, Constants, Variant))| {
+        c.color as usize == n % 2 && (*variant == FIRST) == (n < 2)
+    };
+    let [(red, c, _), (black, ..), ..] = halves else { return 0 };
+    if halves.len() % 2 == 1 || !halves.iter().enumerate().all(is_next) {
+        return 0;
+    }
+    let reused = [red, black].map(|half| memory.take_layer(half.own, 0));
+    let system = [0, 1].map(|color| memory.system((red.right_sides, color), red.weights, color));
+    let sweeps = (halves.len() as u32 / 2, c.over_relaxation);
+    let relaxed = relaxed(reused, [c.width, c.height], sweeps, &system, memory.numbers(red.coarse));
+    [red, black].into_iter().zip(relaxed).for_each(|(half, dv)| memory.set_layer(half.own, 0, dv));
+    halves.len()
+}
+
+/// dV of both colors after all relaxation sweeps on a level, from dV of its coarse grids; in the memory of rasters. The
+/// same numbers as by one half of a sweep after the other.
+pub(super) fn relaxed<N: Number>(
+    reused: [Raster<N>; 2],
+    [width, height]: [u32; 2],
+    (sweeps, over_relaxation): (u32, f32),
+    system: &[[&Raster<N>; 5]; 2],
+    steps: &[N],
+) -> [Raster<N>; 2] {
+    let ([columns, height], halves) = ([width.div_ceil(2), height].map(|side| side as usize), 2 * sweeps as usize);
+    let (start, omega) = ([0, 1].map(|color| start_of(steps, width, color)), N::of(over_relaxation.into()));
+    let mut relaxed = reused.map(|raster| raster.of_size([columns, height]));
+    let lines = grid::band(halves);
+    rows::map(relaxed.each_mut().map(|raster| Rows::from(raster).joined(lines)), |band, results| {
+        let rows = band * lines..(band * lines + lines).min(height);
+        let around = |reach: usize| rows.start.saturating_sub(reach)..(rows.end + reach).min(height);
+        let top = around(halves).start;
+        let mut dv = [0, 1].map(|color| {
+            let mut dv = Raster { width: columns, height: 0, data: vec![N::default(); columns * around(halves).len()] };
+            dv.data.chunks_exact_mut(columns).enumerate().for_each(|(n, row)| start[color](top + n, row));
+            dv
+        });
+        for half in 0..halves {
+            let [own, other] = &mut dv;
+            for y in around(halves - 1 - half) {
+                let near = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| other.row(y - top));
+                let parts = system[half % 2].map(|part| part.row(y));
+                relax_row(parts, near, &mut own.data[(y - top) * columns..][..columns], (y + half) & 1, omega);
+            }
+            dv.swap(0, 1);
+        }
+        for (result, dv) in results.into_iter().zip(dv) {
+            result.copy_from_slice(&dv.data[(rows.start - top) * columns..][..result.len()]);
+        }
     });
-    start
+    relaxed
 }
 
 /// Relaxes dV of one color, by that of the other. All are of one color, as the device stores them: the linear system,
 /// which is the right side and the weights of the right, left, lower and upper neighbours, and dV.
 pub fn cpu_reference<N: Number>(c: &Constants, system: &[&Raster<N>; 5], other: &Raster<N>, own: &mut Raster<N>) {
-    let omega = N::of(c.over_relaxation.into());
-    let (last, height) = (own.width - 1, own.height);
+    let (omega, height) = (N::of(c.over_relaxation.into()), own.height);
     own.fill_rows(|y, own| {
-        let [up, here, down] = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| other.row(y));
-        let parts = system.map(|part| part.row(y));
-        // Pixel 2 h + shift of the row is between the pixels h - 1 + shift and h + shift of the other color. The first
-        // or the last has only one neighbour in the row: the weight of the other is 0.
-        let shift = (y + c.color as usize) & 1;
-        let end = if shift == 0 { 0 } else { last };
-        let pull = parts[3][end] * down[end] + parts[4][end] * up[end];
-        let target = parts[0][end] + parts[1][end] * here[end] + parts[2][end] * here[end] + pull;
-        own[end] += omega * (target - own[end]);
-        let inner = 1 - shift..last + 1 - shift;
-        let [side, right, left, below, above] = parts.map(|part| &part[inner.clone()]);
-        let (up, down, own) = (&up[inner.clone()], &down[inner.clone()], &mut own[inner]);
-        let (before, behind) = (&here[..last], &here[1..]);
-        vectorised(
-            #[inline(always)]
-            || {
-                let (side, right, left) = (&side[..last], &right[..last], &left[..last]);
-                let (below, above, up, down) = (&below[..last], &above[..last], &up[..last], &down[..last]);
-                let own = &mut own[..last];
-                for h in 0..last {
-                    let pull = below[h] * down[h] + above[h] * up[h];
-                    let target = side[h] + right[h] * behind[h] + left[h] * before[h] + pull;
-                    own[h] += omega * (target - own[h]);
-                }
-            },
-        );
+        let near = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| other.row(y));
+        relax_row(system.map(|part| part.row(y)), near, own, (y + c.color as usize) & 1, omega);
     });
+}
+
+/// Relaxes a row of one color by the rows of its system, and by the rows of the other color above, here and below.
+/// Pixel 2 h + `shift` of the row is between the pixels h - 1 + shift and h + shift of the other color. The first or the
+/// last has only one neighbour in the row: the weight of the other is 0.
+fn relax_row<N: Number>(parts: [&[N]; 5], [up, here, down]: [&[N]; 3], own: &mut [N], shift: usize, omega: N) {
+    let last = own.len() - 1;
+    let end = if shift == 0 { 0 } else { last };
+    let pull = parts[3][end] * down[end] + parts[4][end] * up[end];
+    let target = parts[0][end] + parts[1][end] * here[end] + parts[2][end] * here[end] + pull;
+    own[end] += omega * (target - own[end]);
+    let inner = 1 - shift..last + 1 - shift;
+    let [side, right, left, below, above] = parts.map(|part| &part[inner.clone()]);
+    let (up, down, own) = (&up[inner.clone()], &down[inner.clone()], &mut own[inner]);
+    let (before, behind) = (&here[..last], &here[1..]);
+    vectorised(
+        #[inline(always)]
+        || {
+            let (side, right, left) = (&side[..last], &right[..last], &left[..last]);
+            let (below, above, up, down) = (&below[..last], &above[..last], &up[..last], &down[..last]);
+            let own = &mut own[..last];
+            for h in 0..last {
+                let pull = below[h] * down[h] + above[h] * up[h];
+                let target = side[h] + right[h] * behind[h] + left[h] * before[h] + pull;
+                own[h] += omega * (target - own[h]);
+            }
+        },
+    );
 }
 
 /// A field with the red pixels of one field and the black pixels of another, as the device stores them.
@@ -190,18 +249,40 @@ pub(crate) mod tests {
         cpu_reference(c, &system[color].each_ref(), &other, &mut change[color]);
     }
 
-    /// dV of a random coarse grid as the device stores it, and as the starts of both colors of a level.
-    pub(crate) fn coarse_steps(rig: &Rig, width: usize, height: usize) -> (Arc<Buffer>, [Field; 2]) {
-        let coarse = random_field(width.div_ceil(2), height.div_ceil(2), 30);
-        let buffer = rig.numbers(coarse.data.clone());
-        (buffer, [0, 1].map(|color| start(&coarse.data, [width as u32, height as u32], color)))
+    /// dV of a random coarse grid, and as the device stores it.
+    pub(crate) fn coarse_steps(rig: &Rig, width: usize, height: usize) -> (Arc<Buffer>, Vec<f64>) {
+        let coarse = random_field(width.div_ceil(2), height.div_ceil(2), 30).data;
+        (rig.numbers(coarse.clone()), coarse)
+    }
+
+    /// dV of both colors of a level before the first relaxation sweep.
+    fn start(coarse: &[f64], width: usize, height: usize) -> [Field; 2] {
+        [0, 1].map(|color| started(Field::default(), coarse, [width as u32, height as u32], color))
+    }
+
+    #[test]
+    fn all_sweeps_at_once_are_one_half_after_the_other() {
+        for (width, height) in [(37usize, 21usize), (64, 133), (9, 64), (1, 40), (2, 2)] {
+            let (system, coarse) = (system(width, height), random_field(width.div_ceil(2), height.div_ceil(2), 5).data);
+            for sweeps in [1, 3, 9] {
+                let mut expected = start(&coarse, width, height);
+                for half in 0..2 * sweeps {
+                    relax(&constants(width, height, half % 2), &system, &mut expected);
+                }
+                let size = [width as u32, height as u32];
+                let parts = system.each_ref().map(|parts| parts.each_ref());
+                let actual = relaxed(Default::default(), size, (sweeps as u32, 1.8), &parts, &coarse);
+                assert!(actual == expected, "{width} x {height}, {sweeps} sweeps");
+            }
+        }
     }
 
     #[test]
     fn the_first_relaxation_sweep_starts_from_the_coarse_grid() {
         let (width, height) = (37usize, 21usize);
         let (system, rig) = (system(width, height), Rig::new());
-        let (steps, mut change) = coarse_steps(&rig, width, height);
+        let (steps, coarse) = coarse_steps(&rig, width, height);
+        let mut change = start(&coarse, width, height);
         let right_sides = rig.image(&[0, 1].map(|color: usize| system[color][0].clone()));
         let weights = rig.weights(&interleaved(&system));
         let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);

@@ -1,5 +1,7 @@
 //! Half a relaxation sweep on a coarse [grid](super::grid): one color of the red-black scheme.
 
+use std::ops::Range;
+
 use super::grid::{FLOATS, Grid, prolonged};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, WORKGROUP, pixels};
@@ -44,23 +46,37 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let color = c.color as usize;
+        self.relax(c, color..color + 1, variant == FIRST && color == 0, memory);
+    }
+}
+
+impl Bindings {
+    /// Halves of relaxation sweeps. `is_first`: from dV of the coarser grid.
+    fn relax<N: Number>(&self, c: &Constants, halves: Range<usize>, is_first: bool, memory: &mut Memory<N>) {
         let (size, first) = ([c.width as usize, c.height as usize], c.first as usize);
         let own = first..first + size[0] * size[1];
         let mut steps = memory.take_numbers(self.steps);
         steps.resize(steps.len().max(own.end), N::default());
-        if variant == FIRST && c.color == 0 {
-            let start = prolonged(&steps[c.next as usize..], size);
-            steps[own.clone()].copy_from_slice(&start);
-        }
+        let start = if is_first { prolonged(&steps[c.next as usize..], size) } else { steps[own.clone()].to_vec() };
         let grid = Grid::of(memory.numbers(self.equations), first, [c.width, c.height]);
-        cpu_reference(c, &grid, &mut steps[own]);
+        grid.relax(&start, halves, c.over_relaxation.into(), &mut steps[own]);
         memory.put_numbers(self.steps, steps);
     }
 }
 
-/// Relaxes the cells of one color of dV in place.
-pub fn cpu_reference<N: Number>(c: &Constants, grid: &Grid<N>, dv: &mut [N]) {
-    grid.relax(dv, c.color as usize, c.over_relaxation.into());
+/// Runs the first of adjacent dispatches: those that are all relaxation sweeps of a grid, from the first on. Returns how
+/// many.
+pub(crate) fn run_all<N: Number>(dispatches: &[(Bindings, Constants, Variant)], memory: &mut Memory<N>) -> usize {
+    let Some((grid, c, _)) = dispatches.first() else { return 0 };
+    let is_next = |(n, (_, next, variant)): &(usize, &(Bindings, Constants, Variant))| {
+        next.first == c.first && next.color as usize == n % 2 && (*variant == FIRST) == (*n < 2)
+    };
+    let count = dispatches.iter().enumerate().take_while(is_next).count();
+    if count > 0 {
+        grid.relax(c, 0..count, true, memory);
+    }
+    count
 }
 
 #[cfg(test)]
@@ -83,7 +99,8 @@ mod tests {
             let mut expected = prolonged(&coarse.data, [width as usize, height as usize]);
             for (variant, color) in [(FIRST, 0), (FIRST, 1), (NO_VARIANT, 0), (NO_VARIANT, 1)] {
                 let c = Constants { width, height, first: 0, next: width * height, color, over_relaxation: 1.3 };
-                cpu_reference(&c, &grid, &mut expected);
+                let color = color as usize;
+                grid.relax(&expected.clone(), color..color + 1, c.over_relaxation.into(), &mut expected);
                 rig.run_variant(&STAGE, variant, &buffers.each_ref().map(Resource::Buffer), &c, tiles([width, height]));
             }
             assert_numbers(&rig.floats(&buffers[1]), &expected, 1e-4);

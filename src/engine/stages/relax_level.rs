@@ -42,9 +42,8 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let start = [0, 1].map(|color| relax::start(memory.numbers(self.coarse), [c.width, c.height], color));
         let system = [0, 1].map(|color| memory.system((self.right_sides, color), self.weights, color));
-        let [red, black] = cpu_reference(c, &system, start);
+        let [red, black] = cpu_reference(c, &system, memory.numbers(self.coarse));
         memory.set_layer(self.red, 0, red);
         memory.set_layer(self.black, 0, black);
     }
@@ -55,19 +54,9 @@ pub(crate) fn takes([width, height]: [u32; 2]) -> bool {
     pixels(width, height) <= MOST_PIXELS
 }
 
-/// dV of both colors, relaxed from a start.
-pub fn cpu_reference<N: Number>(
-    c: &Constants,
-    system: &[[&Raster<N>; 5]; 2],
-    [mut red, mut black]: [Raster<N>; 2],
-) -> [Raster<N>; 2] {
-    let Constants { width, height, over_relaxation, .. } = *c;
-    let of = |color| relax::Constants { width, height, color, rows: relax::ROWS, over_relaxation };
-    for _ in 0..c.sweeps {
-        relax::cpu_reference(&of(0), &system[0], &black, &mut red);
-        relax::cpu_reference(&of(1), &system[1], &red, &mut black);
-    }
-    [red, black]
+/// dV of both colors, relaxed from dV of the coarse grids.
+pub fn cpu_reference<N: Number>(c: &Constants, system: &[[&Raster<N>; 5]; 2], steps: &[N]) -> [Raster<N>; 2] {
+    relax::relaxed(Default::default(), [c.width, c.height], (c.sweeps, c.over_relaxation), system, steps)
 }
 
 #[cfg(test)]
@@ -91,11 +80,11 @@ mod tests {
             let weights = rig.weights(&interleaved(&system));
             let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
             let changes = [0, 1].map(|_| rig.field(&nothing));
-            let (steps, start) = coarse_steps(&rig, width, height);
+            let (steps, coarse) = coarse_steps(&rig, width, height);
             let mut resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image).to_vec();
             resources.push(Resource::Buffer(&steps));
             rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
-            let expected = cpu_reference(&c, &system.each_ref().map(|parts| parts.each_ref()), start);
+            let expected = cpu_reference(&c, &system.each_ref().map(|parts| parts.each_ref()), &coarse);
             for color in [0, 1] {
                 rig.assert_close(&changes[color], &expected[color..=color], 1e-4);
             }

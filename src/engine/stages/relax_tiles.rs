@@ -8,7 +8,7 @@
 use super::cascade::{self, Coarser};
 use super::grid::FLOATS;
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, WORKGROUP, pixels, relax, relax_level, update};
+use super::{Number, WORKGROUP, pixels, relax_level, update};
 use crate::engine::shaders;
 use crate::engine::slot::Bound;
 use crate::engine::vulkan::Variant;
@@ -161,9 +161,8 @@ impl Pass for Bindings {
         // Never written before, if joined.
         let steps = memory.numbers_in(self.coarse.slot());
         let coarse = c.coarser.cpu_reference(size, relaxation, memory.numbers(self.equations), steps);
-        let start = [0, 1].map(|color| relax::start(&coarse, size, color));
         let system = [0, 1].map(|color| memory.system((self.smoothed, RIGHT_SIDE + color), self.weights, color));
-        let change = relax_level::cpu_reference(&c.relaxation(), &system, start);
+        let change = relax_level::cpu_reference(&c.relaxation(), &system, &coarse);
         let (mut v, mut kept) = (memory.take_layer(self.v, 0), memory.take_layer(self.kept, update::KEPT));
         let (d, variance) = (memory.layer(self.smoothed, 0), memory.state(self.state).variance);
         let moving = update::cpu_reference(&c.update(), change.each_ref(), d, variance, &mut kept, &mut v);
@@ -177,7 +176,7 @@ impl Pass for Bindings {
 mod tests {
     use super::super::grid::{grids, tests::random_grid};
     use super::super::harness::{Rig, random_field};
-    use super::super::relax::{both, interleaved, tests::system};
+    use super::super::relax::{self, both, interleaved, tests::system};
     use super::super::state::{DoubleState, State};
     use super::super::{Field, NO_VARIANT};
     use super::*;
@@ -228,7 +227,7 @@ mod tests {
         let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
         let changes = [0, 1].map(|_| rig.field(&nothing));
         let coarse = coarser.cpu_reference(size, (sweeps, 1.8), equations, stored);
-        let (steps, start) = (rig.numbers(coarse.to_vec()), [0, 1].map(|color| relax::start(&coarse, size, color)));
+        let steps = rig.numbers(coarse.to_vec());
         // Vulkan has no empty buffers.
         let equations = rig.numbers(if equations.is_empty() { vec![0.0; FLOATS] } else { equations.to_vec() });
         for half in 0..2 * sweeps {
@@ -242,7 +241,7 @@ mod tests {
                 relax::Constants { width: columns, height: rows, color, rows: rows_at_once, over_relaxation: 1.8 };
             rig.run_variant(&relax::STAGE, variant, &resources, &constants, relax::tiles(size));
         }
-        let change = relax_level::cpu_reference(&relaxation, &system.each_ref().map(|p| p.each_ref()), start);
+        let change = relax_level::cpu_reference(&relaxation, &system.each_ref().map(|p| p.each_ref()), &coarse);
         let [v, mut d] = [1, 2].map(|seed| random_field(width, height, seed));
         d.data.iter_mut().step_by(3).for_each(|d| *d = 0.0);
         let kept = random_field(width.div_ceil(2), height.div_ceil(2), 4);

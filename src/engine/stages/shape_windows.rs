@@ -178,7 +178,13 @@ fn terms<N: Number>(
 fn departure<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> f64 {
     let k = stack::node_below(v, stack.len());
     let [v0, v1] = [k, k + 1].map(|k| stack::node_sigma(k).powi(2));
-    let at = |k| stack::departure_of(k, stack.len(), |n| spline::near(&stack[n], x, y).moved(shift).value);
+    // The departures of both nodes are those of four adjacent nodes at most.
+    let [[first, ..], [.., last]] = [k, k + 1].map(|k| stack::departure_nodes(k, stack.len()));
+    let mut nodes = [0.0; 4];
+    for n in first..=last {
+        nodes[n - first] = spline::near(&stack[n], x, y).moved(shift).value;
+    }
+    let at = |k| stack::departure_of(k, stack.len(), |n| nodes[n - first]);
     let t = ((v - v0) / (v1 - v0)).min(1.0);
     (1.0 - t) * at(k) + t * at(k + 1)
 }

@@ -174,6 +174,7 @@ impl<N: Number> Raster<N> {
     }
 
     /// The number at the nearest place inside.
+    #[inline]
     pub fn clamped(&self, x: isize, y: isize) -> f64 {
         self.get(x.clamp(0, self.width as isize - 1) as usize, y.clamp(0, self.height as isize - 1) as usize)
     }
@@ -323,9 +324,11 @@ pub(super) fn near_segment<N: Number>(
     let rows: [&[N; COUNT]; 3] = if let [Some(above), Some(here), Some(below)] = inner {
         [above, here, below]
     } else {
+        let (before, inside) = (usize::from(x == 0), coefficients.width.min(x + COUNT - 1) - x.max(1) + 1);
         for (mirrored, row) in mirrored.iter_mut().zip([above, here, below]) {
-            for (n, number) in mirrored.iter_mut().enumerate() {
-                *number = row[mirror((x + n) as isize - 1, coefficients.width)];
+            mirrored[before..][..inside].copy_from_slice(&row[x.max(1) - 1..][..inside]);
+            for n in (0..before).chain(before + inside..COUNT) {
+                mirrored[n] = row[mirror((x + n) as isize - 1, coefficients.width)];
             }
         }
         mirrored.each_ref()

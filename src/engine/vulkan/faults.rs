@@ -10,8 +10,8 @@ use std::cell::{Cell, RefCell};
 use std::ffi::{CStr, c_char, c_void};
 use std::mem::{size_of, transmute, transmute_copy};
 use std::ptr;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicIsize, AtomicPtr, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use ash::vk::{self, Result as Code};
 
@@ -66,6 +66,12 @@ pub(crate) struct Log {
     pub(crate) messages: Vec<String>,
 }
 
+/// Serializes the tests with hooked instances, since bytes are counted for the whole process.
+pub(crate) fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Hooks the new instances of this thread, and fails a call, or the n-th host allocation.
 pub(crate) fn begin(fault: Option<Fault>, allocation: Option<usize>) {
     IS_HOOKED.set(true);
@@ -107,7 +113,7 @@ pub(super) fn hook_entry(entry: ash::Entry) -> ash::Entry {
 }
 
 /// Bytes of host memory that hooked calls have allocated and not freed, on all threads, those of drivers included.
-/// Tests of it must not run concurrently.
+/// Tests with hooked instances run [`alone`].
 static ALLOCATED: AtomicIsize = AtomicIsize::new(0);
 
 static ENTRY: OnceLock<ash::Entry> = OnceLock::new();
