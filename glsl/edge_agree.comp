@@ -15,39 +15,25 @@ layout(push_constant) uniform Constants {
 #include "edge.glsl"
 #include "edge_list.glsl"
 
-const int NUMBERS = 6;
-const int AROUND = 3;                // cells in each direction
-const int SIDE_AROUND = 2 * AROUND + 1, NEIGHBOURS = SIDE_AROUND * SIDE_AROUND;
+// What speaks for an outline; behind it the weight.
+const int SPEAKING = 6, NUMBERS = SPEAKING + 1;
+const int AROUND = 5;                // cells in each direction
 
-// The numbers of each neighbour times its weight, and the weight; then the sums over rows of neighbours.
-shared float weighed[NEIGHBOURS][NUMBERS + 1], rows[SIDE_AROUND][NUMBERS + 1];
+#include "edge_around.glsl"
 
 void main() {
     ivec2 cell = listed_cell();
     if (cell.x < 0) return;
     int lane = int(gl_LocalInvocationID.x);
     if (lane < NEIGHBOURS) {
-        ivec2 other = cell + ivec2(lane % SIDE_AROUND, lane / SIDE_AROUND) - AROUND;
-        float weight = 0.0;
-        if (all(greaterThanEqual(other, ivec2(0))) && all(lessThan(other, ivec2(width, height) / SIDE))) {
-            Edge neighbour = edge_of(other);
-            if (neighbour.exists) weight = agreement(edge_of(cell), neighbour);
+        ivec2 other = cell_around(cell, lane);
+        Edge neighbour = edge_of(is_inside(other) ? other : cell);
+        float weight = is_inside(other) && neighbour.exists ? agreement(edge_of(cell), neighbour) : 0.0;
+        for (int n = 0; n < SPEAKING; n++) {
+            terms[lane][n] = weight == 0.0 ? 0.0 : weight * number_of(other, DECISIONS, from + n);
         }
-        for (int n = 0; n < NUMBERS; n++) {
-            weighed[lane][n] = weight == 0.0 ? 0.0 : weight * number_of(other, DECISIONS, from + n);
-        }
-        weighed[lane][NUMBERS] = weight;
+        terms[lane][SPEAKING] = weight;
     }
-    barrier();
-    int row = lane / (NUMBERS + 1), number = lane % (NUMBERS + 1);
-    if (row < SIDE_AROUND) {
-        float sum = 0.0;
-        for (int i = 0; i < SIDE_AROUND; i++) sum += weighed[SIDE_AROUND * row + i][number];
-        rows[row][number] = sum;
-    }
-    barrier();
-    if (lane >= NUMBERS) return;
-    vec2 sums = vec2(0.0);
-    for (int i = 0; i < SIDE_AROUND; i++) sums += vec2(rows[i][lane], rows[i][NUMBERS]);
-    imageStore(results, place_of(cell, DECISIONS, to + lane), vec4(sums.x / sums.y));
+    add_terms(lane);
+    if (lane < SPEAKING) imageStore(results, place_of(cell, DECISIONS, to + lane), vec4(sum_of(lane) / sum_of(SPEAKING)));
 }

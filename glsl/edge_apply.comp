@@ -11,8 +11,7 @@ layout(push_constant) uniform Constants {
     float spread;                    // σ² of the weights of cells along the edge, px²
     // What must speak for an outline, in units of cost per cell, over V as it is; and the cells that continue the edge.
     float least_saving, least_length;
-    // Not 0 on a coarser level than the finest: V and the deviation are those of the outlines, and V of the front and the
-    // share by which they count have layers of their own.
+    // Not 0 on a coarser level than the finest, where V of both sides is kept, and by which share each counts.
     int coarse;
 };
 
@@ -25,6 +24,9 @@ const int AROUND = 4;
 const float ORDER = 3.0, WITHIN = 0.9;
 // The farthest pixels that change, px from where V was halfway, and from where on they change less.
 const float FARTHEST = 13.0, FADING = 9.0;
+// The same for pixels that stay on their side of the edge: V passes from one side to the other over some 5 px. Beyond,
+// they change by UNCHANGED, so that the fused image knows their side.
+const float PASSED = 9.0, PASSING = 5.0, UNCHANGED = 0.001;
 // σ² of the weights of cells by the pixel's distance from the edge, px².
 const float AWAY = 16.0;
 
@@ -65,7 +67,7 @@ void main() {
     ivec2 own = x / SIDE - corner;
     float sum = 0.0, nearest = 1e30;
     vec4 levels = vec4(0.0);
-    float near_share = 0.0, near_in_front = 0.0;
+    float near_share = 0.0, near_in_front = 0.0, towards_near = 0.0;
     for (int j = own.y - AROUND; j <= own.y + AROUND; j++) {
         uvec2 orders = (uvec2(accepted[j][0], accepted[j][1]) >> (own.x - AROUND)) & ((1u << (2 * AROUND + 1)) - 1u);
         for (uint cells = orders.x | orders.y; cells != 0u; cells &= cells - 1u) {
@@ -81,37 +83,41 @@ void main() {
             float weight = exp(-along * along / (2.0 * spread) - inside * inside / (2.0 * AWAY));
             sum += weight;
             near_share += weight * near;
+            towards_near += weight * inside;
             if (order == 1) near_in_front += weight;
             levels += weight * vec4(edge.near, edge.far, edge.near_deviation, edge.far_deviation);
         }
     }
     if (sum < 1e-3) {
-        if (coarse != 0) {
-            imageStore(results, ivec3(x, COARSE_FRONT), vec4(0.0));
-            imageStore(results, ivec3(x, COARSE_SHARE), vec4(0.0));
-        }
+        if (coarse != 0) imageStore(results, ivec3(x, COARSE_SHARE), vec4(0.0));
         return;
     }
-    float p = near_share / sum;
+    float p = near_share / sum, near = shown_near(p);
     levels /= sum;
+    towards_near /= sum;
     int deviation_layer = coarse != 0 ? COARSE_DEVIATION : 1;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, deviation = imageLoad(results, ivec3(x, deviation_layer)).r;
     float share = clamp((FARTHEST - sqrt(nearest)) / (FARTHEST - FADING), 0.0, 1.0) * min(1.0, sum / 0.3);
-    float outlined = mix(levels.y, levels.x, p);
-    float mixed = sqrt(max(p * (1.0 - p), 0.0)) * abs(levels.x - levels.y) + mix(levels.w, levels.z, p);
-    // By the sign of V, as the fused image takes the photographs.
-    float front = near_in_front > 0.5 * sum ? levels.x : levels.y;
-    bool fused = levels.x * levels.y < 0.0 && !isnan(deviation);
+    float passes = clamp((PASSED - abs(towards_near)) / (PASSED - PASSING), UNCHANGED, 1.0);
+    share *= mix(passes, 1.0, towards_near > 0.0 ? 1.0 - near : near);
+    bool near_front = near_in_front > 0.5 * sum;
+    float of_sides = mix(levels.w, levels.z, p);
     if (coarse != 0) {
-        imageStore(relative_blur, ivec3(x, 0), vec4(outlined));
-        imageStore(results, ivec3(x, COARSE_DEVIATION), vec4(mixed));
-        imageStore(results, ivec3(x, COARSE_FRONT), vec4(fused ? front : 0.0));
-        imageStore(results, ivec3(x, COARSE_SHARE), vec4(isnan(deviation) ? 0.0 : share));
+        share = isnan(deviation) ? 0.0 : share;
+        imageStore(relative_blur, ivec3(x, 0), vec4(levels.x));
+        imageStore(results, ivec3(x, COARSE_FAR), vec4(levels.y));
+        imageStore(results, ivec3(x, COARSE_DEVIATION), vec4(of_sides));
+        imageStore(results, ivec3(x, COARSE_SHARE), vec4(near_front ? share : -share));
+        imageStore(results, ivec3(x, COARSE_NEAR_SHARE), vec4(share * p));
         return;
     }
-    v = mix(v, outlined, share);
+    v = mix(v, mix(levels.y, levels.x, near), share);
+    float mixed = deviation_between(p, near) * abs(levels.x - levels.y) + of_sides;
     imageStore(relative_blur, ivec3(x, 0), vec4(v));
-    if (fused && share > 0.0) imageStore(results, ivec3(x, SIDES), vec4(v * front > 0.0 ? abs(front) : -abs(front)));
+    // By the sign of V, as the fused image takes the photographs.
+    float front = near_front ? levels.x : levels.y;
+    bool fused = levels.x * levels.y < 0.0 && !isnan(deviation) && share > 0.0;
+    if (fused) imageStore(results, ivec3(x, SIDES), vec4(v * front > 0.0 ? abs(front) : -abs(front)));
     // Where there are no results, both are NaN.
     if (isnan(deviation)) return;
     imageStore(results, ivec3(x, 0), vec4(v));

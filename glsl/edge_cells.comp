@@ -14,6 +14,7 @@ layout(push_constant) uniform Constants {
     uint fused_x, fused_y;
     int deviation_layer;             // of the standard deviation: coarser levels have one of their own
     float least_jump;                // of V, or of u in a sweep
+    float half_weight;               // the deviation of V at which a pixel of a side has half the weight
     float share;                     // the least difference of the levels, as a share of the larger |V|
     float largest;                   // the largest |V| of a side: the blur that the searched profile has room for
     float widest;                    // the largest difference of the levels
@@ -27,7 +28,7 @@ layout(push_constant) uniform Constants {
 const float STEEP = 0.75, CERTAIN = 5.0;
 // The least difference of the levels: as a share of the least jump; in standard deviations of the difference.
 const float LEVELS = 0.8, SURE = 2.5;
-// The farthest pixels that a level is averaged over, and σ² of their weights.
+// The farthest pixels that a level is averaged over, and σ² of their weights by distance.
 const int FARTHEST = 16;
 const float WEIGHT = 64.0;
 
@@ -58,7 +59,8 @@ vec3 level(vec2 place, vec2 normal, float halfway, float side) {
         vec2 sampled = between(place + side * float(k) * normal);
         // Comparisons with NaN are false: where there is no deviation, the side ends.
         if (!(side * (sampled.x - halfway) > 0.0 && sampled.y >= 0.0)) break;
-        sums += exp(-float(k * k) / (2.0 * WEIGHT)) * vec3(1.0, sampled);
+        float deviations = sampled.y / half_weight;
+        sums += exp(-float(k * k) / (2.0 * WEIGHT)) / (1.0 + deviations * deviations) * vec3(1.0, sampled);
         count++;
     }
     return count < 2 ? vec3(0.0) : vec3(1.0, sums.yz / sums.x);

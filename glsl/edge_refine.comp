@@ -3,9 +3,9 @@
 // src/engine/stages/edge_refine.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform readonly image2DArray coarse;   // V of the coarser level by its outlines
+layout(binding = 0, r32f) uniform readonly image2DArray coarse;   // V of the near side at outlines of the coarser level
 layout(binding = 1, r32f) uniform image2DArray relative_blur;
-// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the front, and the share.
+// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the far side, and the shares.
 layout(binding = 2, r32f) uniform image2DArray results;
 layout(push_constant) uniform Constants {
     int width, height;                   // of the coarser level
@@ -27,28 +27,34 @@ void main() {
     ivec2 low = ivec2(gl_GlobalInvocationID.xy);
     if (low.x >= width || low.y >= height) return;
     ivec2 high = min(low + 1, ivec2(width, height) - 1);
-    vec4 shares = four(COARSE_SHARE, low, high);
+    vec4 signed_shares = four(COARSE_SHARE, low, high), shares = abs(signed_shares);
     if (shares == vec4(0.0)) return;
+    // Where nothing changes, the others may be NaN.
     bvec4 changes = greaterThan(shares, vec4(0.0));
-    vec4 v_coarse = vec4(imageLoad(coarse, ivec3(low, 0)).r, imageLoad(coarse, ivec3(high.x, low.y, 0)).r,
-                         imageLoad(coarse, ivec3(low.x, high.y, 0)).r, imageLoad(coarse, ivec3(high, 0)).r) / scale;
-    // Where nothing changes, the deviation may be NaN.
+    vec4 near_shares = mix(vec4(0.0), four(COARSE_NEAR_SHARE, low, high), changes);
+    vec4 nears = vec4(imageLoad(coarse, ivec3(low, 0)).r, imageLoad(coarse, ivec3(high.x, low.y, 0)).r,
+                      imageLoad(coarse, ivec3(low.x, high.y, 0)).r, imageLoad(coarse, ivec3(high, 0)).r);
+    nears = mix(vec4(0.0), nears, changes) / scale;
+    vec4 fars = mix(vec4(0.0), four(COARSE_FAR, low, high), changes) / scale;
     vec4 deviations = mix(vec4(0.0), four(COARSE_DEVIATION, low, high), changes) / scale;
-    vec4 fronts = four(COARSE_FRONT, low, high) / scale;
     for (int n = 0; n < pixels * pixels; n++) {
         ivec2 step = ivec2(n % pixels, n / pixels), x = pixels * low + step;
         if (x.x >= fine_width || x.y >= fine_height) continue;
         vec2 f = vec2(step) / float(pixels);
-        vec4 weights = shares * vec4((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y);
+        vec4 places = vec4((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y);
+        vec4 weights = shares * places;
         float share = dot(weights, vec4(1.0)), deviation = imageLoad(results, ivec3(x, 1)).r;
         if (share == 0.0) continue;
         // Where there are no results, the deviation is NaN.
         if (isnan(deviation)) continue;
-        float v = mix(imageLoad(relative_blur, ivec3(x, 0)).r, dot(weights, v_coarse) / share, share);
-        float front = dot(weights, fronts) / share;
+        float near = dot(weights, nears) / share, far = dot(weights, fars) / share;
+        float p = dot(places, near_shares) / share, shown = shown_near(p);
+        float mixed = deviation_between(p, shown) * abs(near - far) + dot(weights, deviations) / share;
+        float v = mix(imageLoad(relative_blur, ivec3(x, 0)).r, mix(far, near, shown), share);
+        float front = dot(places, signed_shares) > 0.0 ? near : far;
         imageStore(relative_blur, ivec3(x, 0), vec4(v));
         imageStore(results, ivec3(x, 0), vec4(v));
-        imageStore(results, ivec3(x, 1), vec4(mix(deviation, dot(weights, deviations) / share, share)));
-        if (front != 0.0) imageStore(results, ivec3(x, SIDES), vec4(v * front > 0.0 ? abs(front) : -abs(front)));
+        imageStore(results, ivec3(x, 1), vec4(mix(deviation, mixed, share)));
+        if (near * far < 0.0) imageStore(results, ivec3(x, SIDES), vec4(v * front > 0.0 ? abs(front) : -abs(front)));
     }
 }

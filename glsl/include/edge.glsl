@@ -6,15 +6,18 @@ const int SIDE = 4;                  // of a cell, pixels
 // distributions of the outline's place in both orders; the decisions. SIDES, per pixel near an accepted outline across which V
 // changes sign: |V| of the front, positive in front, negative behind; 0 elsewhere. It stays for the fused image.
 const int COSTS = 3, REVERSED_COSTS = 4, EDGES = 5, OUTLINES = 6, REVERSED_OUTLINES = 7, DECISIONS = 8, SIDES = 9;
-// A coarser level uses the corner of the layers. Its standard deviation has a layer; V of the front near accepted
-// outlines, and how far V is to change to that of the outlines, 0 to 1, come in place of the costs.
-const int COARSE_DEVIATION = 10, COARSE_FRONT = 3, COARSE_SHARE = 4, LAYERS = 11;
+// A coarser level uses the corner of the layers. Its standard deviation has a layer. Near accepted outlines V becomes that
+// of the near side, and the deviation the sides' mean; V of the far side has a layer. In place of the costs: the share by
+// which V is to change to those of the sides, negative if the far side is in front; and the near side's part of it.
+const int COARSE_DEVIATION = 10, COARSE_FAR = 11, COARSE_SHARE = 3, COARSE_NEAR_SHARE = 4, LAYERS = 12;
 // Displacements of an outline towards the side in front, px: from -BACKWARD on.
 const int BACKWARD = 4, DISPLACEMENTS = 15;
 // The cost of V as it is, behind those of the outlines.
 const int BEFORE = DISPLACEMENTS;
 // The sum of the shares of all pairs of frames in the costs, behind the edge: 1 for a pair.
 const int TOTAL = 9;
+// The place and the normal on the straightened edge, behind that.
+const int STRAIGHT = 10;
 
 // The cells with an edge are listed as edge_cells finds them, each by its column and, from this bit on, its row. Passes
 // over the list have a workgroup for each: this many along x, and further ones along y. After the words of the workgroups
@@ -38,11 +41,16 @@ struct Edge {
     float near_deviation, far_deviation;
 };
 
-Edge edge_of(ivec2 cell) {
+// The edge of a cell with the place and the normal from the number `line` on: 1 before it is straightened.
+Edge edge_on(ivec2 cell, int line) {
     if (number_of(cell, EDGES, 0) == 0.0) return Edge(false, vec2(0.0), vec2(0.0), 0.0, 0.0, 0.0, 0.0);
-    return Edge(true, vec2(number_of(cell, EDGES, 1), number_of(cell, EDGES, 2)),
-                vec2(number_of(cell, EDGES, 3), number_of(cell, EDGES, 4)), number_of(cell, EDGES, 5),
+    return Edge(true, vec2(number_of(cell, EDGES, line), number_of(cell, EDGES, line + 1)),
+                vec2(number_of(cell, EDGES, line + 2), number_of(cell, EDGES, line + 3)), number_of(cell, EDGES, 5),
                 number_of(cell, EDGES, 6), number_of(cell, EDGES, 7), number_of(cell, EDGES, 8));
+}
+
+Edge edge_of(ivec2 cell) {
+    return edge_on(cell, STRAIGHT);
 }
 
 // How far two cells lie on one edge, 0 to 1: by the angle between their normals. 0 if one is off the line of the other.
@@ -51,4 +59,18 @@ float agreement(Edge a, Edge b) {
     vec2 apart = b.place - a.place;
     float off = 0.5 * abs(dot(apart, a.normal + b.normal));
     return along < 0.7 || off > 2.0 + 0.25 * length(apart) ? 0.0 : along;
+}
+
+// Which side a pixel shows, 1 the near and 0 the far one, by the probability that it shows the near one. It shows one of
+// them, not a V between. Only within 1/20 of a half it is mixed, so that rounding does not decide.
+const float STEEPNESS = 10.0;
+
+float shown_near(float probability) {
+    return clamp(STEEPNESS * (probability - 0.5) + 0.5, 0.0, 1.0);
+}
+
+// The standard deviation of V around that of the side shown, as a share of the jump.
+float deviation_between(float probability, float near) {
+    probability = clamp(probability, 0.0, 1.0);
+    return sqrt(probability * (1.0 - near) * (1.0 - near) + (1.0 - probability) * near * near);
 }

@@ -8,6 +8,7 @@ use crate::engine::plan::Level;
 use crate::engine::slot::{self, Slot};
 use crate::engine::stages::{
     NO_VARIANT, edge, edge_agree, edge_apply, edge_cells, edge_coarsen, edge_costs, edge_decide, edge_refine,
+    edge_straighten,
 };
 
 /// How the edges of V, or of u of a sweep, are found on a level, and their outlines moved.
@@ -24,14 +25,15 @@ pub(crate) struct Search {
 pub(crate) struct Criteria {
     /// σ² of the weights of cells along an edge, px².
     pub(crate) spread: f32,
-    /// The least saving over the cost of V as it is, per cell.
+    /// The least saving over the cost of V as it is, per cell; below 0, what an outline may cost more.
     pub(crate) least_saving: f32,
     /// The number of cells that continue the edge, with the cell itself, must exceed this.
     pub(crate) least_length: f32,
 }
 
-/// The criteria of pairs on the finest level. Edges of fewer cells are noise of V.
-const FINEST: Criteria = Criteria { spread: 4.0, least_saving: 0.0, least_length: 4.0 };
+/// The criteria of pairs on the finest level. V as it is was fitted to the pixels that are costed, the two layers were not:
+/// they may cost a little more. Edges of fewer cells are noise of V.
+const FINEST: Criteria = Criteria { spread: 4.0, least_saving: -1.0, least_length: 4.0 };
 /// The criteria of pairs on a coarser level, where noise of V is less. True outlines of generated scenes cost 9 to 70
 /// less than V as it is.
 const COARSE: Criteria = Criteria { spread: 4.0, least_saving: 8.0, least_length: 3.0 };
@@ -82,8 +84,10 @@ impl Composer<'_> {
         let found =
             edge_cells::Bindings { v: v.read(), results, arguments: arguments.update(), listed: listed.write() };
         self.over(edge::cells(size), found, &search.cells, NO_VARIANT);
-        costs(self, cells);
         let (arguments, listed, argument_place) = (arguments.read(), listed.read(), search.cells.argument_place);
+        let bindings = edge_straighten::Bindings { results, arguments, listed };
+        self.dispatch(bindings, &edge_straighten::Constants { width, height, argument_place }, NO_VARIANT, cells);
+        costs(self, cells);
         let bindings = edge_decide::Bindings { results, arguments, listed };
         self.dispatch(bindings, &edge_decide::Constants { width, height, argument_place }, NO_VARIANT, cells);
         for n in 0..edge_agree::PASSES {

@@ -23,11 +23,13 @@ pub(crate) const DECISIONS: usize = edge::DECISIONS as usize;
 pub(crate) const SIDES: usize = edge::SIDES as usize;
 /// The layer of the standard deviation of V on a coarser level than the finest.
 pub(crate) const COARSE_DEVIATION: usize = edge::COARSE_DEVIATION as usize;
-/// The layer of V of what is in front near an accepted outline of a coarser level beyond which V has the other sign. 0
-/// elsewhere.
-pub(crate) const COARSE_FRONT: usize = edge::COARSE_FRONT as usize;
-/// The layer of how far V is to change to that of the outlines of a coarser level, 0 to 1.
+/// The layer of V of the far side near an accepted outline of a coarser level.
+pub(crate) const COARSE_FAR: usize = edge::COARSE_FAR as usize;
+/// The layer of how far V is to change to those of the sides of a coarser level, 0 to 1; negative if the far side is in
+/// front.
 pub(crate) const COARSE_SHARE: usize = edge::COARSE_SHARE as usize;
+/// The layer of the near side's part of that, positive.
+pub(crate) const COARSE_NEAR_SHARE: usize = edge::COARSE_NEAR_SHARE as usize;
 /// The layer of the standard deviation of V, on the finest level or on a coarser one.
 pub(super) fn deviation_layer(finest: bool) -> usize {
     if finest { 1 } else { COARSE_DEVIATION }
@@ -45,6 +47,9 @@ pub(crate) const BEFORE: usize = DISPLACEMENTS;
 /// The number of the sum of the shares of all pairs of frames in the costs, in the layer of the edges: 1 for a pair.
 pub(crate) const TOTAL: usize = edge::TOTAL as usize;
 
+/// The number of the place on the straightened edge and of the normal there, in the layer of the edges.
+pub(super) const STRAIGHT: usize = edge::STRAIGHT as usize;
+
 /// Columns and rows of cells of an image.
 pub(crate) fn cells([width, height]: [u32; 2]) -> [u32; 2] {
     [width / edge::SIDE, height / edge::SIDE]
@@ -58,7 +63,7 @@ pub(super) fn all_cells(size: [u32; 2]) -> impl Iterator<Item = [usize; 2]> {
 
 /// The cells that have an edge, as they are listed: row by row, where the device lists them as it finds them.
 pub(super) fn listed<N: Number>(edges: &Raster<N>, size: [u32; 2]) -> Vec<u32> {
-    let found = all_cells(size).filter(|&cell| Edge::of(edges, cell).is_some());
+    let found = all_cells(size).filter(|&cell| Edge::found(edges, cell).is_some());
     found.map(|[x, y]| (x | y << edge::ROW_BIT) as u32).collect()
 }
 
@@ -121,18 +126,28 @@ pub(super) struct Edge {
 }
 
 impl Edge {
-    /// The edge of a cell in the layer of edges.
+    /// The edge of a cell in the layer of edges, straightened.
     pub(super) fn of<N: Number>(edges: &Raster<N>, cell: [usize; 2]) -> Option<Self> {
+        Self::on(edges, cell, STRAIGHT)
+    }
+
+    /// The edge of a cell before it is straightened.
+    pub(super) fn found<N: Number>(edges: &Raster<N>, cell: [usize; 2]) -> Option<Self> {
+        Self::on(edges, cell, 1)
+    }
+
+    /// The edge of a cell with the place and the normal from the number `line` on.
+    fn on<N: Number>(edges: &Raster<N>, cell: [usize; 2], line: usize) -> Option<Self> {
         let at = |n: usize| number(edges, cell, n);
         (at(0) != 0.0).then(|| Self {
-            place: [at(1), at(2)],
-            normal: [at(3), at(4)],
+            place: [at(line), at(line + 1)],
+            normal: [at(line + 2), at(line + 3)],
             levels: [at(5), at(6)],
             deviations: [at(7), at(8)],
         })
     }
 
-    /// As numbers of a cell that has no costs yet.
+    /// As numbers of a cell that is not straightened yet and has no costs.
     pub(super) fn numbers(&self) -> [f64; 10] {
         let Self { place, normal, levels, deviations } = self;
         [1.0, place[0], place[1], normal[0], normal[1], levels[0], levels[1], deviations[0], deviations[1], 0.0]
@@ -150,12 +165,24 @@ impl Edge {
     }
 }
 
+/// Which side a pixel shows, 1 the near and 0 the far one, by the probability that it shows the near one. It shows one of
+/// them, not a V between. Only within 1/20 of a half it is mixed, so that rounding does not decide.
+pub(super) fn shown_near(probability: f64) -> f64 {
+    (edge::STEEPNESS * (probability - 0.5) + 0.5).clamp(0.0, 1.0)
+}
+
+/// The standard deviation of V around that of the side shown, as a share of the jump.
+pub(super) fn deviation_between(probability: f64, near: f64) -> f64 {
+    let probability = probability.clamp(0.0, 1.0);
+    (probability * (1.0 - near).powi(2) + (1.0 - probability) * near.powi(2)).sqrt()
+}
+
 /// Fields for the tests of the passes over edges.
 #[cfg(test)]
 pub(super) mod testing {
     use super::super::Field;
     use super::super::harness::smooth_field;
-    use super::super::{edge_cells, edge_costs, edge_decide};
+    use super::super::{edge_cells, edge_costs, edge_decide, edge_straighten};
     use super::*;
 
     /// V with an edge along a curve, the near side right of it, and a deviation. NaN in a corner of the deviation.
@@ -181,7 +208,8 @@ pub(super) mod testing {
         layers[COARSE_DEVIATION] =
             Field::from_fn(width, height, |x, y| if x + y > width { f64::NAN } else { 0.2 + 0.01 * (y % 5) as f64 });
         layers[SIDES] = Field::from_fn(width, height, |_, _| 0.7);
-        layers[EDGES] = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(0, size, 0, size), &v, &deviation);
+        let found = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(0, size, 0, size), &v, &deviation);
+        layers[EDGES] = edge_straighten::cpu_reference(size, &found);
         if until > COSTS {
             let photographs = [1, 2].map(|seed| smooth_field(width, height, seed));
             let c = edge_costs::testing::constants(size);
@@ -204,7 +232,7 @@ pub(super) mod testing {
 
     /// The number of cells with an edge.
     pub(in super::super) fn count(edges: &Field) -> usize {
-        all_cells([edges.width as u32, edges.height as u32]).filter(|&cell| Edge::of(edges, cell).is_some()).count()
+        all_cells([edges.width as u32, edges.height as u32]).filter(|&cell| Edge::found(edges, cell).is_some()).count()
     }
 }
 

@@ -8,13 +8,13 @@ use crate::engine::shaders::edge_agree as shader;
 use crate::engine::vulkan::Variant;
 
 /// Numbers that speak for an outline, of a cell.
-pub(crate) const NUMBERS: usize = shader::NUMBERS as usize;
+pub(crate) const NUMBERS: usize = shader::SPEAKING as usize;
 /// How often they are averaged. From one pass to the next they alternate between two places.
 pub(crate) const PASSES: u32 = 3;
 
 /// The first number of the decisions after n passes.
 pub(crate) fn place(n: u32) -> u32 {
-    shader::NUMBERS * (n % 2)
+    shader::SPEAKING * (n % 2)
 }
 
 push_constants! {
@@ -31,7 +31,7 @@ push_constants! {
 }
 
 bindings! {
-    EDGE_AGREE, [64, 1];
+    EDGE_AGREE, [128, 1];
     /// Layers: edges and decisions.
     results: Updates<Results>,
     arguments: Reads<Arguments>,

@@ -1,11 +1,13 @@
 //! V and its standard deviation at the depth edges whose outlines two layers explain. Section 7 of `docs/method.md`.
 //!
-//! With the probability p that a pixel shows the near side, from the distributions of the cells around it,
-//! `V = p V_near + (1 - p) V_far` and `σ = √(p (1 - p)) |V_near - V_far| + p σ_near + (1 - p) σ_far`. V changes only if
-//! the outline explains the photographs better than V did, and better than any with the other side in front; if it is well
+//! With the probability p that a pixel shows the near side, from the distributions of the cells around it, a pixel shows
+//! the side of the larger probability: `V = s V_near + (1 - s) V_far` with s = 0 or 1 but for p within 0.05 of a half, and
+//! `σ = √(p (1 - s)² + (1 - p) s²) |V_near - V_far| + p σ_near + (1 - p) σ_far`. V changes only if the outline explains the photographs better than V did, and better than any with the other side in front; if it is well
 //! within the displacements; and if it goes on for some cells.
 
-use super::edge::{self, BACKWARD, COARSE_FRONT, COARSE_SHARE, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES};
+use super::edge::{
+    self, BACKWARD, COARSE_FAR, COARSE_NEAR_SHARE, COARSE_SHARE, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES,
+};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::{Number, Raster, pixels};
@@ -25,8 +27,7 @@ push_constants! {
     least_saving: f32,
     /// The cells that must continue the edge, with the cell itself.
     least_length: f32,
-    /// 0 on the finest level. On others V and the deviation become those of the outlines, and V of the front and the
-    /// share by which they count have layers of their own.
+    /// 0 on the finest level. On others V of both sides is kept, and by which share each counts.
     coarse: u32,
 }
 
@@ -48,14 +49,16 @@ impl Pass for Bindings {
         let outlines = OUTLINES.map(layer);
         let deviation_layer = edge::deviation_layer(c.coarse == 0);
         let (v, deviation) = (memory.layer(self.v, 0), layer(deviation_layer));
-        let sides = if c.coarse == 0 { layer(SIDES) } else { &Raster::zeros(v.width, v.height) };
-        let [v, deviation, sides, share] =
-            cpu_reference(c, [v, deviation, sides], layer(EDGES), outlines, layer(DECISIONS));
+        let none = Raster::zeros(v.width, v.height);
+        let sides = if c.coarse == 0 { layer(SIDES) } else { &none };
+        let before = [v, deviation, sides, &none, &none];
+        let [v, deviation, sides, share, near_share] =
+            cpu_reference(c, before, layer(EDGES), outlines, layer(DECISIONS));
         if c.coarse != 0 {
             memory.set_layer(self.v, 0, v);
-            memory.set_layer(self.results, deviation_layer, deviation);
-            memory.set_layer(self.results, COARSE_FRONT, sides);
-            memory.set_layer(self.results, COARSE_SHARE, share);
+            let coarse = [(deviation_layer, deviation), (COARSE_FAR, sides), (COARSE_SHARE, share)];
+            coarse.into_iter().for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
+            memory.set_layer(self.results, COARSE_NEAR_SHARE, near_share);
             return;
         }
         let masked =
@@ -71,17 +74,17 @@ impl Pass for Bindings {
     }
 }
 
-/// V, its standard deviation, and the sides, from those before; on a coarser level V and the deviation of the outlines,
-/// and V of the front. Then the share by which the outlines count.
+/// V, its standard deviation, and the sides, from those before; two more stay. On a coarser level V of the near side, the
+/// deviation of the sides, V of the far side, the share by which V changes, and the near side's part of it.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
-    [v, deviation, sides]: [&Raster<N>; 3],
+    before: [&Raster<N>; 5],
     edges: &Raster<N>,
     outlines: [&Raster<N>; 2],
     decisions: &Raster<N>,
-) -> [Raster<N>; 4] {
-    let size = [c.width, c.height];
-    let mut results = [v.clone(), deviation.clone(), sides.clone(), Raster::zeros(v.width, v.height)];
+) -> [Raster<N>; 5] {
+    let (size, coarse, [v, deviation, ..]) = ([c.width, c.height], c.coarse != 0, before);
+    let mut results = before.map(Raster::clone);
     let accepted: Vec<Option<(Edge, usize)>> =
         edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
     let ([columns, rows], around) = (edge::cells(size).map(|side| side as usize), shader::AROUND as usize);
@@ -90,13 +93,13 @@ pub(crate) fn cpu_reference<N: Number>(
     for (cell, _) in edge::all_cells(size).zip(&accepted).filter(|(_, accepted)| accepted.is_some()) {
         edge::cells_around(cell, around, size).for_each(|[x, y]| is_near[y * columns + x] = true);
     }
-    let mixed = |x: usize, y: usize, results: [&mut N; 4]| {
+    let mixed = |x: usize, y: usize, results: [&mut N; 5]| {
         let own = [(x / edge::SIDE).min(columns - 1), (y / edge::SIDE).min(rows - 1)];
         if !is_near[own[1] * columns + own[0]] {
             return;
         }
         let (mut sum, mut near, mut levels, mut deviations) = (0.0, 0.0, [0.0; 2], [0.0; 2]);
-        let (mut nearest, mut near_in_front) = (f64::MAX, 0.0);
+        let (mut nearest, mut near_in_front, mut towards_near) = (f64::MAX, 0.0, 0.0);
         for cell in edge::cells_around(own, around, size) {
             // Columns and rows of pixels beyond the last cell have their own cells.
             if cell[0] + around < x / edge::SIDE || cell[1] + around < y / edge::SIDE {
@@ -114,6 +117,7 @@ pub(crate) fn cpu_reference<N: Number>(
             let in_front = |inside: f64| in_front(outlines[*order], cell, inside);
             sum += weight;
             near += weight * if *order == 0 { in_front(inside) } else { 1.0 - in_front(-inside) };
+            towards_near += weight * inside;
             near_in_front += if *order == 0 { weight } else { 0.0 };
             for i in 0..2 {
                 levels[i] += weight * edge.levels[i];
@@ -123,31 +127,38 @@ pub(crate) fn cpu_reference<N: Number>(
         if sum < 1e-3 {
             return;
         }
-        let p = near / sum;
-        let [near, far] = levels.map(|level| level / sum);
-        let [near_deviation, far_deviation] = deviations.map(|deviation| deviation / sum);
+        let (p, towards_near) = (near / sum, towards_near / sum);
+        let (shown, [near, far]) = (edge::shown_near(p), levels.map(|level| level / sum));
+        let of_sides = (p * deviations[0] + (1.0 - p) * deviations[1]) / sum;
         let fading = (shader::FARTHEST - nearest.sqrt()) / (shader::FARTHEST - shader::FADING);
-        let share = fading.clamp(0.0, 1.0) * (sum / 0.3).min(1.0);
-        let mixed =
-            (p * (1.0 - p)).max(0.0).sqrt() * (near - far).abs() + p * near_deviation + (1.0 - p) * far_deviation;
-        let (before, deviation) = (v.get(x, y), deviation.get(x, y));
-        let outlined = p * near + (1.0 - p) * far;
-        let now = before + share * (outlined - before);
-        let coarse = c.coarse != 0;
-        *results[0] = N::of(if coarse { outlined } else { now });
-        *results[1] = N::of(if coarse { mixed } else { deviation + share * (mixed - deviation) });
-        *results[3] = N::of(if coarse && deviation.is_nan() { 0.0 } else { share });
-        // By the sign of V, as the fused image takes the photographs.
-        let front = if near_in_front > 0.5 * sum { near } else { far };
-        let fused = near * far < 0.0 && !deviation.is_nan();
+        let passes = (shader::PASSED - towards_near.abs()) / (shader::PASSED - shader::PASSING);
+        let (passes, other_side) =
+            (passes.clamp(shader::UNCHANGED, 1.0), if towards_near > 0.0 { 1.0 - shown } else { shown });
+        let share = fading.clamp(0.0, 1.0) * (sum / 0.3).min(1.0) * (passes + other_side * (1.0 - passes));
+        let (before, deviation, near_front) = (v.get(x, y), deviation.get(x, y), near_in_front > 0.5 * sum);
         if coarse {
-            *results[2] = N::of(if fused { front } else { 0.0 });
-        } else if fused && share > 0.0 {
-            *results[2] = N::of(front.abs().copysign(now * front));
+            let share = if deviation.is_nan() { 0.0 } else { share };
+            let numbers = [near, of_sides, far, if near_front { share } else { -share }, share * p];
+            results.into_iter().zip(numbers).for_each(|(result, number)| *result = N::of(number));
+            return;
+        }
+        let now = before + share * (far + shown * (near - far) - before);
+        let mixed = edge::deviation_between(p, shown) * (near - far).abs() + of_sides;
+        *results[0] = N::of(now);
+        *results[1] = N::of(deviation + share * (mixed - deviation));
+        // By the sign of V, as the fused image takes the photographs.
+        let front = if near_front { near } else { far };
+        if near * far < 0.0 && !deviation.is_nan() && share > 0.0 {
+            *results[2] = N::of(if now * front > 0.0 { front.abs() } else { -front.abs() });
         }
     };
-    rows::map(results.each_mut().map(Rows::from), |y, [v, deviation, sides, share]| {
-        (0..v.len()).for_each(|x| mixed(x, y, [&mut v[x], &mut deviation[x], &mut sides[x], &mut share[x]]));
+    rows::map(results.each_mut().map(Rows::from), |y, rows| {
+        let mut rows = rows.map(|row| row.iter_mut());
+        let mut pixels = std::iter::from_fn(|| {
+            let [v, deviation, sides, share, near_share] = rows.each_mut().map(Iterator::next);
+            Some([v?, deviation?, sides?, share?, near_share?])
+        });
+        (0..).zip(&mut pixels).for_each(|(x, pixel)| mixed(x, y, pixel));
     });
     results
 }
@@ -185,6 +196,8 @@ mod tests {
     /// The results with the decisions of a share of the cells replaced, so that some are accepted in either order.
     fn decided(size: [u32; 2], levels: [f64; 2]) -> Vec<Field> {
         let mut results = layers(size, levels, DECISIONS);
+        // On a coarser level they are written where V changes only.
+        [COARSE_FAR, COARSE_SHARE, COARSE_NEAR_SHARE].into_iter().for_each(|n| results[n].data.fill(0.0));
         for cell @ [x, y] in edge::all_cells(size) {
             let numbers = match (x + y) % 3 {
                 0 => [9.0, 0.0, 1.0, 0.0, 5.0, 9.0],
@@ -224,7 +237,8 @@ mod tests {
             edge::set(&mut results[DECISIONS], cell, 0, &[9.0, 9.0, 1.0, 1.0, shader::ORDER - 0.1, 9.0]);
         }
         let [v, deviation] = solved(67, 41, [4.0, -3.0]);
-        let (outlines, before) = (OUTLINES.map(|n| &results[n]), [&v, &deviation, &results[SIDES]]);
+        let none = Field::zeros(67, 41);
+        let (outlines, before) = (OUTLINES.map(|n| &results[n]), [&v, &deviation, &results[SIDES], &none, &none]);
         let applied = cpu_reference(&c, before, &results[EDGES], outlines, &results[DECISIONS]);
         assert!(applied[0] == v);
     }

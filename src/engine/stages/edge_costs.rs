@@ -503,7 +503,7 @@ mod tests {
     use super::testing::{constants, of_pair};
     use super::*;
     use crate::base::{Photometric, Similarity};
-    use crate::engine::stages::{NO_VARIANT, convolve, edge_cells};
+    use crate::engine::stages::{NO_VARIANT, convolve, edge_cells, edge_straighten};
 
     #[test]
     fn matches_the_cpu_reference() {
@@ -593,6 +593,7 @@ mod tests {
             let deviation = Field::from_fn(width, height, |_, _| 0.05);
             let image = [width as u32, height as u32];
             let edges = edge_cells::cpu_reference(&edge_cells::Constants::of_pair(0, image, 0, image), &v, &deviation);
+            let edges = edge_straighten::cpu_reference(image, &edges);
             let [costs, reversed, edges] = of_pair(&constants(image), photographs.each_ref(), &v, edges);
             let mut sums = [[0.0; DISPLACEMENTS + 1]; 2];
             let mut place = 0.0;

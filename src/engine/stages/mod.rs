@@ -24,6 +24,7 @@ pub mod edge_costs;
 pub mod edge_decide;
 pub mod edge_fuse;
 pub mod edge_refine;
+pub mod edge_straighten;
 pub mod exposure;
 pub mod fuse;
 pub mod grid;

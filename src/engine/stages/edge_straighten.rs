@@ -1,0 +1,118 @@
+//! Straightens edges: of each cell, the place and the normal on the line through the cells along its edge. Section 7 of
+//! `docs/method.md`.
+//!
+//! Noise makes the places where V is halfway wind by a pixel or two around the outline. A displacement is meant from the
+//! cell's place: only on a straightened edge does the same displacement mean the same outline in neighbouring cells. The
+//! line is fitted by least squares in the axes of the cell's own normal.
+
+use super::edge::{self, EDGES, Edge, STRAIGHT};
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::{Number, Raster, pixels};
+use crate::engine::shaders::edge_straighten as shader;
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width, pixels.
+    width: u32,
+    /// Height, pixels.
+    height: u32,
+    /// First word of the workgroups of the passes over edges.
+    argument_place: u32,
+}
+
+bindings! {
+    EDGE_STRAIGHTEN, [128, 1];
+    /// A layer: edges.
+    results: Updates<Results>,
+    arguments: Reads<Arguments>,
+    listed: Reads<EdgeList>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: a number of each cell read. What is read at edges depends on the scene.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+    }
+
+    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+        let edges = cpu_reference([c.width, c.height], memory.layer(self.results, EDGES));
+        memory.set_layer(self.results, EDGES, edges);
+    }
+}
+
+/// The layer of the edges with the places and normals on the straightened edges.
+pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], edges: &Raster<N>) -> Raster<N> {
+    let mut straightened = edges.clone();
+    for cell in edge::all_cells(size) {
+        let Some(edge) = Edge::found(edges, cell) else { continue };
+        let normal = edge.normal;
+        let tangent = [-normal[1], normal[0]];
+        let (mut sum, mut mean, mut product, mut square) = (0.0, [0.0; 2], 0.0, 0.0);
+        for other in edge::cells_around(cell, shader::AROUND as usize, size) {
+            let Some(neighbour) = Edge::found(edges, other) else { continue };
+            let cells: f64 = [0, 1].map(|i| (other[i] as f64 - cell[i] as f64).powi(2)).iter().sum();
+            let weight = edge.agreement(&neighbour) * (-cells / (2.0 * shader::SPREAD)).exp();
+            let apart = [0, 1].map(|i| neighbour.place[i] - edge.place[i]);
+            let at = [tangent, normal].map(|axis| apart[0] * axis[0] + apart[1] * axis[1]);
+            sum += weight;
+            mean = [0, 1].map(|i| mean[i] + weight * at[i]);
+            product += weight * at[0] * at[1];
+            square += weight * at[0] * at[0];
+        }
+        let mean = mean.map(|total| total / sum);
+        let slope = (product / sum - mean[0] * mean[1]) / (square / sum - mean[0] * mean[0] + shader::LEAST_VARIANCE);
+        let place = [0, 1].map(|i| edge.place[i] + (mean[1] - slope * mean[0]) * normal[i]);
+        let line = [0, 1].map(|i| (normal[i] - slope * tangent[i]) / slope.hypot(1.0));
+        edge::set(&mut straightened, cell, STRAIGHT, &[place[0], place[1], line[0], line[1]]);
+    }
+    straightened
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Field;
+    use super::super::edge::testing::{arguments, count, layers};
+    use super::super::harness::{Input, Trial};
+    use super::*;
+    use crate::engine::stages::NO_VARIANT;
+
+    #[test]
+    fn matches_the_cpu_reference() {
+        for (size, levels) in [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0]), ([64, 48], [-1.0, -7.0])] {
+            let mut results = layers(size, levels, EDGES);
+            assert!(count(&results[EDGES]) > 4);
+            for cell in edge::all_cells(size) {
+                edge::set(&mut results[EDGES], cell, STRAIGHT, &[0.5; 4]);
+            }
+            let c = Constants { width: size[0], height: size[1], argument_place: 0 };
+            let [words, list] = arguments(&results[EDGES], size);
+            let inputs = [Input::Image(&results), Input::Words(&words), Input::Words(&list)];
+            let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, [list.len() as u32, 1, 1]);
+            // Places are up to 96 px, in single precision.
+            trial.assert_within(1e-4);
+        }
+    }
+
+    #[test]
+    fn cells_that_wind_around_a_line_come_to_lie_on_it() {
+        // A line through (20, 0) along (0.2, 1); the places are off it by up to 1 px, the normals by up to 0.2.
+        let (mut edges, size) = (Field::zeros(64, 80), [64, 80]);
+        let normal = [1.0, -0.2].map(|n: f64| n / 1.04f64.sqrt());
+        for n in 0..20 {
+            let off = if n % 2 == 0 { 1.0 } else { -1.0 };
+            let at = |off: f64| [20.0 + 0.2 * (4.0 * n as f64 + 1.5) + off * normal[0], 4.0 * n as f64 + 1.5];
+            let turned = [normal[0] + 0.2 * off * normal[1], normal[1] - 0.2 * off * normal[0]];
+            let length = turned[0].hypot(turned[1]);
+            let edge =
+                Edge { place: at(off), normal: turned.map(|t| t / length), levels: [4.0, -3.0], deviations: [0.1; 2] };
+            edge::set(&mut edges, edge.place.map(|p| p as usize / edge::SIDE), 0, &edge.numbers());
+        }
+        let edges = cpu_reference(size, &edges);
+        for edge in edge::all_cells(size).filter_map(|cell| Edge::of(&edges, cell)) {
+            let off = (edge.place[0] - 20.0) * normal[0] + edge.place[1] * normal[1];
+            let turned = edge.normal[0] * normal[1] - edge.normal[1] * normal[0];
+            let is_inside = (16.0..64.0).contains(&edge.place[1]);
+            assert!(!is_inside || off.abs() < 0.3 && turned.abs() < 0.08, "{edge:?}: {off}, {turned}");
+        }
+    }
+}
