@@ -1,6 +1,6 @@
 #version 460
-// Averages what speaks for an outline along the edge, so that an edge is moved as a whole. A workgroup for each cell with
-// an edge. CPU reference: src/engine/stages/edge_agree.rs.
+// Averages what speaks for an outline along the edge, so that an edge is moved as a whole. A workgroup for each cell
+// with an edge. CPU reference: src/engine/stages/edge_agree.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray results;
@@ -35,5 +35,6 @@ void main() {
         terms[lane][SPEAKING] = weight;
     }
     add_terms(lane);
-    if (lane < SPEAKING) imageStore(results, place_of(cell, DECISIONS, to + lane), vec4(sum_of(lane) / sum_of(SPEAKING)));
+    if (lane >= SPEAKING) return;
+    imageStore(results, place_of(cell, DECISIONS, to + lane), vec4(sum_of(lane) / sum_of(SPEAKING)));
 }

@@ -24,9 +24,6 @@ const int AROUND = 4;
 const float ORDER = 3.0, WITHIN = 0.9;
 // The farthest pixels that change, px from where V was halfway, and from where on they change less.
 const float FARTHEST = 13.0, FADING = 9.0;
-// The same for pixels that stay on their side of the edge: V passes from one side to the other over some 5 px. Beyond,
-// they change by UNCHANGED, so that the fused image knows their side.
-const float PASSED = 9.0, PASSING = 5.0, UNCHANGED = 0.001;
 // σ² of the weights of cells by the pixel's distance from the edge, px².
 const float AWAY = 16.0;
 
@@ -98,8 +95,6 @@ void main() {
     int deviation_layer = coarse != 0 ? COARSE_DEVIATION : 1;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, deviation = imageLoad(results, ivec3(x, deviation_layer)).r;
     float share = clamp((FARTHEST - sqrt(nearest)) / (FARTHEST - FADING), 0.0, 1.0) * min(1.0, sum / 0.3);
-    float passes = clamp((PASSED - abs(towards_near)) / (PASSED - PASSING), UNCHANGED, 1.0);
-    share *= mix(passes, 1.0, towards_near > 0.0 ? 1.0 - near : near);
     bool near_front = near_in_front > 0.5 * sum;
     float of_sides = mix(levels.w, levels.z, p);
     if (coarse != 0) {
@@ -108,9 +103,11 @@ void main() {
         imageStore(results, ivec3(x, COARSE_FAR), vec4(levels.y));
         imageStore(results, ivec3(x, COARSE_DEVIATION), vec4(of_sides));
         imageStore(results, ivec3(x, COARSE_SHARE), vec4(near_front ? share : -share));
-        imageStore(results, ivec3(x, COARSE_NEAR_SHARE), vec4(share * p));
+        imageStore(results, ivec3(x, COARSE_NEAR), vec4(p));
+        imageStore(results, ivec3(x, COARSE_TOWARDS_NEAR), vec4(towards_near));
         return;
     }
+    share *= change(towards_near, near);
     v = mix(v, mix(levels.y, levels.x, near), share);
     float mixed = deviation_between(p, near) * abs(levels.x - levels.y) + of_sides;
     imageStore(relative_blur, ivec3(x, 0), vec4(v));

@@ -138,7 +138,7 @@ float relative_blur_at(vec2 x) {
 
 // The share of a pair of frames in the costs of a cell: 0 if it has none.
 float share_of(Edge edge) {
-    if (!edge.exists || !SWEEP) return edge.exists ? 1.0 : 0.0;
+    if (!SWEEP) return 1.0;
     float v_near = relative_blur_of(edge.near), v_far = relative_blur_of(edge.far);
     float near = edge.near - setting1, far = edge.far - setting2, blur = rate * (near * near + far * far);
     bool fits = v_near > 0.0 && v_far < 0.0 && max(v_near, -v_far) <= LARGEST && blur <= FAR;

@@ -21,7 +21,7 @@ const float SPREAD = 1.44;
 const float TEMPERATURE = 1.5;
 
 const int SIDE_AROUND = 2 * AROUND + 1, NEIGHBOURS = SIDE_AROUND * SIDE_AROUND;
-// A row of invocations per order. Each has one of the costs, and of every so many neighbours the first is its own.
+// A row of invocations per order. Invocation n adds the cost n % COSTS_OF_CELL of every PARTS-th neighbour.
 const int COSTS_OF_CELL = DISPLACEMENTS + 1, PARTS = 4;
 
 // Of each neighbour: how far it agrees, its weight, and the weight of its sums over pairs of frames.
@@ -91,7 +91,8 @@ void main() {
     // Whether the outline is well within the displacements.
     place /= total;
     float within = place > 1.0 && place < float(DISPLACEMENTS - 2) ? 1.0 : 0.0;
-    float before = parts[order][0][BEFORE] + parts[order][1][BEFORE] + parts[order][2][BEFORE] + parts[order][3][BEFORE];
+    float before = 0.0;
+    for (int i = 0; i < PARTS; i++) before += parts[order][i][BEFORE];
     imageStore(results, place_of(cell, DECISIONS, order), vec4((before - least[order]) / sum));
     imageStore(results, place_of(cell, DECISIONS, 2 + order), vec4(within));
     if (order > 0) return;

@@ -5,7 +5,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;   // V of the near side at outlines of the coarser level
 layout(binding = 1, r32f) uniform image2DArray relative_blur;
-// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the far side, and the shares.
+// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the far side, and the others near outlines.
 layout(binding = 2, r32f) uniform image2DArray results;
 layout(push_constant) uniform Constants {
     int width, height;                   // of the coarser level
@@ -27,11 +27,12 @@ void main() {
     ivec2 low = ivec2(gl_GlobalInvocationID.xy);
     if (low.x >= width || low.y >= height) return;
     ivec2 high = min(low + 1, ivec2(width, height) - 1);
-    vec4 signed_shares = four(COARSE_SHARE, low, high), shares = abs(signed_shares);
+    vec4 shares = four(COARSE_SHARE, low, high);
     if (shares == vec4(0.0)) return;
     // Where nothing changes, the others may be NaN.
-    bvec4 changes = greaterThan(shares, vec4(0.0));
-    vec4 near_shares = mix(vec4(0.0), four(COARSE_NEAR_SHARE, low, high), changes);
+    bvec4 changes = notEqual(shares, vec4(0.0));
+    vec4 probabilities = mix(vec4(0.0), four(COARSE_NEAR, low, high), changes);
+    vec4 distances = mix(vec4(0.0), four(COARSE_TOWARDS_NEAR, low, high), changes);
     vec4 nears = vec4(imageLoad(coarse, ivec3(low, 0)).r, imageLoad(coarse, ivec3(high.x, low.y, 0)).r,
                       imageLoad(coarse, ivec3(low.x, high.y, 0)).r, imageLoad(coarse, ivec3(high, 0)).r);
     nears = mix(vec4(0.0), nears, changes) / scale;
@@ -42,16 +43,18 @@ void main() {
         if (x.x >= fine_width || x.y >= fine_height) continue;
         vec2 f = vec2(step) / float(pixels);
         vec4 places = vec4((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y);
-        vec4 weights = shares * places;
-        float share = dot(weights, vec4(1.0)), deviation = imageLoad(results, ivec3(x, 1)).r;
+        float share = dot(places, abs(shares)), deviation = imageLoad(results, ivec3(x, 1)).r;
         if (share == 0.0) continue;
         // Where there are no results, the deviation is NaN.
         if (isnan(deviation)) continue;
-        float near = dot(weights, nears) / share, far = dot(weights, fars) / share;
-        float p = dot(places, near_shares) / share, shown = shown_near(p);
-        float mixed = deviation_between(p, shown) * abs(near - far) + dot(weights, deviations) / share;
+        vec4 weights = mix(vec4(0.0), places, changes);
+        weights /= dot(weights, vec4(1.0));
+        float near = dot(weights, nears), far = dot(weights, fars);
+        float p = dot(weights, probabilities), shown = shown_near(p);
+        float mixed = deviation_between(p, shown) * abs(near - far) + dot(weights, deviations);
+        float front = dot(places, shares) > 0.0 ? near : far;
+        share *= change(dot(weights, distances), shown);
         float v = mix(imageLoad(relative_blur, ivec3(x, 0)).r, mix(far, near, shown), share);
-        float front = dot(places, signed_shares) > 0.0 ? near : far;
         imageStore(relative_blur, ivec3(x, 0), vec4(v));
         imageStore(results, ivec3(x, 0), vec4(v));
         imageStore(results, ivec3(x, 1), vec4(mix(deviation, mixed, share)));

@@ -1,6 +1,6 @@
 #version 460
-// Straightens edges: of each cell, the place and the normal on the line through the cells along its edge. A workgroup for
-// each cell with an edge. CPU reference: src/engine/stages/edge_straighten.rs.
+// Straightens edges: of each cell, the place and the normal on the line through the cells along its edge. A workgroup
+// for each cell with an edge. CPU reference: src/engine/stages/edge_straighten.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray results;
@@ -44,7 +44,8 @@ void main() {
     float sum = sum_of(0);
     vec2 mean = vec2(sum_of(1), sum_of(2)) / sum;
     float slope = (sum_of(3) / sum - mean.x * mean.y) / (sum_of(4) / sum - mean.x * mean.x + LEAST_VARIANCE);
-    vec2 place = edge.place + (mean.y - slope * mean.x) * edge.normal, normal = normalize(edge.normal - slope * tangent);
+    vec2 place = edge.place + (mean.y - slope * mean.x) * edge.normal;
+    vec2 normal = normalize(edge.normal - slope * tangent);
     float numbers[4] = float[](place.x, place.y, normal.x, normal.y);
     imageStore(results, place_of(cell, EDGES, STRAIGHT + lane), vec4(numbers[lane]));
 }

@@ -25,6 +25,7 @@ layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 5, std430) coherent buffer Partials { float partials[]; };
 layout(binding = 6, r32f) uniform readonly image2DArray masks;          // of I1, of I2
 layout(binding = 7, std430) buffer UpdatedBuffer { State updated; };     // the state, by the last workgroup
+// What includes update_transform.glsl must not read `state` after it: a compiler may take it for other memory.
 layout(binding = 8, std430) writeonly buffer Energies { float energies[]; };
 layout(binding = 9, std430) writeonly buffer Arguments { uint arguments[]; };
 layout(binding = 10, std430) readonly volatile buffer AllArguments { uint all_arguments[]; };

@@ -6,10 +6,13 @@ const int SIDE = 4;                  // of a cell, pixels
 // distributions of the outline's place in both orders; the decisions. SIDES, per pixel near an accepted outline across which V
 // changes sign: |V| of the front, positive in front, negative behind; 0 elsewhere. It stays for the fused image.
 const int COSTS = 3, REVERSED_COSTS = 4, EDGES = 5, OUTLINES = 6, REVERSED_OUTLINES = 7, DECISIONS = 8, SIDES = 9;
-// A coarser level uses the corner of the layers. Its standard deviation has a layer. Near accepted outlines V becomes that
-// of the near side, and the deviation the sides' mean; V of the far side has a layer. In place of the costs: the share by
-// which V is to change to those of the sides, negative if the far side is in front; and the near side's part of it.
-const int COARSE_DEVIATION = 10, COARSE_FAR = 11, COARSE_SHARE = 3, COARSE_NEAR_SHARE = 4, LAYERS = 12;
+// A coarser level uses the corner of the layers. These are its own:
+// - the standard deviation; near accepted outlines it becomes the mean of both sides';
+// - near accepted outlines: V of the far side; V of the near side is in the place of V;
+// - how much V may change, 0 to 1, negative if the far side is in front; 0 elsewhere;
+// - the probability that a pixel shows the near side, and its distance from where V was halfway, towards that side, px of
+//   the level.
+const int COARSE_DEVIATION = 10, COARSE_FAR = 11, COARSE_SHARE = 3, COARSE_NEAR = 4, COARSE_TOWARDS_NEAR = 12, LAYERS = 13;
 // Displacements of an outline towards the side in front, px: from -BACKWARD on.
 const int BACKWARD = 4, DISPLACEMENTS = 15;
 // The cost of V as it is, behind those of the outlines.
@@ -61,8 +64,8 @@ float agreement(Edge a, Edge b) {
     return along < 0.7 || off > 2.0 + 0.25 * length(apart) ? 0.0 : along;
 }
 
-// Which side a pixel shows, 1 the near and 0 the far one, by the probability that it shows the near one. It shows one of
-// them, not a V between. Only within 1/20 of a half it is mixed, so that rounding does not decide.
+// Which side a pixel shows, 1 the near and 0 the far one, by the probability that it shows the near one. It shows one
+// of them, not a V between. Only within 1/20 of a half it is mixed, so that rounding does not decide.
 const float STEEPNESS = 10.0;
 
 float shown_near(float probability) {
@@ -73,4 +76,14 @@ float shown_near(float probability) {
 float deviation_between(float probability, float near) {
     probability = clamp(probability, 0.0, 1.0);
     return sqrt(probability * (1.0 - near) * (1.0 - near) + (1.0 - probability) * near * near);
+}
+
+// V passes from one side to the other over some 5 px. What stays on its side does not change beyond PASSED px, but by
+// UNCHANGED, so that the fused image knows its side.
+const float PASSED = 9.0, PASSING = 5.0, UNCHANGED = 0.001;
+
+// How far V changes at a distance from where it was halfway, towards the near side, px, to V of the side shown, 0 to 1.
+float change(float towards_near, float near) {
+    float passes = clamp((PASSED - abs(towards_near)) / (PASSED - PASSING), UNCHANGED, 1.0);
+    return mix(passes, 1.0, towards_near > 0.0 ? 1.0 - near : near);
 }

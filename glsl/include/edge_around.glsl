@@ -1,4 +1,5 @@
-// Sums over the cells around the cell of a workgroup, one invocation for each: NUMBERS sums over the cells within AROUND.
+// Sums over the cells around the cell of a workgroup: NUMBERS sums over the cells within AROUND, an invocation for each
+// cell.
 
 const int SIDE_AROUND = 2 * AROUND + 1, NEIGHBOURS = SIDE_AROUND * SIDE_AROUND;
 

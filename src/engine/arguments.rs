@@ -2,12 +2,13 @@
 //!
 //! Each level has [`WORDS`] words of arguments: the workgroups of what passes run over ([`Over`]); then three for each
 //! pass that warps I2 again. Before a solve they are the [`initial_words`].
-//! [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles. Before an iteration
-//! that may warp it restores the words of the warping passes, or zeroes them.
+//! The step of T, by [`update_transform`](super::stages::update_transform) or the last workgroup of `linearise`, zeroes a
+//! level's words when it settles. Before an iteration that may warp it restores the words of the warping passes, or
+//! zeroes them.
 //!
 //! After those of all levels come the workgroups of the passes over [`Edges`]: zero until
 //! [`edge_cells`](super::stages::edge_cells) finds an edge. The last word is [`NOT_CANCELLED`]. The host sets it to
-//! [`CANCELLED`] at any time; `update_transform` then ends its level and all finer ones.
+//! [`CANCELLED`] at any time; the step of T then ends its level and all finer ones.
 
 use std::ops::Range;
 
@@ -170,7 +171,7 @@ pub(crate) struct Place {
     pub(crate) level: usize,
     /// Outer iteration of the level, if it is part of one.
     pub(crate) iteration: Option<u32>,
-    /// Whether it comes after the iteration's `update_transform`.
+    /// Whether it comes after the iteration's step of T.
     pub(crate) after_step: bool,
     /// Whether it is part of a registration that comes before V.
     pub(crate) registering: bool,
@@ -192,7 +193,7 @@ impl Place {
         Self { iteration: Some(k), after_step: false, ..self }
     }
 
-    /// A place in the same iteration, after `update_transform`.
+    /// A place in the same iteration, after the step of T.
     pub(crate) fn after_step(self) -> Self {
         Self { after_step: true, ..self }
     }

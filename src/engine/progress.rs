@@ -44,7 +44,7 @@ impl Costs {
             "linearise" => 2.6,
             "warp" | "uncertainty" => 2.0,
             "blur_matched_pair" | "residual" | "ambiguity" => 5.0,
-            "shape_windows" | "edge_cells" | "edge_agree" => 10.0,
+            "shape_windows" | "edge_cells" | "edge_straighten" | "edge_agree" => 10.0,
             _ => Self::of_edges(pass),
         }
     }

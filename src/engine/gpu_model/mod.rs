@@ -9,7 +9,7 @@
 //! ```
 //!
 //! A wave has 64 invocations. The inverse throughput is the cycles per wave on a full SIMD, the latency those of a wave
-//! alone. What the last workgroup of a dispatch does when all others are done takes its latency besides.
+//! alone. What the last workgroup of a dispatch does when all others are done adds its latency.
 //! `docs/performance.md` has the results, and what the model leaves out. The module is compiled for tests only.
 
 mod solves;

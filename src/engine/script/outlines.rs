@@ -31,8 +31,8 @@ pub(crate) struct Criteria {
     pub(crate) least_length: f32,
 }
 
-/// The criteria of pairs on the finest level. V as it is was fitted to the pixels that are costed, the two layers were not:
-/// they may cost a little more. Edges of fewer cells are noise of V.
+/// The criteria of pairs on the finest level. V as it is was fitted to the pixels that are costed, the two layers were
+/// not: they may cost a little more. Edges of fewer cells are noise of V.
 const FINEST: Criteria = Criteria { spread: 4.0, least_saving: -1.0, least_length: 4.0 };
 /// The criteria of pairs on a coarser level, where noise of V is less. True outlines of generated scenes cost 9 to 70
 /// less than V as it is.

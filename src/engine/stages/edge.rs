@@ -25,11 +25,13 @@ pub(crate) const SIDES: usize = edge::SIDES as usize;
 pub(crate) const COARSE_DEVIATION: usize = edge::COARSE_DEVIATION as usize;
 /// The layer of V of the far side near an accepted outline of a coarser level.
 pub(crate) const COARSE_FAR: usize = edge::COARSE_FAR as usize;
-/// The layer of how far V is to change to those of the sides of a coarser level, 0 to 1; negative if the far side is in
-/// front.
+/// The layer of how much V may change near an accepted outline of a coarser level, 0 to 1; negative if the far side is in
+/// front. 0 elsewhere.
 pub(crate) const COARSE_SHARE: usize = edge::COARSE_SHARE as usize;
-/// The layer of the near side's part of that, positive.
-pub(crate) const COARSE_NEAR_SHARE: usize = edge::COARSE_NEAR_SHARE as usize;
+/// The layer of the probability that a pixel of a coarser level shows the near side.
+pub(crate) const COARSE_NEAR: usize = edge::COARSE_NEAR as usize;
+/// The layer of a pixel's distance from where V was halfway, towards the near side, pixels of the coarser level.
+pub(crate) const COARSE_TOWARDS_NEAR: usize = edge::COARSE_TOWARDS_NEAR as usize;
 /// The layer of the standard deviation of V, on the finest level or on a coarser one.
 pub(super) fn deviation_layer(finest: bool) -> usize {
     if finest { 1 } else { COARSE_DEVIATION }
@@ -165,8 +167,8 @@ impl Edge {
     }
 }
 
-/// Which side a pixel shows, 1 the near and 0 the far one, by the probability that it shows the near one. It shows one of
-/// them, not a V between. Only within 1/20 of a half it is mixed, so that rounding does not decide.
+/// Which side a pixel shows, 1 the near and 0 the far one, by the probability that it shows the near one. It shows one
+/// of them, not a V between. Only within 1/20 of a half it is mixed, so that rounding does not decide.
 pub(super) fn shown_near(probability: f64) -> f64 {
     (edge::STEEPNESS * (probability - 0.5) + 0.5).clamp(0.0, 1.0)
 }
@@ -175,6 +177,14 @@ pub(super) fn shown_near(probability: f64) -> f64 {
 pub(super) fn deviation_between(probability: f64, near: f64) -> f64 {
     let probability = probability.clamp(0.0, 1.0);
     (probability * (1.0 - near).powi(2) + (1.0 - probability) * near.powi(2)).sqrt()
+}
+
+/// How far V changes at a distance from where it was halfway, towards the near side, px, to V of the side shown, 0 to 1:
+/// fully if it shows the other side now. V passes from one side to the other over some 5 px; what stays on its side
+/// hardly changes beyond.
+pub(super) fn change(towards_near: f64, near: f64) -> f64 {
+    let passes = ((edge::PASSED - towards_near.abs()) / (edge::PASSED - edge::PASSING)).clamp(edge::UNCHANGED, 1.0);
+    passes + (1.0 - passes) * if towards_near > 0.0 { 1.0 - near } else { near }
 }
 
 /// Fields for the tests of the passes over edges.
@@ -239,6 +249,14 @@ pub(super) mod testing {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_listed_cell_has_a_workgroup() {
+        let groups = |count| words(count, [2, 3]);
+        assert_eq!(groups(1), [1, 1, 1, 2, 3, 1, 1]);
+        assert_eq!(groups(edge::ALONG_X)[..3], [edge::ALONG_X, 1, 1]);
+        assert_eq!(groups(edge::ALONG_X + 1)[..3], [edge::ALONG_X, 2, 1]);
+    }
 
     #[test]
     fn cells_on_one_line_agree_and_parallel_lines_do_not() {

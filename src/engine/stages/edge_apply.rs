@@ -1,12 +1,14 @@
 //! V and its standard deviation at the depth edges whose outlines two layers explain. Section 7 of `docs/method.md`.
 //!
-//! With the probability p that a pixel shows the near side, from the distributions of the cells around it, a pixel shows
-//! the side of the larger probability: `V = s V_near + (1 - s) V_far` with s = 0 or 1 but for p within 0.05 of a half, and
-//! `σ = √(p (1 - s)² + (1 - p) s²) |V_near - V_far| + p σ_near + (1 - p) σ_far`. V changes only if the outline explains the photographs better than V did, and better than any with the other side in front; if it is well
-//! within the displacements; and if it goes on for some cells.
+//! With the probability p that a pixel shows the near side, from the distributions of the cells around it,
+//! `V = s V_near + (1 - s) V_far` and `σ = √(p (1 - s)² + (1 - p) s²) |V_near - V_far| + p σ_near + (1 - p) σ_far`. s is
+//! 0 or 1 but for p within 0.05 of a half. V changes only if the outline explains the photographs about as well as V did,
+//! and better than any with the other side in front; if it is well within the displacements; and if it goes on for some
+//! cells.
 
 use super::edge::{
-    self, BACKWARD, COARSE_FAR, COARSE_NEAR_SHARE, COARSE_SHARE, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, SIDES,
+    self, BACKWARD, COARSE_FAR, COARSE_NEAR, COARSE_SHARE, COARSE_TOWARDS_NEAR, DECISIONS, DISPLACEMENTS, EDGES, Edge,
+    OUTLINES, SIDES,
 };
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
@@ -23,7 +25,7 @@ push_constants! {
     decided: u32,
     /// σ² of the weights of cells along the edge, px².
     spread: f32,
-    /// By how much an outline must cost less than V as it is, per cell.
+    /// By how much an outline must cost less than V as it is, per cell; below 0, by how much it may cost more.
     least_saving: f32,
     /// The cells that must continue the edge, with the cell itself.
     least_length: f32,
@@ -51,14 +53,14 @@ impl Pass for Bindings {
         let (v, deviation) = (memory.layer(self.v, 0), layer(deviation_layer));
         let none = Raster::zeros(v.width, v.height);
         let sides = if c.coarse == 0 { layer(SIDES) } else { &none };
-        let before = [v, deviation, sides, &none, &none];
-        let [v, deviation, sides, share, near_share] =
+        let before = [v, deviation, sides, &none, &none, &none];
+        let [v, deviation, sides, share, near, towards_near] =
             cpu_reference(c, before, layer(EDGES), outlines, layer(DECISIONS));
         if c.coarse != 0 {
             memory.set_layer(self.v, 0, v);
-            let coarse = [(deviation_layer, deviation), (COARSE_FAR, sides), (COARSE_SHARE, share)];
-            coarse.into_iter().for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
-            memory.set_layer(self.results, COARSE_NEAR_SHARE, near_share);
+            let layers = [deviation_layer, COARSE_FAR, COARSE_SHARE, COARSE_NEAR, COARSE_TOWARDS_NEAR];
+            let coarse = layers.into_iter().zip([deviation, sides, share, near, towards_near]);
+            coarse.for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
             return;
         }
         let masked =
@@ -74,15 +76,15 @@ impl Pass for Bindings {
     }
 }
 
-/// V, its standard deviation, and the sides, from those before; two more stay. On a coarser level V of the near side, the
-/// deviation of the sides, V of the far side, the share by which V changes, and the near side's part of it.
+/// V, its standard deviation, and the sides, from those before. On a coarser level: V of the near side, the deviation of
+/// the sides, V of the far side, how much V may change, the probability of the near side, and the distance towards it.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
-    before: [&Raster<N>; 5],
+    before: [&Raster<N>; 6],
     edges: &Raster<N>,
     outlines: [&Raster<N>; 2],
     decisions: &Raster<N>,
-) -> [Raster<N>; 5] {
+) -> [Raster<N>; 6] {
     let (size, coarse, [v, deviation, ..]) = ([c.width, c.height], c.coarse != 0, before);
     let mut results = before.map(Raster::clone);
     let accepted: Vec<Option<(Edge, usize)>> =
@@ -93,7 +95,7 @@ pub(crate) fn cpu_reference<N: Number>(
     for (cell, _) in edge::all_cells(size).zip(&accepted).filter(|(_, accepted)| accepted.is_some()) {
         edge::cells_around(cell, around, size).for_each(|[x, y]| is_near[y * columns + x] = true);
     }
-    let mixed = |x: usize, y: usize, results: [&mut N; 5]| {
+    let mixed = |x: usize, y: usize, results: [&mut N; 6]| {
         let own = [(x / edge::SIDE).min(columns - 1), (y / edge::SIDE).min(rows - 1)];
         if !is_near[own[1] * columns + own[0]] {
             return;
@@ -131,17 +133,15 @@ pub(crate) fn cpu_reference<N: Number>(
         let (shown, [near, far]) = (edge::shown_near(p), levels.map(|level| level / sum));
         let of_sides = (p * deviations[0] + (1.0 - p) * deviations[1]) / sum;
         let fading = (shader::FARTHEST - nearest.sqrt()) / (shader::FARTHEST - shader::FADING);
-        let passes = (shader::PASSED - towards_near.abs()) / (shader::PASSED - shader::PASSING);
-        let (passes, other_side) =
-            (passes.clamp(shader::UNCHANGED, 1.0), if towards_near > 0.0 { 1.0 - shown } else { shown });
-        let share = fading.clamp(0.0, 1.0) * (sum / 0.3).min(1.0) * (passes + other_side * (1.0 - passes));
+        let share = fading.clamp(0.0, 1.0) * (sum / 0.3).min(1.0);
         let (before, deviation, near_front) = (v.get(x, y), deviation.get(x, y), near_in_front > 0.5 * sum);
         if coarse {
             let share = if deviation.is_nan() { 0.0 } else { share };
-            let numbers = [near, of_sides, far, if near_front { share } else { -share }, share * p];
+            let numbers = [near, of_sides, far, if near_front { share } else { -share }, p, towards_near];
             results.into_iter().zip(numbers).for_each(|(result, number)| *result = N::of(number));
             return;
         }
+        let share = share * edge::change(towards_near, shown);
         let now = before + share * (far + shown * (near - far) - before);
         let mixed = edge::deviation_between(p, shown) * (near - far).abs() + of_sides;
         *results[0] = N::of(now);
@@ -155,8 +155,8 @@ pub(crate) fn cpu_reference<N: Number>(
     rows::map(results.each_mut().map(Rows::from), |y, rows| {
         let mut rows = rows.map(|row| row.iter_mut());
         let mut pixels = std::iter::from_fn(|| {
-            let [v, deviation, sides, share, near_share] = rows.each_mut().map(Iterator::next);
-            Some([v?, deviation?, sides?, share?, near_share?])
+            let [v, deviation, sides, share, near, towards_near] = rows.each_mut().map(Iterator::next);
+            Some([v?, deviation?, sides?, share?, near?, towards_near?])
         });
         (0..).zip(&mut pixels).for_each(|(x, pixel)| mixed(x, y, pixel));
     });
@@ -197,7 +197,9 @@ mod tests {
     fn decided(size: [u32; 2], levels: [f64; 2]) -> Vec<Field> {
         let mut results = layers(size, levels, DECISIONS);
         // On a coarser level they are written where V changes only.
-        [COARSE_FAR, COARSE_SHARE, COARSE_NEAR_SHARE].into_iter().for_each(|n| results[n].data.fill(0.0));
+        [COARSE_FAR, COARSE_SHARE, COARSE_NEAR, COARSE_TOWARDS_NEAR]
+            .into_iter()
+            .for_each(|n| results[n].data.fill(0.0));
         for cell @ [x, y] in edge::all_cells(size) {
             let numbers = match (x + y) % 3 {
                 0 => [9.0, 0.0, 1.0, 0.0, 5.0, 9.0],
@@ -238,7 +240,8 @@ mod tests {
         }
         let [v, deviation] = solved(67, 41, [4.0, -3.0]);
         let none = Field::zeros(67, 41);
-        let (outlines, before) = (OUTLINES.map(|n| &results[n]), [&v, &deviation, &results[SIDES], &none, &none]);
+        let (outlines, before) =
+            (OUTLINES.map(|n| &results[n]), [&v, &deviation, &results[SIDES], &none, &none, &none]);
         let applied = cpu_reference(&c, before, &results[EDGES], outlines, &results[DECISIONS]);
         assert!(applied[0] == v);
     }

@@ -19,8 +19,8 @@ const LEAST_BLUR: f64 = 0.75;
 /// sees more: of sweeps, with 0.75 px² here too, 1.0 and 17.8 % of the pixels at a card and at blocks were off by more
 /// than half a frame, with 2 px² 0.4 and 15.6 % (by the earlier price of V as it is).
 const COARSE_BLUR: f64 = 2.0;
-/// The deviation of V at which a pixel of a side has half the weight, px² of the level. With 0.75 px², on the finest level
-/// the near side of a cylinder is taken from where it is flatter: 0.378 instead of 0.373 px² rms. With 8 px² on the
+/// The deviation of V at which a pixel of a side has half the weight, px² of the level. With 0.75 px², on the finest
+/// level the near side of a cylinder is taken from where it is flatter: 0.378 instead of 0.373 px² rms. With 8 px² on the
 /// coarsest level, 83 instead of 118 cells of pcb-header have an edge there.
 const HALF_WEIGHT: f32 = 2.0;
 /// The widest jump of u in a sweep, px of blur. Of the frames with at most 4 px² in all at a jump of D px, the two
@@ -214,8 +214,8 @@ fn edge_of<N: Number>(c: &Constants, v: &Raster<N>, deviation: &Raster<N>, cell:
     })
 }
 
-/// The means of V and of its deviation on the near (1) or far (-1) side, along the normal until V is halfway. What has the
-/// deviation `half` has half the weight.
+/// The means of V and of its deviation on the near (1) or far (-1) side, along the normal until V is halfway. A pixel
+/// with the deviation `half` has half the weight.
 fn level<N: Number>(
     [v, deviation]: [&Raster<N>; 2],
     place: [f64; 2],

@@ -1,10 +1,10 @@
 //! Brings what the search for outlines changed on a coarser level to the finest one.
 //!
-//! Of the coarser level, V of both sides, their deviation, and the share by which each counts are interpolated between its
-//! pixels. Which side a pixel shows is decided here, so that the outline is as sharp as on the finest level. Where the
-//! share is 0, nothing is written.
+//! Of the coarser level, V of both sides, their deviation, how much V may change, the probability of the near side and the
+//! distance towards it are interpolated between its pixels. Which side a pixel shows is decided here, so that the outline
+//! is as sharp as on the finest level. Where V may not change, nothing is written.
 
-use super::edge::{self, COARSE_DEVIATION, COARSE_FAR, COARSE_NEAR_SHARE, COARSE_SHARE, SIDES};
+use super::edge::{self, COARSE_DEVIATION, COARSE_FAR, COARSE_NEAR, COARSE_SHARE, COARSE_TOWARDS_NEAR, SIDES};
 use super::edge_coarsen::Constants;
 use super::pass::{Memory, Pass, bindings};
 use super::{Number, Raster, pixels};
@@ -29,20 +29,22 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let mut fine = [0, 1, SIDES].map(|n| memory.take_layer(self.results, n));
         let mut v = memory.take_layer(self.v, 0);
-        let [deviation, far, share, near_share] =
-            [COARSE_DEVIATION, COARSE_FAR, COARSE_SHARE, COARSE_NEAR_SHARE].map(|n| memory.layer(self.results, n));
-        let coarse = [memory.layer(self.coarse, 0), deviation, far, share, near_share];
+        let layer = |n| memory.layer(self.results, n);
+        let near = [memory.layer(self.coarse, 0), layer(COARSE_DEVIATION), layer(COARSE_FAR), layer(COARSE_SHARE)];
+        let [v_near, deviation, far, share] = near;
+        let coarse = [v_near, deviation, far, share, layer(COARSE_NEAR), layer(COARSE_TOWARDS_NEAR)];
         cpu_reference(c, coarse, &mut v, fine.each_mut());
         memory.set_layer(self.v, 0, v);
         [0, 1, SIDES].into_iter().zip(fine).for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
     }
 }
 
-/// Changes V, and of the results V, its standard deviation and the sides, by those of the coarser level: V of the near side,
-/// the deviation, V of the far side, the share, negative if the far side is in front, and the near side's part of it.
+/// Changes V, and of the results V, its standard deviation and the sides, by those of the coarser level: V of the near
+/// side, the deviation, V of the far side, how much V may change, the probability of the near side, and the distance
+/// towards it.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
-    [nears, deviations, fars, shares, near_shares]: [&Raster<N>; 5],
+    [nears, deviations, fars, shares, probabilities, distances]: [&Raster<N>; 6],
     v: &mut Raster<N>,
     [masked, deviation, sides]: [&mut Raster<N>; 3],
 ) {
@@ -55,27 +57,25 @@ pub(crate) fn cpu_reference<N: Number>(
         if shares == [0.0; 4] {
             continue;
         }
-        let [nears, deviations, fars, near_shares] = [nears, deviations, fars, near_shares].map(four);
+        let others = [nears, fars, deviations, probabilities, distances].map(four);
         let (columns, rows) = (pixels * x..v.width.min(pixels * (x + 1)), pixels * y..v.height.min(pixels * (y + 1)));
         for (j, i) in rows.flat_map(|j| columns.clone().map(move |i| (j, i))) {
             let [fx, fy] = [i % pixels, j % pixels].map(|step| step as f64 / pixels as f64);
             let places = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-            let order: f64 = places.into_iter().zip(shares).map(|(place, share)| place * share).sum();
-            let weights = [0, 1, 2, 3].map(|n| places[n] * shares[n].abs());
-            let share: f64 = weights.iter().sum();
+            let sum = |of: &dyn Fn(usize) -> f64| (0..4).map(|n| places[n] * of(n)).sum::<f64>();
+            let (share, order) = (sum(&|n| shares[n].abs()), sum(&|n| shares[n]));
             let before = deviation.get(i, j);
             // Where there are no results, it is NaN.
             if share == 0.0 || before.is_nan() {
                 continue;
             }
             // Where nothing changes, the others may be NaN.
-            let sum = |four: [f64; 4], weights: [f64; 4]| -> f64 {
-                (0..4).filter(|&n| weights[n] > 0.0).map(|n| four[n] * weights[n]).sum()
-            };
-            let [near, far, of_sides] = [nears, fars, deviations].map(|four| sum(four, weights) / (scale * share));
-            let changing = [0, 1, 2, 3].map(|n| if weights[n] > 0.0 { places[n] } else { 0.0 });
-            let p = sum(near_shares, changing) / share;
+            let changing = sum(&|n| f64::from(u8::from(shares[n] != 0.0)));
+            let mean = |four: &[f64; 4]| sum(&|n| if shares[n] == 0.0 { 0.0 } else { four[n] }) / changing;
+            let [near, far, of_sides, p, towards_near] = others.each_ref().map(mean);
+            let [near, far, of_sides] = [near, far, of_sides].map(|value| value / scale);
             let shown = edge::shown_near(p);
+            let share = share * edge::change(towards_near, shown);
             let mixed = |before: f64, after: f64| before + share * (after - before);
             let (now, n) = (mixed(v.get(i, j), far + shown * (near - far)), j * v.width + i);
             (v.data[n], masked.data[n]) = (N::of(now), N::of(now));
@@ -110,9 +110,11 @@ mod tests {
             // The far side is in front in the lower half.
             let changed = |x: usize, y: usize| f64::from(u8::from(is_changed(x, y))) * random(4).get(x, y).abs();
             let share = Field::from_fn(width, height, |x, y| if y > rows / 2 { -changed(x, y) } else { changed(x, y) });
-            let near_share = Field::from_fn(width, height, |x, y| {
-                if is_changed(x, y) { changed(x, y) * random(7).get(x, y).abs().min(1.0) } else { f64::NAN }
-            });
+            let of_changed = |seed, least: f64, most: f64| {
+                Field::from_fn(width, height, |x, y| {
+                    if is_changed(x, y) { least + (most - least) * random(seed).get(x, y) } else { f64::NAN }
+                })
+            };
             // Unknown where nothing changes, on some pixels and not on others.
             let unknown = |x: usize, y: usize| !is_changed(x, y) && y < rows / 2;
             let mut layers = vec![Field::zeros(width, height); LAYERS as usize];
@@ -123,7 +125,8 @@ mod tests {
             (layers[0], layers[SIDES]) = (v.clone(), random(5));
             layers[COARSE_FAR] =
                 Field::from_fn(width, height, |x, y| if unknown(x, y) { f64::NAN } else { -far.get(x, y) });
-            (layers[COARSE_SHARE], layers[COARSE_NEAR_SHARE]) = (share, near_share);
+            (layers[COARSE_SHARE], layers[COARSE_NEAR]) = (share, of_changed(7, 0.0, 1.0));
+            layers[COARSE_TOWARDS_NEAR] = of_changed(8, -14.0, 14.0);
             let of = if index == 1 { Constants::of_sweep } else { Constants::of_pair };
             let c = of(&level, [width as u32, height as u32]);
             let [coarse, fine] = [&near, &v].map(|field| Input::Image(std::slice::from_ref(field)));
@@ -147,10 +150,28 @@ mod tests {
         let mut masked = v.clone();
         let c = Constants::of_pair(&level, [37, 22]);
         let results = [&mut masked, &mut deviation, &mut sides];
-        cpu_reference(&c, [&coarse, &half, &far, &one, &one], &mut v, results);
+        cpu_reference(&c, [&coarse, &half, &far, &one, &one, &one], &mut v, results);
         let expected =
             prolong::cpu_reference(&prolong::Constants { width: 37, height: 22, limit: f32::MAX, gain: 4.0 }, &coarse);
         assert!(v.data.iter().zip(&expected.data).all(|(a, b)| (a - b).abs() < 1e-12));
         assert!(deviation.data.iter().all(|&deviation| deviation == 2.0) && masked == v);
+    }
+
+    /// V was halfway at x = 10; the outline is 8 px of the level farther out.
+    #[test]
+    fn a_displaced_outline_has_no_v_between_its_sides() {
+        let level = Level::new(1, 48, 20, 16.0);
+        let [columns, rows] = level.size.map(|side| side as usize);
+        let coarse = |value: &(dyn Fn(f64) -> f64 + Sync)| Field::from_fn(columns, rows, |x, _| value(x as f64));
+        let [near, far, none, one] = [4.0, -4.0, 0.0, 1.0].map(|value| coarse(&|_| value));
+        let (probability, distance) = (coarse(&|x| f64::from(u8::from(x >= 2.0))), coarse(&|x| x - 10.0));
+        let mut v = Field::from_fn(48, 20, |x, _| if x < 20 { -16.0 } else { 16.0 });
+        let [mut masked, mut deviation, mut sides] = [(); 3].map(|()| Field::zeros(48, 20));
+        let before = [&near, &none, &far, &one, &probability, &distance];
+        let results = [&mut masked, &mut deviation, &mut sides];
+        cpu_reference(&Constants::of_pair(&level, [48, 20]), before, &mut v, results);
+        let row: Vec<f64> = (0..48).map(|x| v.get(x, 9)).collect();
+        let between = row.iter().filter(|v| v.abs() < 15.9).count();
+        assert!(between <= 1 && row[2] < -15.9 && row[4] > 15.9, "{row:?}");
     }
 }

@@ -1,9 +1,9 @@
 //! Straightens edges: of each cell, the place and the normal on the line through the cells along its edge. Section 7 of
 //! `docs/method.md`.
 //!
-//! Noise makes the places where V is halfway wind by a pixel or two around the outline. A displacement is meant from the
-//! cell's place: only on a straightened edge does the same displacement mean the same outline in neighbouring cells. The
-//! line is fitted by least squares in the axes of the cell's own normal.
+//! Noise makes the places where V is halfway wind by a pixel or two around the outline. A displacement is counted from
+//! the cell's place: only on a straightened edge is the same displacement the same outline in neighbouring cells. The line
+//! is fitted by least squares in the axes of the cell's own normal.
 
 use super::edge::{self, EDGES, Edge, STRAIGHT};
 use super::pass::{Memory, Pass, bindings, push_constants};

@@ -159,8 +159,8 @@ pub fn cpu_reference<N: Number>(c: &Constants, system: &[&Raster<N>; 5], other: 
 }
 
 /// Relaxes a row of one color by the rows of its system, and by the rows of the other color above, here and below.
-/// Pixel 2 h + `shift` of the row is between the pixels h - 1 + shift and h + shift of the other color. The first or the
-/// last has only one neighbour in the row: the weight of the other is 0.
+/// Pixel 2 h + `shift` of the row is between the pixels h - 1 + shift and h + shift of the other color. The first or
+/// the last has only one neighbour in the row: the weight of the other is 0.
 fn relax_row<N: Number>(parts: [&[N]; 5], [up, here, down]: [&[N]; 3], own: &mut [N], shift: usize, omega: N) {
     let last = own.len() - 1;
     let end = if shift == 0 { 0 } else { last };

@@ -65,8 +65,7 @@ impl Bindings {
     }
 }
 
-/// Runs the first of adjacent dispatches: those that are all relaxation sweeps of a grid, from the first on. Returns how
-/// many.
+/// Runs the leading dispatches that are half-sweeps of one grid. Returns their number.
 pub(crate) fn run_all<N: Number>(dispatches: &[(Bindings, Constants, Variant)], memory: &mut Memory<N>) -> usize {
     let Some((grid, c, _)) = dispatches.first() else { return 0 };
     let is_next = |(n, (_, next, variant)): &(usize, &(Bindings, Constants, Variant))| {
