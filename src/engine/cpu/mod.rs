@@ -9,8 +9,8 @@ use super::stages::{Number, convolve, relax, relax_grid};
 use super::vulkan::Variant;
 use crate::base::Error;
 
-/// Runs entries of a script. `proceed` is called before each, or after those that run
-/// together with the one before, and ends the run by an error.
+/// Runs entries of a script. `proceed` is called before each, or after those that run together with the one before, and
+/// ends the run by an error.
 pub(crate) fn run<'a, N: Executable>(
     entries: impl IntoIterator<Item = &'a Entry>,
     memory: &mut Memory<N>,

@@ -51,18 +51,17 @@ impl Pass for Bindings {
         let outlines = OUTLINES.map(layer);
         let deviation_layer = edge::deviation_layer(c.coarse == 0);
         let (v, deviation) = (memory.layer(self.v, 0), layer(deviation_layer));
-        let none = Raster::zeros(v.width, v.height);
-        let sides = if c.coarse == 0 { layer(SIDES) } else { &none };
-        let before = [v, deviation, sides, &none, &none, &none];
-        let [v, deviation, sides, share, near, towards_near] =
-            cpu_reference(c, before, layer(EDGES), outlines, layer(DECISIONS));
         if c.coarse != 0 {
+            let none = Raster::zeros(v.width, v.height);
+            let before = [v, deviation, &none, &none, &none, &none];
+            let [v, after @ ..] = cpu_reference(c, before, layer(EDGES), outlines, layer(DECISIONS));
             memory.set_layer(self.v, 0, v);
             let layers = [deviation_layer, COARSE_FAR, COARSE_SHARE, COARSE_NEAR, COARSE_TOWARDS_NEAR];
-            let coarse = layers.into_iter().zip([deviation, sides, share, near, towards_near]);
-            coarse.for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
+            layers.into_iter().zip(after).for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
             return;
         }
+        let [v, deviation, sides] =
+            cpu_reference(c, [v, deviation, layer(SIDES)], layer(EDGES), outlines, layer(DECISIONS));
         let masked =
             Raster::from_fn(
                 v.width,
@@ -78,14 +77,14 @@ impl Pass for Bindings {
 
 /// V, its standard deviation, and the sides, from those before. On a coarser level: V of the near side, the deviation of
 /// the sides, V of the far side, how much V may change, the probability of the near side, and the distance towards it.
-pub(crate) fn cpu_reference<N: Number>(
+pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
     c: &Constants,
-    before: [&Raster<N>; 6],
+    before: [&Raster<N>; COUNT],
     edges: &Raster<N>,
     outlines: [&Raster<N>; 2],
     decisions: &Raster<N>,
-) -> [Raster<N>; 6] {
-    let (size, coarse, [v, deviation, ..]) = ([c.width, c.height], c.coarse != 0, before);
+) -> [Raster<N>; COUNT] {
+    let (size, coarse, v, deviation) = ([c.width, c.height], c.coarse != 0, before[0], before[1]);
     let mut results = before.map(Raster::clone);
     let accepted: Vec<Option<(Edge, usize)>> =
         edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
@@ -95,7 +94,7 @@ pub(crate) fn cpu_reference<N: Number>(
     for (cell, _) in edge::all_cells(size).zip(&accepted).filter(|(_, accepted)| accepted.is_some()) {
         edge::cells_around(cell, around, size).for_each(|[x, y]| is_near[y * columns + x] = true);
     }
-    let mixed = |x: usize, y: usize, results: [&mut N; 6]| {
+    let mixed = |x: usize, y: usize, results: [&mut N; COUNT]| {
         let own = [(x / edge::SIDE).min(columns - 1), (y / edge::SIDE).min(rows - 1)];
         if !is_near[own[1] * columns + own[0]] {
             return;
@@ -152,13 +151,8 @@ pub(crate) fn cpu_reference<N: Number>(
             *results[2] = N::of(if now * front > 0.0 { front.abs() } else { -front.abs() });
         }
     };
-    rows::map(results.each_mut().map(Rows::from), |y, rows| {
-        let mut rows = rows.map(|row| row.iter_mut());
-        let mut pixels = std::iter::from_fn(|| {
-            let [v, deviation, sides, share, near, towards_near] = rows.each_mut().map(Iterator::next);
-            Some([v?, deviation?, sides?, share?, near?, towards_near?])
-        });
-        (0..).zip(&mut pixels).for_each(|(x, pixel)| mixed(x, y, pixel));
+    rows::map(results.each_mut().map(Rows::from), |y, mut rows| {
+        (0..rows[0].len()).for_each(|x| mixed(x, y, rows.each_mut().map(|row| &mut row[x])));
     });
     results
 }
@@ -239,9 +233,7 @@ mod tests {
             edge::set(&mut results[DECISIONS], cell, 0, &[9.0, 9.0, 1.0, 1.0, shader::ORDER - 0.1, 9.0]);
         }
         let [v, deviation] = solved(67, 41, [4.0, -3.0]);
-        let none = Field::zeros(67, 41);
-        let (outlines, before) =
-            (OUTLINES.map(|n| &results[n]), [&v, &deviation, &results[SIDES], &none, &none, &none]);
+        let (outlines, before) = (OUTLINES.map(|n| &results[n]), [&v, &deviation, &results[SIDES]]);
         let applied = cpu_reference(&c, before, &results[EDGES], outlines, &results[DECISIONS]);
         assert!(applied[0] == v);
     }
