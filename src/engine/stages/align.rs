@@ -40,18 +40,13 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let reused = memory.take_layer(self.aligned, c.layer as usize);
-        let aligned = aligned(reused, c, memory.layer(self.spline, 0));
+        let aligned = cpu_reference(reused, c, memory.layer(self.spline, 0));
         memory.set_layer(self.aligned, c.layer as usize, aligned);
     }
 }
 
-/// The frame on the reference's pixels. Beyond its border it repeats the border.
-pub fn cpu_reference<N: Number>(c: &Constants, spline: &Raster<N>) -> Raster<N> {
-    aligned(Raster::default(), c, spline)
-}
-
-/// As [`cpu_reference`], in the memory of a raster.
-fn aligned<N: Number>(reused: Raster<N>, c: &Constants, spline: &Raster<N>) -> Raster<N> {
+/// The frame on the reference's pixels, in the memory of a raster. Beyond its border it repeats the border.
+fn cpu_reference<N: Number>(reused: Raster<N>, c: &Constants, spline: &Raster<N>) -> Raster<N> {
     let (r, centre) = (Registration::from(c.registration), c.centre.map(f64::from));
     let shading = Shading { coefficients: c.shading.map(f64::from) };
     let size = [c.width as usize, c.height as usize];

@@ -14,10 +14,10 @@
 //!
 //! Section 7 of `docs/method.md`.
 
-use super::blur::{Stacks, sample_pair};
+use super::blur::{Sample, Samples, Stacks};
 use super::noise::Noise;
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::state::{Registration, inside};
+use super::segments::SEGMENT;
 use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::base::workers;
 use crate::engine::shaders;
@@ -98,12 +98,13 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
-        let warped = variant[1].then_some(&state.warped);
-        let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
+        let (warped, r) = (variant[1].then_some(&state.warped), &state.registration);
+        let (i1, lens) = (memory.layer(self.i1, 0), (c.mean, 1.0, c.centre));
         let terms = memory.layers(self.terms);
         let terms = [&terms[0], &terms[1], &terms[uncertainty_terms::RESIDUAL]];
         let mask = memory.mask_bytes().filter(|_| variant[2]);
-        let curvature = cpu_reference(c, &state.registration, warped, [i1, v], &stacks, terms, mask);
+        let samples = Samples { lens, r, warped, i1, stacks };
+        let curvature = cpu_reference(c, &samples, memory.layer(self.v, 0), terms, mask);
         memory.set_layer(self.terms, 0, curvature);
     }
 }
@@ -116,50 +117,48 @@ fn other(n: usize, limit: f64) -> f64 {
 }
 
 /// The curvature, lowered where another V explains the photographs better, from the means of the curvature, b² and the
-/// squared residual. `warped` is T when I2 was warped onto I1's pixels, if it was. `mask` has a byte per pixel, 0 where
-/// there are no results.
-pub fn cpu_reference<N: Number>(
+/// squared residual. `mask` has a byte per pixel, 0 where there are no results.
+fn cpu_reference<N: Number>(
     c: &Constants,
-    r: &Registration,
-    warped: Option<&Registration>,
-    [i1, v]: [&Raster<N>; 2],
-    stacks: &Stacks<N>,
+    samples: &Samples<N>,
+    v: &Raster<N>,
     [curvature, b2, square]: [&Raster<N>; 3],
     mask: Option<&[u8]>,
 ) -> Raster<N> {
-    let (scale, moved, limit) = (r.scale(), warped.map(|before| r.moved_since(before)), f64::from(c.limit));
-    let [width, height] = [c.width as usize, c.height as usize];
-    // The squared residual at a V over what noise adds to it. `None` where the blur reaches beyond an image.
-    let energy = |place: [usize; 2], v: f64| {
-        let d = r.displacement(place[0], place[1], 1.0, c.centre.map(f64::from));
-        if !inside(place, d, [width, height], v, scale) {
-            return None;
-        }
-        let sample = sample_pair((c.mean, 1.0, c.centre), r, moved.as_ref(), place, i1, v, stacks);
-        let s = if v > 0.0 {
-            sample.blurred[0].value - (r.gain * sample.i2.value + r.offset)
-        } else {
-            r.gain * sample.blurred[1].value + r.offset - sample.i1
-        };
-        Some(s * s / (1.0 + c.noise.blurred(v.abs(), 1.0).value))
+    let ([width, height], r, limit) = ([c.width, c.height].map(|side| side as usize), samples.r, f64::from(c.limit));
+    let residual = |Sample { v, sharp: [i1, j], blurred: [b1, b2], .. }: &Sample| {
+        if *v > 0.0 { b1 - (r.gain * j + r.offset) } else { r.gain * b2 + r.offset - i1 }
     };
+    let by_noise = |v: f64| 1.0 + c.noise.blurred(v.abs(), 1.0).value;
     let columns = width.div_ceil(BLOCK);
+    let others: [f64; OTHERS] = std::array::from_fn(|n| other(n, limit));
+    let others = others.map(|v| ([N::of(v); SEGMENT], by_noise(v)));
     // Of the blocks of a row, the other V of least energy relative to that of V, and both energies' ratio; `NO_WORSE`
     // if all are worse. Each V reads other layers of the stacks: one V after the other, so that rows are read in order.
     let best = |row: usize| {
         let mut sums = vec![[[0.0; 3]; OTHERS]; columns];
+        // Of each sample of a row, the mean of the squared residual, and the energy of V relative to it.
+        let mut own: Vec<Option<[f64; 2]>> = vec![None; width.div_ceil(STEP)];
         for y in (row * BLOCK..((row + 1) * BLOCK).min(height)).step_by(STEP) {
-            let counts = |x: usize| square.get(x / 2, y / 2) > 0.0 && mask.is_none_or(|mask| mask[y * width + x] != 0);
-            let own = |x: usize| energy([x, y], v.get(x, y)).filter(|_| counts(x)).map(|own| (x, own));
-            let samples: Vec<_> = (0..width).step_by(STEP).filter_map(own).collect();
-            for n in 0..OTHERS {
-                for &(x, own) in &samples {
-                    if let Some(energy) = energy([x, y], other(n, limit)) {
-                        let near = square.get(x / 2, y / 2);
-                        let terms = [own / near, energy / near, 1.0];
-                        sums[x / BLOCK][n].iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
-                    }
+            own.fill(None);
+            let of_pixels = |x: usize| &v.row(y)[x..];
+            samples.visit_row(y, STEP, of_pixels, |sample| {
+                let (x, near) = (sample.x, square.get(sample.x / 2, y / 2));
+                if near > 0.0 && mask.is_none_or(|mask| mask[y * width + x] != 0) {
+                    own[x / STEP] = Some([near, residual(&sample).powi(2) / by_noise(sample.v) / near]);
                 }
+            });
+            for (n, (v, by_noise)) in others.iter().enumerate() {
+                samples.visit_row(
+                    y,
+                    STEP,
+                    |_| v,
+                    |sample| {
+                        let Some([near, own]) = own[sample.x / STEP] else { return };
+                        let terms = [own, residual(&sample).powi(2) / by_noise / near, 1.0];
+                        sums[sample.x / BLOCK][n].iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+                    },
+                );
             }
         }
         sums.into_iter().map(|sums| {
@@ -194,71 +193,39 @@ pub fn cpu_reference<N: Number>(
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
+    use super::super::harness::{Input, SampledPair, Trial, build_stack, random_field};
     use super::super::stack::{self, Slopes};
-    use super::super::state::State;
+    use super::super::state::Registration;
     use super::super::uncertainty::WINDOW_PIXELS;
     use super::*;
     use crate::base::{Frame, Kernel, Mask, Photometric, Similarity};
-    use crate::engine::stages::linearise;
 
-    fn constants(size: [usize; 2], nodes: usize, slopes: Slopes, kernel: &Kernel) -> Constants {
-        let [width, height] = size.map(|side| side as u32);
-        Constants {
-            width,
-            height,
-            nodes: nodes as u32,
-            second_stack: (nodes * slopes.layers()) as u32,
-            centre: size.map(|side| (side as f32 - 1.0) / 2.0),
-            mean: kernel.mean().map(|m| m as f32),
-            limit: 9.0,
-            eta: 0.01,
-            pixels: WINDOW_PIXELS,
-            noise: Noise::new(0),
-        }
-    }
-
-    fn check(images: [Field; 2], kernel: &Kernel, warped: bool, masked: bool) {
-        let [i1, i2] = images;
-        let size @ [width, height] = [i1.width, i1.height];
-        let (nodes, slopes) = (stack::node_count(9.0), Slopes::of(kernel));
-        let stacks = [&i1, &i2].map(|image| build_stack(image, kernel, nodes)).concat();
-        let mut v = smooth_field(width, height, 3);
-        v.data.iter_mut().for_each(|v| *v = 8.0 * (*v - 0.5));
-        let half = uncertainty_terms::size(size.map(|side| side as u32)).map(|side| side as usize);
-        let mut terms = [4, 5, 6, 7, 8].map(|seed| random_field(half[0], half[1], seed));
-        // No residual at some pixels, and curvatures below and above that of noise.
-        terms[4].data.iter_mut().step_by(5).for_each(|square| *square = 0.0);
-        terms[0].data.iter_mut().for_each(|curvature| *curvature *= 10.0);
-        let photometric = Photometric { gain: 1.1, offset: -0.03 };
-        let mut state = State::new(&Registration::new(Similarity::new(0.7, -1.1, 0.4, 1.02), &photometric));
-        state.warped = (&Registration::new(Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY)).into();
-        let (i1, v) = ([i1], [v]);
-        let inputs = [Input::Image(&i1), Input::Image(&v), Input::Image(&stacks), Input::Image(&terms)];
-        let picture = (0..width * height).map(|i| f32::from(i % 7 != 0)).collect();
-        let mask = Mask::from_image(&Frame::gray(width as u32, height as u32, picture).unwrap());
-        let inputs = [&inputs[..], &[Input::State(&state), Input::Mask(&mask)]].concat();
-        let c = constants(size, nodes, slopes, kernel);
-        let variant = linearise::variant(slopes, warped, masked, false);
-        // Of up to 10: 1e-5 of quotients of sums of 64 squares.
-        for is_packed in [false, slopes == Slopes::Laplacian] {
-            let variant = stack::packed(variant, is_packed);
-            Trial::run::<Bindings>(&inputs, &c, variant, tiles([c.width, c.height])).assert_within(1e-4);
-        }
+    /// The constants of an image of 96 x 64 px.
+    fn constants() -> Constants {
+        let (limit, eta, pixels, noise) = (9.0, 0.01, WINDOW_PIXELS, Noise::new(0));
+        let ([width, height], centre, mean) = ([96, 64], [47.5, 31.5], [0.0; 2]);
+        Constants { width, height, nodes: 0, second_stack: 0, centre, mean, limit, eta, pixels, noise }
     }
 
     #[test]
     fn matches_the_cpu_reference() {
-        for (width, height) in [(67, 43), (32, 33), (17, 140)] {
-            let smooth = || [1, 2].map(|seed| smooth_field(width, height, seed));
-            for kernel in [Kernel::Gaussian, Kernel::HalfGaussian] {
-                check(smooth(), &kernel, false, width == 67);
-                check([5, 6].map(|seed| random_field(width, height, seed)), &kernel, false, false);
+        SampledPair::for_each(9.0, |pair, warped| {
+            let (size @ [width, height], &SampledPair { nodes, second_stack, centre, mean, .. }) = (pair.size(), pair);
+            let half = uncertainty_terms::size(size).map(|side| side as usize);
+            let mut terms = [4, 5, 6, 7, 8].map(|seed| random_field(half[0], half[1], seed));
+            // No residual at some pixels, and curvatures below and above that of noise.
+            terms[4].data.iter_mut().step_by(5).for_each(|square| *square = 0.0);
+            terms[0].data.iter_mut().for_each(|curvature| *curvature *= 10.0);
+            let picture = (0..width * height).map(|i| f32::from(i % 7 != 0)).collect();
+            let mask = Mask::from_image(&Frame::gray(width, height, picture).unwrap());
+            let others = [Input::Image(&terms), Input::State(&pair.state), Input::Mask(&mask)];
+            let inputs = [&pair.inputs()[..], &others].concat();
+            let c = Constants { width, height, nodes, second_stack, centre, mean, ..constants() };
+            for variant in pair.variants(warped, width % 2 == 1) {
+                // Of up to 10: 1e-5 of quotients of sums of 64 squares.
+                Trial::run::<Bindings>(&inputs, &c, variant, tiles(size)).assert_within(1e-4);
             }
-            check(smooth(), &Kernel::Gaussian, true, true);
-        }
-        let flat = || Field::from_fn(35, 20, |_, _| 0.5);
-        check([flat(), flat()], &Kernel::Gaussian, true, false);
+        });
     }
 
     /// Waves in closed form, the second photograph blurred by 4 px².
@@ -272,22 +239,21 @@ mod tests {
         let (nodes, slopes) = (stack::node_count(9.0), Slopes::of(&Kernel::Gaussian));
         let [first, second] = [&i1, &i2].map(|image| build_stack(image, &Kernel::Gaussian, nodes));
         let stacks = Stacks { first: &first, second: &second, slopes };
-        let c = constants(size, nodes, slopes, &Kernel::Gaussian);
         let flat = |value: f64| Field::from_fn(48, 32, |_, _| value);
         let (curvature, b2, square) = (flat(30.0), flat(f64::from(WINDOW_PIXELS)), flat(1e-4));
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
+        let c = constants();
+        let samples = Samples { lens: (c.mean, 1.0, c.centre), r: &r, warped: None, i1: &i1, stacks };
+        let found = |v: &Field, terms| cpu_reference(&c, &samples, v, terms, None).get(20, 20);
         for (v, certain) in [(4.0, 30.0), (0.0, 0.25), (-1.0, 0.2)] {
             let v = Field::from_fn(size[0], size[1], |_, _| v);
-            let found = cpu_reference(&c, &r, None, [&i1, &v], &stacks, [&curvature, &b2, &square], None);
-            assert!((found.get(20, 20) - certain).abs() < 1e-9, "{} {certain}", found.get(20, 20));
+            let found = found(&v, [&curvature, &b2, &square]);
+            assert!((found - certain).abs() < 1e-9, "{found} {certain}");
         }
         // The curvature of noise alone.
         let (v, weak) = (Field::zeros(size[0], size[1]), flat(1e-3));
-        let found = cpu_reference(&c, &r, None, [&i1, &v], &stacks, [&weak, &b2, &square], None);
         // σ of the weak curvature reaches farther than the other V.
-        assert_eq!(found.get(20, 20), 1e-3);
-        let certain = flat(1e-6);
-        let found = cpu_reference(&c, &r, None, [&i1, &v], &stacks, [&weak, &certain, &square], None);
-        assert_eq!(found.get(20, 20), 0.0);
+        assert_eq!(found(&v, [&weak, &b2, &square]), 1e-3);
+        assert_eq!(found(&v, [&weak, &flat(1e-6), &square]), 0.0);
     }
 }

@@ -2,10 +2,10 @@
 //!
 //! The CPU reference of `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
 
-use super::segments::{SEGMENT, Segment, range};
+use super::segments::{SEGMENT, Segment, first_of, place, range, vectorised};
 use super::spline::{self, Jet};
 use super::stack::{self, Blurred, Slopes};
-use super::state::Registration;
+use super::state::{Registration, margin};
 use super::{Number, Raster, Real};
 use crate::engine::shaders;
 
@@ -223,6 +223,77 @@ pub(super) fn sample_segment<N: Number>(
         }
     }
     samples
+}
+
+/// Both photographs and their blur stacks, for passes over some of the pixels of a level.
+pub(super) struct Samples<'a, N> {
+    /// Mean of the kernel at V = 1, width of a pixel, and image centre.
+    pub(super) lens: ([f32; 2], f32, [f32; 2]),
+    pub(super) r: &'a Registration,
+    /// T when I2 was warped onto I1's pixels, if it was.
+    pub(super) warped: Option<&'a Registration>,
+    pub(super) i1: &'a Raster<N>,
+    pub(super) stacks: Stacks<'a, N>,
+}
+
+/// A pixel of [`Samples`].
+pub(super) struct Sample {
+    pub(super) x: usize,
+    pub(super) v: f64,
+    /// I1, and J before gain and offset.
+    pub(super) sharp: [f64; 2],
+    /// Î1, and Î2 before gain and offset.
+    pub(super) blurred: [f64; 2],
+}
+
+impl<N: Number> Samples<'_, N> {
+    /// Calls `visit` with every `step`-th pixel of row y whose blur is inside both photographs. `v` returns the V of the
+    /// pixels from the first of a segment on.
+    #[inline(always)]
+    pub(super) fn visit_row<'v>(
+        &self,
+        y: usize,
+        step: usize,
+        v: impl Fn(usize) -> &'v [N],
+        mut visit: impl FnMut(Sample),
+    ) {
+        let ((_, factor, centre), r, size) = (self.lens, self.r, [self.i1.width, self.i1.height]);
+        let (factor, centre, moved) = (factor.into(), centre.map(f64::from), self.warped.map(|t| r.moved_since(t)));
+        let [mut d, mut shift] = [[[N::default(); SEGMENT]; 2]; 2];
+        for first in (0..size[0]).step_by(SEGMENT) {
+            let (mut v, mut margins) = (first_of(v(first)), [N::default(); SEGMENT]);
+            // As beyond the image, so that no node of the stack is read for them alone.
+            let last = v[(size[0] - first).min(SEGMENT) - 1];
+            v[(size[0] - first).min(SEGMENT)..].fill(last);
+            let numbers = vectorised(
+                #[inline(always)]
+                || {
+                    let ([dx, dy], row) = (&mut d, N::of(y as f64));
+                    r.displacements([first, y], factor, centre, [dx, dy]);
+                    for n in 0..SEGMENT {
+                        margins[n] = margin([place(first, n), row], [dx[n], dy[n]], size, v[n], r.scale());
+                    }
+                    let [dx, dy] = &mut shift;
+                    let moved = moved.as_ref()?;
+                    moved.displacements([first, y], factor, centre, [dx, dy]);
+                    let [i1, j, _, _, b1, _, b2, ..] = sample_segment(&self.stacks, [first, y], [dx, dy], &v);
+                    Some([i1, j, b1, b2])
+                },
+            );
+            for n in (0..SEGMENT.min(size[0] - first)).step_by(step).filter(|&n| margins[n] >= N::default()) {
+                let (x, v) = (first + n, v[n].into());
+                let [i1, j, b1, b2] = match &numbers {
+                    Some(numbers) => numbers.each_ref().map(|numbers| numbers[n].into()),
+                    None => {
+                        let sample = sample_pair(self.lens, r, None, [x, y], self.i1, v, &self.stacks);
+                        let [b1, b2] = sample.blurred;
+                        [sample.i1, sample.i2.value, b1.value, b2.value]
+                    }
+                };
+                visit(Sample { x, v, sharp: [i1, j], blurred: [b1, b2] });
+            }
+        }
+    }
 }
 
 /// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1,

@@ -109,9 +109,14 @@ pub(super) fn add<N: Number>(layer: &mut Raster<N>, cell: [usize; 2], n: usize, 
 /// The value between pixels, of the nearest place inside.
 pub(super) fn between<N: Number>(field: &Raster<N>, [x, y]: [f64; 2]) -> f64 {
     let (low, f) = ([x.floor(), y.floor()], [x - x.floor(), y - y.floor()]);
-    let at = |i: isize, j: isize| field.clamped(low[0] as isize + i, low[1] as isize + j);
-    let row = |j: isize| at(0, j) * (1.0 - f[0]) + at(1, j) * f[0];
-    row(0) * (1.0 - f[1]) + row(1) * f[1]
+    let [columns, rows] = [(low[0], field.width), (low[1], field.height)]
+        .map(|(low, size)| [low as isize, low as isize + 1].map(|i| i.clamp(0, size as isize - 1) as usize));
+    let row = |y: usize| {
+        let row = field.row(y);
+        let [here, next]: [f64; 2] = [row[columns[0]].into(), row[columns[1]].into()];
+        here * (1.0 - f[0]) + next * f[0]
+    };
+    row(rows[0]) * (1.0 - f[1]) + row(rows[1]) * f[1]
 }
 
 /// The edge of a cell. Near is the side of the larger V, far the other. In a sweep V is u, in settings.

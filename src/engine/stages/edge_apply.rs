@@ -88,25 +88,20 @@ pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
     let mut results = before.map(Raster::clone);
     let accepted: Vec<Option<(Edge, usize)>> =
         edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
-    let ([columns, rows], around) = (edge::cells(size).map(|side| side as usize), shader::AROUND as usize);
+    let (columns_and_rows @ [columns, _], around) = (edge::cells(size).map(|n| n as usize), shader::AROUND as usize);
     // Most pixels are far from all outlines.
     let mut is_near = vec![false; accepted.len()];
     for (cell, _) in edge::all_cells(size).zip(&accepted).filter(|(_, accepted)| accepted.is_some()) {
         edge::cells_around(cell, around, size).for_each(|[x, y]| is_near[y * columns + x] = true);
     }
-    let mixed = |x: usize, y: usize, results: [&mut N; COUNT]| {
-        let own = [(x / edge::SIDE).min(columns - 1), (y / edge::SIDE).min(rows - 1)];
-        if !is_near[own[1] * columns + own[0]] {
-            return;
-        }
+    let mixed = |[x, y]: [usize; 2], accepted: &[([usize; 2], &(Edge, usize))], results: [&mut N; COUNT]| {
         let (mut sum, mut near, mut levels, mut deviations) = (0.0, 0.0, [0.0; 2], [0.0; 2]);
         let (mut nearest, mut near_in_front, mut towards_near) = (f64::MAX, 0.0, 0.0);
-        for cell in edge::cells_around(own, around, size) {
+        for &(cell, (edge, order)) in accepted {
             // Columns and rows of pixels beyond the last cell have their own cells.
             if cell[0] + around < x / edge::SIDE || cell[1] + around < y / edge::SIDE {
                 continue;
             }
-            let Some((edge, order)) = &accepted[cell[1] * columns + cell[0]] else { continue };
             let apart = [x as f64 - edge.place[0], y as f64 - edge.place[1]];
             let inside = apart[0] * edge.normal[0] + apart[1] * edge.normal[1];
             let along = apart[1] * edge.normal[0] - apart[0] * edge.normal[1];
@@ -152,7 +147,14 @@ pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
         }
     };
     rows::map(results.each_mut().map(Rows::from), |y, mut rows| {
-        (0..rows[0].len()).for_each(|x| mixed(x, y, rows.each_mut().map(|row| &mut row[x])));
+        let row = (y / edge::SIDE).min(columns_and_rows[1] - 1);
+        for column in (0..columns).filter(|column| is_near[row * columns + column]) {
+            let around = edge::cells_around([column, row], around, size);
+            let accepted: Vec<_> =
+                around.filter_map(|cell| Some((cell, accepted[cell[1] * columns + cell[0]].as_ref()?))).collect();
+            let end = if column + 1 == columns { rows[0].len() } else { edge::SIDE * (column + 1) };
+            (edge::SIDE * column..end).for_each(|x| mixed([x, y], &accepted, rows.each_mut().map(|row| &mut row[x])));
+        }
     });
     results
 }

@@ -142,26 +142,61 @@ impl Pass for Bindings {
 pub(crate) fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, deviation: &Raster<N>) -> Raster<N> {
     let mut edges = Raster::zeros(v.width, v.height);
     let [columns, rows] = edge::cells([c.width, c.height]).map(|side| side as usize);
-    let found = |y| (0..columns).filter_map(move |x| Some(([x, y], edge_of(c, v, deviation, [x, y])?)));
-    for (cell, edge) in workers::map(rows, |y| found(y).collect::<Vec<_>>()).into_iter().flatten() {
+    // Of each cell and `AROUND` more on either side of all.
+    let ranges = workers::map(rows + 2 * AROUND, |y| {
+        let range = |x| Range::of_cell(v, deviation, [x, y].map(|n| (SIDE * n) as isize - (SIDE * AROUND) as isize));
+        (0..columns + 2 * AROUND).map(range).collect::<Vec<_>>()
+    });
+    let around = |[x, y]: [usize; 2], reach: usize| {
+        let [first_x, first_y] = [x, y].map(|n| n + AROUND - reach);
+        let rows = ranges[first_y..=first_y + 2 * reach].iter();
+        rows.flat_map(move |row| &row[first_x..=first_x + 2 * reach]).fold(Range::NONE, Range::and)
+    };
+    let edge = |cell| edge_of(c, [v, deviation], cell, [around(cell, AROUND), around(cell, 1)]);
+    let found = |y| (0..columns).filter_map(|x| Some(([x, y], edge([x, y])?))).collect::<Vec<_>>();
+    for (cell, edge) in workers::map(rows, found).into_iter().flatten() {
         edge::set(&mut edges, cell, 0, &edge.numbers());
     }
     edges
 }
 
-fn edge_of<N: Number>(c: &Constants, v: &Raster<N>, deviation: &Raster<N>, cell: [usize; 2]) -> Option<Edge> {
-    let corner = cell.map(|c| (SIDE * c) as isize);
-    // Ranges of V, of every other pixel.
-    let (mut outer, mut inner, mut least) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN], f64::MAX);
-    for (j, i) in (-4..6).flat_map(|j| (-4..6).map(move |i| (j, i))) {
-        let [x, y] = [corner[0] + 2 * i + 1, corner[1] + 2 * j + 1];
-        let v = v.clamped(x, y);
-        least = least.min(deviation.clamped(x, y));
-        outer = [outer[0].min(v), outer[1].max(v)];
-        if (-2..4).contains(&i) && (-2..4).contains(&j) {
-            inner = [inner[0].min(v), inner[1].max(v)];
+/// The cells on either side of one that the outer range of V is of.
+const AROUND: usize = 2;
+
+/// The range of V, and the least deviation, of every other pixel of some cells.
+#[derive(Clone, Copy)]
+struct Range {
+    v: [f64; 2],
+    deviation: f64,
+}
+
+impl Range {
+    const NONE: Self = Self { v: [f64::MAX, f64::MIN], deviation: f64::MAX };
+
+    /// That of the cell with its corner at a place, which may be outside.
+    fn of_cell<N: Number>(v: &Raster<N>, deviation: &Raster<N>, [x, y]: [isize; 2]) -> Self {
+        let places = [(1, 1), (3, 1), (1, 3), (3, 3)].map(|(i, j)| (x + i, y + j));
+        places.into_iter().fold(Self::NONE, |range, (x, y)| {
+            range.and(&Self { v: [v.clamped(x, y); 2], deviation: deviation.clamped(x, y) })
+        })
+    }
+
+    fn and(self, other: &Self) -> Self {
+        Self {
+            v: [self.v[0].min(other.v[0]), self.v[1].max(other.v[1])],
+            deviation: self.deviation.min(other.deviation),
         }
     }
+}
+
+/// The edge of a cell, by the ranges of the cells around it and of its neighbours.
+fn edge_of<N: Number>(
+    c: &Constants,
+    [v, deviation]: [&Raster<N>; 2],
+    cell: [usize; 2],
+    [Range { v: outer, deviation: least }, Range { v: inner, .. }]: [Range; 2],
+) -> Option<Edge> {
+    let corner = cell.map(|c| (SIDE * c) as isize);
     let (jump, range) = (inner[1] - inner[0], outer[1] - outer[0]);
     let least_jump = f64::from(c.least_jump);
     if !(jump > least_jump && jump > shader::STEEP * range && jump > shader::CERTAIN * least) {

@@ -5,6 +5,7 @@
 
 use super::edge::COARSE_DEVIATION;
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::vectorised;
 use super::{Number, Raster, pixels};
 use crate::engine::plan::Level;
 use crate::engine::vulkan::Variant;
@@ -63,19 +64,38 @@ impl Pass for Bindings {
 
 /// V and its standard deviation on the coarser level.
 pub(crate) fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, deviation: &Raster<N>) -> [Raster<N>; 2] {
+    let [pixels, apart] = [c.pixels, c.apart].map(|n| n as isize);
+    // Samples of a tent about a pixel of the coarser level, and their weights.
+    let tent = |x: usize, size: usize| {
+        let place = move |i: isize| (pixels * x as isize + apart * i).clamp(0, size as isize - 1) as usize;
+        (1 - pixels..pixels).map(move |i| (place(i), (pixels - i.abs()) as f64))
+    };
     [v, deviation].map(|field| {
-        let [pixels, apart] = [c.pixels, c.apart].map(|n| n as isize);
-        Raster::from_fn(c.width as usize, c.height as usize, |x, y| {
-            let (mut sum, mut weight) = (0.0, 0.0);
-            for (j, i) in (1 - pixels..pixels).flat_map(|j| (1 - pixels..pixels).map(move |i| (j, i))) {
-                let [x, y] = [(x, i), (y, j)].map(|(x, i)| pixels * x as isize + apart * i);
-                let (value, share) = (field.clamped(x, y), ((pixels - i.abs()) * (pixels - j.abs())) as f64);
-                if !value.is_nan() {
-                    (sum, weight) = (sum + share * value, weight + share);
-                }
+        let mut coarse = Raster::zeros(c.width as usize, c.height as usize);
+        coarse.fill_rows(|y, row| {
+            // Down each column: the weighted sum of what is a number, and the weights.
+            let [mut sums, mut weights] = [(); 2].map(|()| vec![0.0; field.width]);
+            for (y, share) in tent(y, field.height) {
+                let (sums, weights) = (&mut sums[..field.width], &mut weights[..field.width]);
+                let values = &field.row(y)[..field.width];
+                vectorised(
+                    #[inline(always)]
+                    || {
+                        for x in 0..values.len() {
+                            let value: f64 = values[x].into();
+                            sums[x] += if value.is_nan() { 0.0 } else { share * value };
+                            weights[x] += if value.is_nan() { 0.0 } else { share };
+                        }
+                    },
+                );
             }
-            f64::from(c.scale) * sum / weight
-        })
+            for (x, mean) in row.iter_mut().enumerate() {
+                let [sum, weight] = tent(x, field.width)
+                    .fold([0.0; 2], |[sum, weight], (x, share)| [sum + share * sums[x], weight + share * weights[x]]);
+                *mean = N::of(f64::from(c.scale) * sum / weight);
+            }
+        });
+        coarse
     })
 }
 

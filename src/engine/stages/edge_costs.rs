@@ -15,6 +15,7 @@ use std::ops::Range;
 
 use super::edge::{self, BACKWARD, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_COSTS, TOTAL, between};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::vectorised;
 use super::state::{DoubleState, from_centre};
 use super::{Number, Raster, pixels};
 use crate::base::workers;
@@ -113,6 +114,8 @@ const WINDOW: usize = shader::WINDOW as usize;
 /// Places that costs are summed over on a line. All kernels stay on the line there.
 const COSTED: usize = 2 * WINDOW + 1;
 const _: () = assert!(HALF >= WINDOW + REACH);
+/// The first of these places.
+const FIRST_COSTED: usize = HALF - WINDOW;
 /// The place of the first outline.
 const FIRST: usize = HALF - BACKWARD;
 
@@ -222,29 +225,60 @@ fn reversed(profile: &Profile) -> Profile {
     std::array::from_fn(|row| std::array::from_fn(|k| profile[ROWS - 1 - row][ALONG - 1 - k]))
 }
 
-/// The weights of a Gaussian at 0, 1, ... px.
-fn kernel(variance: f64) -> Vec<f64> {
-    let variance = variance.max(shader::LEAST_VARIANCE);
-    let last = ((shader::EXTENT * variance.sqrt()).ceil() as usize).min(REACH);
-    let weights: Vec<f64> = (0..=last).map(|i| (-((i * i) as f64) / (2.0 * variance)).exp()).collect();
-    let sum = 2.0 * weights.iter().sum::<f64>() - 1.0;
-    weights.into_iter().map(|w| w / sum).collect()
+/// The weights of a Gaussian.
+#[derive(Clone, Copy)]
+struct Kernel {
+    /// The last place with a weight, px.
+    reach: usize,
+    /// At every distance that samples can have, from `-AWAY` on.
+    weights: [f64; 2 * AWAY + 1],
 }
 
-/// Offsets and weights of a kernel, on both sides.
-fn taps(kernel: &[f64]) -> impl Iterator<Item = (isize, f64)> {
-    let reach = kernel.len() as isize - 1;
-    (-reach..=reach).map(|i| (i, kernel[i.unsigned_abs()]))
+/// The largest distance of a sample to a place beyond the last.
+const AWAY: usize = ALONG + REACH;
+
+impl Kernel {
+    fn new(variance: f64) -> Self {
+        let variance = variance.max(shader::LEAST_VARIANCE);
+        let reach = ((shader::EXTENT * variance.sqrt()).ceil() as usize).min(REACH);
+        // exp(-i²/2v) by its ratios.
+        let first = (-0.5 / variance).exp();
+        let (mut half, mut ratio, mut sum) = ([1.0; REACH + 1], first, 1.0);
+        for i in 1..=reach {
+            half[i] = ratio * half[i - 1];
+            ratio = ratio * first * first;
+            sum += 2.0 * half[i];
+        }
+        let mut weights = [0.0; 2 * AWAY + 1];
+        for i in 0..=reach {
+            weights[AWAY + i] = half[i] / sum;
+            weights[AWAY - i] = half[i] / sum;
+        }
+        Self { reach, weights }
+    }
+
+    /// The weights on either side of the middle one, and that.
+    #[inline(always)]
+    fn taps(&self) -> &[f64] {
+        &self.weights[AWAY - self.reach..=AWAY + self.reach]
+    }
+
+    /// The weights of all samples at place q.
+    #[inline(always)]
+    fn about(&self, q: usize) -> &[f64] {
+        &self.weights[AWAY - q..][..ALONG]
+    }
 }
 
 /// Blur across the normal.
-fn across(profile: &Profile, variance: f64) -> Lines {
-    let (kernel, mut lines) = (kernel(variance), [[0.0; ALONG]; LINES]);
-    for (line, sums) in lines.iter_mut().enumerate() {
-        for (i, w) in taps(&kernel) {
-            let row = &profile[(REACH + line).wrapping_add_signed(i)];
+#[inline(always)]
+fn across(profile: &Profile, kernel: &Kernel) -> Lines {
+    let mut lines = [[0.0; ALONG]; LINES];
+    for line in 0..LINES {
+        let rows = &profile[REACH + line - kernel.reach..];
+        for (row, w) in rows.iter().zip(kernel.taps()) {
             for k in 0..ALONG {
-                sums[k] += w * row[k];
+                lines[line][k] += w * row[k];
             }
         }
     }
@@ -252,10 +286,11 @@ fn across(profile: &Profile, variance: f64) -> Lines {
 }
 
 /// Blur along the normal, at the places that costs are summed over.
-fn along(kernel: &[f64], layer: &[f64; ALONG]) -> [f64; COSTED] {
+#[inline(always)]
+fn along(kernel: &Kernel, layer: &[f64; ALONG]) -> [f64; COSTED] {
     let mut sums = [0.0; COSTED];
-    for (i, w) in taps(kernel) {
-        let values = &layer[(HALF - WINDOW).wrapping_add_signed(i)..][..COSTED];
+    for (n, w) in kernel.taps().iter().enumerate() {
+        let values = &layer[FIRST_COSTED - kernel.reach + n..][..COSTED];
         for k in 0..COSTED {
             sums[k] += w * values[k];
         }
@@ -264,38 +299,34 @@ fn along(kernel: &[f64], layer: &[f64; ALONG]) -> [f64; COSTED] {
 }
 
 /// Blur along the normal of the values inside each outline, then of all values, at each place.
-fn inside(kernel: &[f64], value: impl Fn(usize) -> f64) -> [[f64; DISPLACEMENTS + 1]; ALONG] {
-    std::array::from_fn(|k| {
-        let first = k.saturating_sub(kernel.len() - 1);
-        let (mut sums, mut sum) = ([0.0; DISPLACEMENTS + 1], 0.0);
-        for q in (first..k + kernel.len()).rev() {
-            sum += kernel[q.abs_diff(k)] * value(q);
-            if (FIRST..FIRST + DISPLACEMENTS).contains(&q) {
-                sums[q - FIRST] = sum;
-            }
+#[inline(always)]
+fn inside(kernel: &Kernel, value: impl Fn(usize) -> f64) -> [[f64; ALONG]; DISPLACEMENTS + 1] {
+    let mut sums = [[0.0; ALONG]; DISPLACEMENTS + 1];
+    let [of_outlines @ .., all] = &mut sums;
+    for q in (0..ALONG + REACH).rev() {
+        let (weights, value) = (kernel.about(q), value(q));
+        for k in 0..ALONG {
+            all[k] += weights[k] * value;
         }
-        sums[..first.saturating_sub(FIRST).min(DISPLACEMENTS)].fill(sum);
-        sums[DISPLACEMENTS] = sum;
-        sums
-    })
-}
-
-/// The weighted mean of the values around place k for which `counts`, `None` if there are none.
-fn mean(kernel: &[f64], k: usize, value: impl Fn(usize) -> f64, counts: impl Fn(usize) -> f64) -> Option<f64> {
-    let (mut sum, mut weight) = (0.0, 0.0);
-    for (i, w) in taps(kernel) {
-        let q = k.wrapping_add_signed(i);
-        if q < ALONG {
-            sum += w * counts(q) * value(q);
-            weight += w * counts(q);
+        if (FIRST..FIRST + DISPLACEMENTS).contains(&q) {
+            of_outlines[q - FIRST] = *all;
         }
     }
-    (weight > 1e-3).then_some(sum / weight)
+    sums
 }
 
 /// The mean of the values around place k over some samples; over all where none of them is in reach.
-fn mean_of(kernel: &[f64], k: usize, values: &[f64; ALONG], samples: Range<usize>) -> f64 {
-    let mean = |samples: Range<usize>| mean(kernel, k, |q| values[q], |q| is(samples.contains(&q)));
+fn mean_of(kernel: &Kernel, k: usize, values: &[f64; ALONG], samples: Range<usize>) -> f64 {
+    let mean = |samples: Range<usize>| {
+        let near = k.saturating_sub(kernel.reach).max(samples.start)..samples.end.min(k + kernel.reach + 1);
+        let weights = kernel.about(k);
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for q in near {
+            sum += weights[q] * values[q];
+            weight += weights[q];
+        }
+        (weight > 1e-3).then_some(sum / weight)
+    };
     mean(samples).or_else(|| mean(0..ALONG)).unwrap_or_default()
 }
 
@@ -303,10 +334,11 @@ fn is(condition: bool) -> f64 {
     f64::from(u8::from(condition))
 }
 
-/// `ln(1 + r²/s) + ½ ln(s/s₀)`.
-fn cost(residual: f64, variance: f64, least: f64) -> f64 {
+/// e to twice the cost of a residual: `(1 + r²/s)² s/s₀`. Products of eight are far from the largest number.
+#[inline(always)]
+fn factor(residual: f64, variance: f64, least: f64) -> f64 {
     let explained = 1.0 + residual * residual / variance;
-    0.5 * (explained * explained * variance / least).ln()
+    explained * explained * variance / least
 }
 
 /// The two layers around a cell in one order, and what their costs share.
@@ -325,9 +357,9 @@ struct TwoLayers {
     back: [Lines; 2],
     hiding: [Lines; 2],
     /// The kernels along the normal: of the front; of the back and of texture; of local means.
-    of_front: Vec<f64>,
-    of_back: [Vec<f64>; 2],
-    of_mean: Vec<f64>,
+    of_front: Kernel,
+    of_back: [Kernel; 2],
+    of_mean: Kernel,
     /// Of the photograph in which the near side is the sharper, on the lines.
     average: f64,
     /// The least variance of a residual.
@@ -343,18 +375,22 @@ impl TwoLayers {
         let opposite = (front_v > 0.0) != (back_v > 0.0);
         let on_lines = |profile: &Profile| -> Lines { std::array::from_fn(|line| profile[REACH + line]) };
         let back_in = if opposite { other } else { sharper };
+        let behind = [back_v.abs(), shader::TEXTURE_VARIANCE];
+        let (of_front, of_mean) = (Kernel::new(front_v.abs()), Kernel::new(shader::MEAN_VARIANCE));
+        let (of_back, of_both) = (behind.map(Kernel::new), behind.map(|behind| Kernel::new(front_v.abs() + behind)));
+        let [front, near] = [&of_front, &of_mean].map(|kernel| across(sharper, kernel));
         let mut layers = Self {
             front_is_positive: front_v > 0.0,
             opposite,
             in_sharper: on_lines(sharper),
             in_other: on_lines(other),
-            front: across(sharper, front_v.abs()),
-            near: across(sharper, shader::MEAN_VARIANCE),
-            back: [across(back_in, back_v.abs()), across(back_in, shader::TEXTURE_VARIANCE)],
-            hiding: [back_v.abs(), shader::TEXTURE_VARIANCE].map(|behind| across(sharper, front_v.abs() + behind)),
-            of_front: kernel(front_v.abs()),
-            of_back: [back_v.abs(), shader::TEXTURE_VARIANCE].map(kernel),
-            of_mean: kernel(shader::MEAN_VARIANCE),
+            front,
+            near,
+            back: of_back.each_ref().map(|kernel| across(back_in, kernel)),
+            hiding: of_both.each_ref().map(|kernel| across(sharper, kernel)),
+            of_front,
+            of_back,
+            of_mean,
             average,
             least,
             textures: [0.0; 3],
@@ -385,60 +421,72 @@ impl TwoLayers {
 
     /// The costs of all displacements.
     fn costs(&self) -> [f64; DISPLACEMENTS] {
-        let [front_texture, outside_texture, back_texture] = self.textures;
-        let last = ALONG - 1;
-        let (in_front, rims) = (inside(&self.of_front, |_| 1.0), inside(&kernel(shader::RIM_VARIANCE), |_| 1.0));
+        let mut factors = [[1.0; COSTED]; DISPLACEMENTS];
+        vectorised(
+            #[inline(always)]
+            || self.multiply(&mut factors),
+        );
+        factors.map(|factors| factors.iter().map(|factor| 0.5 * factor.ln()).sum())
+    }
+
+    /// Multiplies by the factors of both photographs at each displacement and place.
+    #[inline(always)]
+    fn multiply(&self, factors: &mut [[f64; COSTED]; DISPLACEMENTS]) {
+        let ([front_texture, outside_texture, back_texture], last) = (self.textures, ALONG - 1);
+        let (least, some) = (self.least, 1e-3);
+        let in_front = inside(&self.of_front, |_| 1.0);
+        let rims = inside(&Kernel::new(shader::RIM_VARIANCE), |_| 1.0);
         let means = inside(&self.of_mean, |q| is(q <= last));
-        let mut totals = [0.0; DISPLACEMENTS];
         for line in 0..LINES {
             let near = inside(&self.of_mean, |q| if q <= last { self.near[line][q] } else { 0.0 });
             let lit = inside(&self.of_front, |q| self.front[line][q.min(last)]);
-            let hidden = [0, 1].map(|which| inside(&self.of_front, |q| self.hiding[which][line][q.min(last)]));
-            for (n, total) in totals.iter_mut().enumerate() {
+            let hidden = [
+                inside(&self.of_front, |q| self.hiding[0][line][q.min(last)]),
+                inside(&self.of_front, |q| self.hiding[1][line][q.min(last)]),
+            ];
+            for n in 0..DISPLACEMENTS {
                 let outline = FIRST + n;
                 let (mut weights, mut layers) = ([0.0; ALONG], [[0.0; ALONG]; 2]);
                 for k in 0..ALONG {
-                    let open = 1.0 - in_front[k][n];
-                    weights[k] = match self.opposite {
-                        true if open < shader::DIM => 0.0,
-                        true => open * open,
-                        false => is(k < outline),
-                    };
+                    let open = 1.0 - in_front[n][k];
+                    let by_light = if open < shader::DIM { 0.0 } else { open * open };
+                    weights[k] = if self.opposite { by_light } else { is(k < outline) };
                     for which in 0..2 {
                         let back = self.back[which][line][k];
-                        let restored = || ((back - hidden[which][k][n]) / open.max(shader::DIM)).clamp(-0.3, 1.3);
-                        layers[which][k] = weights[k] * if self.opposite { restored() } else { back };
+                        let restored = ((back - hidden[which][n][k]) / open.max(shader::DIM)).clamp(-0.3, 1.3);
+                        layers[which][k] = weights[k] * if self.opposite { restored } else { back };
                     }
                 }
-                let [known, known_coarse] = [0, 1].map(|which| along(&self.of_back[which], &weights));
-                let [fine, coarse] = [0, 1].map(|which| along(&self.of_back[which], &layers[which]));
+                let [of_back, of_texture] = &self.of_back;
+                let (known, fine) = (along(of_back, &weights), along(of_back, &layers[0]));
+                let (weighed, coarse) = (along(of_texture, &weights), along(of_texture, &layers[1]));
                 for place in 0..COSTED {
-                    let (k, known) = (HALF - WINDOW + place, known[place]);
-                    let weighed = known_coarse[place];
-                    let coarse = if weighed > 1e-3 { coarse[place] / weighed } else { self.average };
-                    let fine = if known > 1e-3 { fine[place] / known } else { coarse };
-                    let gap = shader::HIDDEN * (1.0 - known).clamp(0.0, 1.0).powi(2) * back_texture;
-                    let average = |sum: f64, weight: f64| if weight > 1e-3 { sum / weight } else { self.average };
-                    let near_mean = average(near[k][n], means[k][n]);
-                    let [far, far_weight] = [&near, &means].map(|sums| sums[k][DISPLACEMENTS] - sums[k][n]);
-                    let (open, lit, least) = (1.0 - in_front[k][n], lit[k][n], self.least);
+                    let k = FIRST_COSTED + place;
+                    let average = |sum: f64, weight: f64| if weight > some { sum / weight } else { self.average };
+                    let known = known[place];
+                    let coarse = average(coarse[place], weighed[place]);
+                    let fine = if known > some { fine[place] / known } else { coarse };
+                    let hidden = (1.0 - known).clamp(0.0, 1.0);
+                    let gap = shader::HIDDEN * hidden * hidden * back_texture;
+                    let near_mean = average(near[n][k], means[n][k]);
+                    let far_weight = means[DISPLACEMENTS][k] - means[n][k];
+                    let far_mean = average(near[DISPLACEMENTS][k] - near[n][k], far_weight);
+                    let (open, lit, rim) = (1.0 - in_front[n][k], lit[n][k], rims[n][k]);
                     // The other photograph: the front's blur over the back.
                     let (behind, texture) = if self.opposite { (coarse, back_texture) } else { (fine, gap) };
-                    *total += cost(lit + open * behind - self.in_other[line][k], least + open * open * texture, least);
+                    let other =
+                        factor(lit + open * behind - self.in_other[line][k], least + open * open * texture, least);
                     // The sharper photograph: inside like its neighbours inside, outside like the back.
-                    let rim = rims[k][n];
-                    *total += if k >= outline {
-                        cost(self.in_sharper[line][k] - near_mean, least + front_texture, least)
-                    } else if self.opposite {
-                        let variance = least + rim * rim * front_texture + (1.0 - rim).powi(2) * gap;
-                        cost(rim * near_mean + (1.0 - rim) * fine - self.in_sharper[line][k], variance, least)
-                    } else {
-                        cost(self.in_sharper[line][k] - average(far, far_weight), least + outside_texture, least)
+                    let of_rim = rim * rim * front_texture + (1.0 - rim) * (1.0 - rim) * gap;
+                    let (outside, texture) = match self.opposite {
+                        true => (rim * near_mean + (1.0 - rim) * fine, of_rim),
+                        false => (far_mean, outside_texture),
                     };
+                    let (model, texture) = if k >= outline { (near_mean, front_texture) } else { (outside, texture) };
+                    factors[n][place] *= other * factor(self.in_sharper[line][k] - model, least + texture, least);
                 }
             }
         }
-        totals
     }
 
     /// The cost of V as it is: S takes the place of the two layers, and texture costs the same as there. The front ends
@@ -449,7 +497,7 @@ impl TwoLayers {
     fn cost_before(&self, is_front: impl Fn(f64) -> bool, v_at: impl Fn(usize, usize) -> f64) -> f64 {
         let least = self.least;
         let [front_texture, outside_texture, back_texture] = self.textures;
-        let places = (0..LINES).flat_map(|line| (HALF - WINDOW..=HALF + WINDOW).map(move |k| (line, k)));
+        let places = (0..LINES).flat_map(|line| (FIRST_COSTED..FIRST_COSTED + COSTED).map(move |k| (line, k)));
         places
             .map(|(line, k)| {
                 let v = v_at(line, k);
@@ -461,13 +509,13 @@ impl TwoLayers {
                     (false, true) => (&self.back[0], &self.in_sharper),
                     (false, false) => (&self.back[0], &self.in_other),
                 };
-                let s = mean_of(&kernel(v.abs()), k, &lines[line], 0..ALONG) - against[line][k];
+                let s = mean_of(&Kernel::new(v.abs()), k, &lines[line], 0..ALONG) - against[line][k];
                 let (texture, variance) = match (front, self.opposite) {
                     (true, _) => (self.of_front_texture(line, k, HALF..ALONG), front_texture),
                     (false, true) => (self.of_back_texture(line, k, HALF), back_texture),
                     (false, false) => (self.of_front_texture(line, k, 0..HALF), outside_texture),
                 };
-                cost(s, least, least) + cost(texture, least + variance, least)
+                0.5 * (factor(s, least, least) * factor(texture, least + variance, least)).ln()
             })
             .sum()
     }

@@ -72,18 +72,22 @@ pub(crate) fn cpu_reference<N: Number>(
         // A quarter of σ apart, rounded up: 25 x 25 samples at most.
         let apart = ((variance.sqrt() / shader::SAMPLES).ceil() as usize).max(1);
         let reach = (3.0 * variance.sqrt()).ceil() as usize;
+        // The weight of a pixel is the product of one for its column and one for its row.
         let samples = |x: usize, size: usize| {
             let last = (x + reach).min(size - 1);
-            (x - x.min(reach) / apart * apart..=last).step_by(apart)
+            let places = (x - x.min(reach) / apart * apart..=last).step_by(apart);
+            places.map(move |i| (i, (-(i.abs_diff(x).pow(2) as f64) / (2.0 * variance)).exp()))
         };
+        let columns: Vec<_> = samples(x, fused.width).collect();
         let (mut sum, mut in_front, mut light) = (0.0, 0.0, 0.0);
-        for j in samples(y, fused.height) {
-            for i in samples(x, fused.width) {
-                let weight = (-((i.abs_diff(x).pow(2) + j.abs_diff(y).pow(2)) as f64) / (2.0 * variance)).exp();
+        for (j, of_row) in samples(y, fused.height) {
+            let (sides, fused) = (sides.row(j), fused.row(j));
+            for &(i, of_column) in &columns {
+                let weight = of_row * of_column;
                 sum += weight;
-                if sides.get(i, j) > 0.0 {
+                if sides[i] > N::default() {
                     in_front += weight;
-                    light += weight * fused.get(i, j);
+                    light += weight * fused[i].into();
                 }
             }
         }

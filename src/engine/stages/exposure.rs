@@ -15,7 +15,7 @@
 //! polynomial times I2. Then the share that chance explains with as many terms is subtracted (James and Stein):
 //! photographs that need no shading get none.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{SMatrix, SVector};
 
 use super::blur_matched_pair::LAYERS;
 use super::pass::{Memory, Pass, bindings, push_constants};
@@ -224,19 +224,21 @@ fn match_shading(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
     }
 }
 
+/// The terms of that polynomial.
+const ALL: usize = Shading::TERMS + 1;
+
 /// The coefficients of the polynomial that maps I2 to I1 minus the offset, the constant one first.
-fn least_squares(samples: &[Sample], known: &[[f64; 2]], weights: &[f64]) -> DVector<f64> {
-    const ALL: usize = Shading::TERMS + 1;
-    let (mut normal, mut right) = (DMatrix::zeros(ALL, ALL), DVector::zeros(ALL));
+fn least_squares(samples: &[Sample], known: &[[f64; 2]], weights: &[f64]) -> SVector<f64, ALL> {
+    let (mut normal, mut right) = (SMatrix::<f64, ALL, ALL>::zeros(), SVector::<f64, ALL>::zeros());
     for ((sample, [second, target]), &weight) in samples.iter().zip(known).zip(weights) {
-        let terms = DVector::from_row_slice(&brightness::terms(sample.place)) * *second;
+        let terms = SVector::from(brightness::terms(sample.place)) * *second;
         normal.ger(weight, &terms, &terms, 1.0);
         right.axpy(weight * target, &terms, 1.0);
     }
     for i in 0..ALL {
         normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-5) + 1e-12;
     }
-    normal.cholesky().map_or_else(|| DVector::zeros(ALL), |root| root.solve(&right))
+    normal.cholesky().map_or_else(SVector::zeros, |root| root.solve(&right))
 }
 
 #[cfg(test)]

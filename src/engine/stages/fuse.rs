@@ -44,7 +44,7 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let reused = memory.take_layer(self.results, c.layer as usize);
         let state = memory.state(self.state);
-        let fused = fuse(
+        let fused = cpu_reference(
             reused,
             c,
             (&state.registration, &state.applied_shading),
@@ -56,19 +56,8 @@ impl Pass for Bindings {
     }
 }
 
-/// The fused channel.
-pub fn cpu_reference<N: Number>(
-    c: &Constants,
-    state: (&Registration, &Shading),
-    channel1: &Raster<N>,
-    coefficients2: &Raster<N>,
-    v: &Raster<N>,
-) -> Raster<N> {
-    fuse(Raster::default(), c, state, channel1, coefficients2, v)
-}
-
-/// As [`cpu_reference`], in the memory of a raster.
-fn fuse<N: Number>(
+/// The fused channel, in the memory of a raster.
+fn cpu_reference<N: Number>(
     reused: Raster<N>,
     c: &Constants,
     (r, shading): (&Registration, &Shading),

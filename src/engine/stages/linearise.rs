@@ -151,7 +151,8 @@ impl Pass for Bindings {
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
         let layout = Layout::of_variant(variant);
         let state = (&state.registration, state.alpha, state.spread);
-        let Linearised { equations, partials } = linearise(reused, c, layout, state, warped, [i1, v], (&stacks, masks));
+        let Linearised { equations, partials } =
+            cpu_reference(reused, c, layout, state, warped, [i1, v], (&stacks, masks));
         equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.equations, n, field));
         memory.set_numbers(self.partials, &partials);
         if c.step.is(update_transform::STEPS) {
@@ -194,22 +195,9 @@ struct Residual<R> {
     by_place: [R; 2],
 }
 
-/// One pass over a level, with T, α and the spread of the previous iteration. `warped` is T when I2 was warped onto
-/// I1's pixels, if it was.
-pub fn cpu_reference<N: Number>(
-    c: &Constants,
-    layout: Layout,
-    state: (&Registration, f64, f64),
-    warped: Option<&Registration>,
-    images: [&Raster<N>; 2],
-    stacks: &Stacks<N>,
-    masks: Option<&Masks<N>>,
-) -> Linearised<N> {
-    linearise(Default::default(), c, layout, state, warped, images, (stacks, masks))
-}
-
-/// As [`cpu_reference`], in the memory of rasters.
-fn linearise<N: Number>(
+/// One pass over a level, with T, α and the spread of the previous iteration, in the memory of rasters. `warped` is T
+/// when I2 was warped onto I1's pixels, if it was.
+fn cpu_reference<N: Number>(
     equations: [Raster<N>; LAYERS as usize],
     c: &Constants,
     layout: Layout,
@@ -564,15 +552,9 @@ mod tests {
         }
         let warped = Registration::from(state.warped);
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
-        let expected = cpu_reference(
-            &c,
-            layout,
-            (&state.registration(), state.alpha.into(), state.spread.into()),
-            moved.map(|_| &warped),
-            [i1, v],
-            &read,
-            masks,
-        );
+        let of_state = (&state.registration(), state.alpha.into(), state.spread.into());
+        let warped = moved.map(|_| &warped);
+        let expected = cpu_reference(Default::default(), &c, layout, of_state, warped, [i1, v], (&read, masks));
 
         let rig = Rig::new();
         let stacks = stacks.concat();

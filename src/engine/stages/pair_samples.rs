@@ -5,10 +5,10 @@
 //! of the pair.
 
 use super::blur_matched_pair::LAYERS;
+use super::convolve::weigh;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::spline::fold;
 use super::{Number, Raster, pixels};
-use crate::base::weighted;
 use crate::engine::plan::FilterRange;
 use crate::engine::vulkan::Variant;
 
@@ -82,7 +82,7 @@ pub fn cpu_reference<N: Number>(c: &Constants, window: &[N], layer: &Raster<N>) 
     means.fill_rows(|y, means| {
         let near: Vec<&[N]> = (-radius..=radius).map(|n| layer.row(fold((y * every) as isize + n, down))).collect();
         let mut row = vec![N::default(); layer.width];
-        weighted::sum(&mut row, window, &near);
+        weigh(&mut row, window, &near);
         for (x, mean) in means.iter_mut().enumerate() {
             let place = |n: usize| fold((x * every + n) as isize - radius, across);
             *mean = window.iter().enumerate().fold(N::default(), |sum, (n, &weight)| sum + weight * row[place(n)]);

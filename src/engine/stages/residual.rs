@@ -4,9 +4,8 @@
 //! [window](super::uncertainty_terms::window()), its root shows where something moved between the photographs, reflects
 //! differently, or is occluded.
 
-use super::blur::{Stacks, heaviside, sample_pair};
+use super::blur::{Sample, Samples, Stacks, heaviside};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::state::{Registration, inside};
 use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::engine::vulkan::Variant;
 
@@ -49,92 +48,44 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
-        let warped = variant[1].then_some(&state.warped);
-        let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
-        let squared = cpu_reference(c, &state.registration, warped, i1, v, &stacks);
+        let (warped, r) = (variant[1].then_some(&state.warped), &state.registration);
+        let (i1, lens) = (memory.layer(self.i1, 0), (c.mean, 1.0, c.centre));
+        let squared = cpu_reference(c, &Samples { lens, r, warped, i1, stacks }, memory.layer(self.v, 0));
         memory.set_layer(self.terms, c.layer as usize, squared);
     }
 }
 
-/// The squared residual on every other pixel. `warped` is T when I2 was warped onto I1's pixels, if it was.
-pub fn cpu_reference<N: Number>(
-    c: &Constants,
-    r: &Registration,
-    warped: Option<&Registration>,
-    i1: &Raster<N>,
-    v: &Raster<N>,
-    stacks: &Stacks<N>,
-) -> Raster<N> {
+/// The squared residual on every other pixel.
+fn cpu_reference<N: Number>(c: &Constants, samples: &Samples<N>, v: &Raster<N>) -> Raster<N> {
     let [width, height] = uncertainty_terms::size([c.width, c.height]);
-    let (scale, moved) = (r.scale(), warped.map(|before| r.moved_since(before)));
-    Raster::from_fn(width as usize, height as usize, |x, y| {
-        let (x, v) = ([2 * x, 2 * y], v.get(2 * x, 2 * y));
-        let d = r.displacement(x[0], x[1], 1.0, c.centre.map(f64::from));
-        if !inside(x, d, [c.width as usize, c.height as usize], v, scale) {
-            return 0.0;
-        }
-        let sample = sample_pair((c.mean, 1.0, c.centre), r, moved.as_ref(), x, i1, v, stacks);
-        let s1 = sample.blurred[0].value - (r.gain * sample.i2.value + r.offset);
-        let s2 = r.gain * sample.blurred[1].value + r.offset - sample.i1;
-        let h = heaviside(v, c.epsilon.into());
-        h * s1 * s1 + (1.0 - h) * s2 * s2
-    })
+    let (mut squared, r) = (Raster::zeros(width as usize, height as usize), samples.r);
+    squared.fill_rows(|y, row| {
+        let v = |x: usize| &v.row(2 * y)[x..];
+        samples.visit_row(2 * y, 2, v, |Sample { x, v, sharp: [i1, j], blurred: [b1, b2] }| {
+            let (s1, s2) = (b1 - (r.gain * j + r.offset), r.gain * b2 + r.offset - i1);
+            let h = heaviside(v, c.epsilon.into());
+            row[x / 2] = N::of(h * s1 * s1 + (1.0 - h) * s2 * s2);
+        });
+    });
+    squared
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::Field;
-    use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
-    use super::super::linearise;
-    use super::super::stack::{self, Slopes};
-    use super::super::state::State;
+    use super::super::harness::{Input, SampledPair, Trial};
     use super::*;
-    use crate::base::{Kernel, Photometric, Similarity};
-
-    fn check(images: [Field; 2], kernel: &Kernel, warped: bool) {
-        let [i1, i2] = images;
-        let (width, height) = (i1.width, i1.height);
-        let (nodes, slopes) = (stack::node_count(6.0), Slopes::of(kernel));
-        let stacks = [&i1, &i2].map(|image| build_stack(image, kernel, nodes));
-        let mut v = smooth_field(width, height, 3);
-        v.data.iter_mut().for_each(|v| *v = 8.0 * (*v - 0.5));
-        let c = Constants {
-            width: width as u32,
-            height: height as u32,
-            layer: 1,
-            nodes: nodes as u32,
-            second_stack: (nodes * slopes.layers()) as u32,
-            centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0],
-            mean: kernel.mean().map(|m| m as f32),
-            epsilon: 0.1,
-        };
-        let transform = Similarity::new(0.7, -1.1, 0.4, 1.02);
-        let photometric = Photometric { gain: 1.1, offset: -0.03 };
-        let mut state = State::new(&Registration::new(transform, &photometric));
-        state.warped = (&Registration::new(Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY)).into();
-        let (i1, v, stacks) = ([i1], [v], stacks.concat());
-        let inputs = [&i1[..], &v, &stacks].map(Input::Image);
-        let inputs = [&inputs[..], &[Input::Unread, Input::State(&state)]].concat();
-        let variant = linearise::variant(slopes, warped, false, false);
-        let groups = STAGE.groups(uncertainty_terms::size([c.width, c.height]));
-        // 2e-5: a residual of up to 1, squared in single precision.
-        for is_packed in [false, slopes == Slopes::Laplacian] {
-            let variant = stack::packed(variant, is_packed);
-            Trial::run::<Bindings>(&inputs, &c, variant, groups).assert_within(2e-5);
-        }
-    }
 
     #[test]
     fn matches_the_cpu_reference() {
-        for (width, height) in [(67, 43), (32, 33), (17, 40)] {
-            let smooth = || [1, 2].map(|seed| smooth_field(width, height, seed));
-            for kernel in [Kernel::Gaussian, Kernel::HalfGaussian] {
-                check(smooth(), &kernel, false);
-                check([5, 6].map(|seed| random_field(width, height, seed)), &kernel, false);
+        SampledPair::for_each(6.0, |pair, warped| {
+            let ([width, height], &SampledPair { nodes, second_stack, centre, mean, .. }) = (pair.size(), pair);
+            let c = Constants { width, height, layer: 1, nodes, second_stack, centre, mean, epsilon: 0.1 };
+            let inputs = [&pair.inputs()[..], &[Input::Unread, Input::State(&pair.state)]].concat();
+            let groups = STAGE.groups(uncertainty_terms::size([width, height]));
+            for variant in pair.variants(warped, false) {
+                // 2e-5: a residual of up to 1, squared in single precision.
+                Trial::run::<Bindings>(&inputs, &c, variant, groups).assert_within(2e-5);
             }
-            check(smooth(), &Kernel::Gaussian, true);
-        }
-        let flat = || Field::from_fn(35, 20, |_, _| 0.5);
-        check([flat(), flat()], &Kernel::Gaussian, true);
+        });
     }
 }

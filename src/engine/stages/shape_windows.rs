@@ -177,7 +177,7 @@ fn terms<N: Number>(
 /// The departure at |V|, between two nodes.
 fn departure<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> f64 {
     let k = stack::node_below(v, stack.len());
-    let [v0, v1] = [k, k + 1].map(|k| stack::node_sigma(k).powi(2));
+    let [v0, v1] = [k, k + 1].map(stack::node_variance);
     // The departures of both nodes are those of four adjacent nodes at most.
     let [[first, ..], [.., last]] = [k, k + 1].map(|k| stack::departure_nodes(k, stack.len()));
     let mut nodes = [0.0; 4];

@@ -5,7 +5,7 @@
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 use super::rows::{self, Rows};
-use super::segments::{SEGMENT, Segment, place, range};
+use super::segments::{SEGMENT, Segment, place, range, vectorised};
 
 /// A number that formulas are written for.
 pub trait Real:
@@ -145,6 +145,27 @@ impl<N: Number> Raster<N> {
     /// Calls `fill(y, row)` for each row, in parallel if there are many pixels.
     pub(crate) fn fill_rows(&mut self, fill: impl Fn(usize, &mut [N]) + Sync) {
         rows::map([self.into()], |y, [row]| fill(y, row));
+    }
+
+    /// Fills rasters of one size with the numbers of the segments of pixels from (x, y) to the right. `numbers` and what
+    /// it calls must be `#[inline(always)]`.
+    pub(super) fn fill_segments<const COUNT: usize>(
+        mut rasters: [Self; COUNT],
+        numbers: impl Fn([usize; 2]) -> [Segment<N>; COUNT] + Sync,
+    ) -> [Self; COUNT] {
+        rows::map(rasters.each_mut().map(Rows::from), |y, mut rows| {
+            for x in (0..rows[0].len()).step_by(SEGMENT) {
+                let numbers = vectorised(
+                    #[inline(always)]
+                    || numbers([x, y]),
+                );
+                for (row, numbers) in rows.iter_mut().zip(&numbers) {
+                    let count = SEGMENT.min(row.len() - x);
+                    row[x..][..count].copy_from_slice(&numbers[..count]);
+                }
+            }
+        });
+        rasters
     }
 
     /// A raster of zeros.

@@ -110,7 +110,7 @@ pub fn departure_of(k: usize, count: usize, node: impl Fn(usize) -> f64) -> f64 
         return 0.0;
     }
     let three = departure_nodes(k, count);
-    departure(node_sigma(k).powi(2), three.map(|n| node_sigma(n).powi(2)), three.map(node))
+    departure(node_variance(k), three.map(node_variance), three.map(node))
 }
 
 /// Variances of the nodes, px²: as [`node_sigma`], up to σ 470 px.
@@ -123,6 +123,11 @@ static NODES: [f64; 24] = {
     }
     nodes
 };
+
+/// The variance of a node, px².
+pub(super) fn node_variance(k: usize) -> f64 {
+    NODES[k]
+}
 
 /// The number of nodes that reach a variance in px².
 pub fn node_count(limit: f64) -> usize {

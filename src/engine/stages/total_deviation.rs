@@ -5,8 +5,10 @@
 //! only the errors that differ from pixel to pixel. Section 7 of `docs/method.md`.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::segments::{SEGMENT, first_of};
 use super::uncertainty::{LARGEST, WINDOW_PIXELS};
-use super::{Number, Raster, pixels, uncertainty_terms};
+use super::uncertainty_terms::{self, at_pixels};
+use super::{Number, Raster, pixels};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -60,16 +62,25 @@ pub fn cpu_reference<N: Number>(
     [v, deviation]: [&Raster<N>; 2],
     [curvature, b2, alike]: [&Raster<N>; 3],
 ) -> Raster<N> {
-    Raster::from_fn(v.width, v.height, |x, y| {
-        let so_far = deviation.get(x, y);
-        if so_far.is_nan() || so_far >= c.largest.into() {
-            return so_far;
-        }
-        let [curvature, b2, alike] = [curvature, b2, alike].map(|term| uncertainty_terms::at(term, x, y));
-        let covariance = correlated * (alike - b2).max(0.0) / (f64::from(c.pixels) * curvature * curvature);
-        let covariance = if curvature > 0.0 { covariance } else { 0.0 };
-        (so_far * so_far + covariance + (scale * v.get(x, y)).powi(2)).sqrt().min(c.largest.into())
-    })
+    let (pixels, largest) = (f64::from(c.pixels), f64::from(c.largest));
+    let [total] = Raster::fill_segments(
+        [Raster::zeros(v.width, v.height)],
+        #[inline(always)]
+        |at @ [x, y]| {
+            let [v, mut deviations] = [first_of(&v.row(y)[x..]), first_of(&deviation.row(y)[x..])];
+            let [curvature, b2, alike] = [at_pixels(curvature, at), at_pixels(b2, at), at_pixels(alike, at)];
+            for n in 0..SEGMENT {
+                let (so_far, v): (f64, f64) = (deviations[n].into(), v[n].into());
+                let covariance = correlated * (alike[n] - b2[n]).max(0.0) / (pixels * curvature[n] * curvature[n]);
+                let covariance = if curvature[n] > 0.0 { covariance } else { 0.0 };
+                let total = (so_far * so_far + covariance + (scale * v) * (scale * v)).sqrt().min(largest);
+                // It stays where it is not a number.
+                deviations[n] = if so_far < largest { N::of(total) } else { deviations[n] };
+            }
+            [deviations]
+        },
+    );
+    total
 }
 
 #[cfg(test)]

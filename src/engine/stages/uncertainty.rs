@@ -26,8 +26,9 @@
 //! determine, so that no count, mask or measurement takes the bound for a measured value.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::state::{Registration, inside};
-use super::uncertainty_terms::{self, WINDOW};
+use super::segments::{SEGMENT, first_of};
+use super::state::{Registration, margin};
+use super::uncertainty_terms::{self, WINDOW, at_pixels};
 use super::{Number, Raster, pixels};
 use crate::base::Settings;
 use crate::engine::shaders;
@@ -141,27 +142,41 @@ pub fn cpu_reference<N: Number>(
     terms: &[Raster<N>; uncertainty_terms::LAYERS],
     mask: Option<&[u8]>,
 ) -> [Raster<N>; 3] {
-    let size = [v.width, v.height];
-    let valid = |x, y| {
-        mask.is_none_or(|mask| mask[y * v.width + x] != 0)
-            && inside([x, y], r.displacement(x, y, 1.0, c.centre.map(f64::from)), size, v.get(x, y), r.scale())
-    };
-    let spread = spread.max(f64::from(c.eta) / BROAD);
-    let largest = f64::from(c.largest);
-    Raster::several(size, |x, y| {
-        if !valid(x, y) {
-            return [f64::NAN; 3];
-        }
-        let v = v.get(x, y);
-        let [curvature, b2, bend, _, residual] = terms.each_ref().map(|term| uncertainty_terms::at(term, x, y));
-        let data = b2 / (f64::from(c.pixels) * curvature * curvature);
-        let beyond = (residual - (NOISE * spread).powi(2)).max(0.0);
-        let unexplained = beyond * residual / (b2 * (residual + f64::from(c.eta).powi(2)));
-        let deviation = (data + f64::from(c.bending) * bend + unexplained / f64::from(c.features)).sqrt();
-        let is_other = residual > (UNEXPLAINED * spread).powi(2) && deviation > CERTAIN;
-        let is_known = curvature > 0.0 && v.abs() < f64::from(c.at_limit) && !is_other;
-        [v, if is_known { deviation.min(largest) } else { largest }, residual.max(0.0).sqrt()]
-    })
+    let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
+    let (spread, largest) = (spread.max(f64::from(c.eta) / BROAD), f64::from(c.largest));
+    let [eta, features, bending, pixels, at_limit] =
+        [c.eta, c.features, c.bending, c.pixels, c.at_limit].map(f64::from);
+    let [noise, unexplained_from] = [NOISE, UNEXPLAINED].map(|times| (times * spread).powi(2));
+    let mut results = Raster::fill_segments(
+        [(); 3].map(|()| Raster::zeros(v.width, v.height)),
+        #[inline(always)]
+        |at @ [x, y]| {
+            let (v, of_residual) = (first_of(&v.row(y)[x..]), &terms[uncertainty_terms::RESIDUAL]);
+            let [curvature, b2] = [at_pixels(&terms[0], at), at_pixels(&terms[1], at)];
+            let [bend, residual] = [at_pixels(&terms[2], at), at_pixels(of_residual, at)];
+            let mut numbers = [[N::default(); SEGMENT]; 3];
+            for n in 0..SEGMENT {
+                let (curvature, b2, residual, v): (_, _, _, f64) = (curvature[n], b2[n], residual[n], v[n].into());
+                let place = [x as f64 + f64::from(n as i32), y as f64];
+                let is_inside = margin(place, r.displacement_at(place, 1.0, centre), size, v, r.scale()) >= 0.0;
+                let data = b2 / (pixels * curvature * curvature);
+                let unexplained = (residual - noise).max(0.0) * residual / (b2 * (residual + eta * eta));
+                let deviation = (data + bending * bend[n] + unexplained / features).sqrt();
+                let is_other = (residual > unexplained_from) & (deviation > CERTAIN);
+                let is_known = (curvature > 0.0) & (v.abs() < at_limit) & !is_other;
+                let deviation = if is_known { deviation.min(largest) } else { largest };
+                let of_pixel = [v, deviation, residual.max(0.0).sqrt()];
+                for k in 0..3 {
+                    numbers[k][n] = N::of(if is_inside { of_pixel[k] } else { f64::NAN });
+                }
+            }
+            numbers
+        },
+    );
+    for (n, _) in mask.into_iter().flatten().enumerate().filter(|(_, counts)| **counts == 0) {
+        results.iter_mut().for_each(|result| result.data[n] = N::of(f64::NAN));
+    }
+    results
 }
 
 #[cfg(test)]

@@ -13,6 +13,8 @@
 //! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
 
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::rows::{self, Rows};
+use super::segments::{SEGMENT, Segment, streamed};
 use super::{Number, Raster, pixels};
 use crate::engine::filter::{self, Filter};
 use crate::engine::shaders;
@@ -74,10 +76,27 @@ pub(crate) fn size([width, height]: [u32; 2]) -> [u32; 2] {
     [width.div_ceil(2), height.div_ceil(2)]
 }
 
-/// A term at a pixel, from the term on every other pixel.
-pub(super) fn at<N: Number>(term: &Raster<N>, x: usize, y: usize) -> f64 {
-    let [right, below] = [x.div_ceil(2).min(term.width - 1), y.div_ceil(2).min(term.height - 1)];
-    (term.get(x / 2, y / 2) + term.get(right, y / 2) + term.get(x / 2, below) + term.get(right, below)) / 4.0
+/// A term at each pixel of the segment from (x, y) to the right, from the term on every other pixel. x is even.
+#[inline(always)]
+pub(super) fn at_pixels<N: Number>(term: &Raster<N>, [x, y]: [usize; 2]) -> Segment<f64> {
+    const HALF: usize = SEGMENT / 2 + 1;
+    let rows = [y / 2, y.div_ceil(2).min(term.height - 1)].map(|y| &term.row(y)[x / 2..]);
+    let mut halves = [[0.0; HALF]; 2];
+    for (half, row) in halves.iter_mut().zip(rows) {
+        let count = row.len().min(HALF);
+        for n in 0..count {
+            half[n] = row[n].into();
+        }
+        let last = half[count - 1];
+        half[count..].fill(last);
+    }
+    let ([above, below], mut terms) = (halves, [0.0; SEGMENT]);
+    for n in 0..SEGMENT / 2 {
+        let (here, right) = (n, n + 1);
+        terms[2 * n] = (above[here] + above[here] + below[here] + below[here]) / 4.0;
+        terms[2 * n + 1] = (above[here] + above[right] + below[here] + below[right]) / 4.0;
+    }
+    terms
 }
 
 /// The filter along x and y of the window, on every other pixel.
@@ -90,27 +109,40 @@ pub fn window() -> Filter {
 /// pixels.
 pub fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, [d, b]: [&Raster<N>; 2]) -> [Raster<N>; RESIDUAL] {
     let [eta, noise, least] = [c.eta, c.noise, c.least].map(f64::from);
-    let of = |x: usize, y: usize| {
+    let of = |x: usize, y: usize, around: f64| {
         let beside = [(2, 0), (-2, 0), (0, 2), (0, -2)].map(|(i, j)| v.clamped(x as isize + i, y as isize + j));
         let bend = 0.25 * beside.iter().sum::<f64>() - v.get(x, y);
         let (d, own) = (d.get(x, y), b.get(x, y));
         if d <= least {
             return [0.0, 0.0, bend * bend, 0.0];
         }
-        let xs = x.saturating_sub(REACH)..b.width.min(x + REACH + 1);
-        let mut around = 0.0;
-        for y in y.saturating_sub(REACH)..b.height.min(y + REACH + 1) {
-            for &b in &b.row(y)[xs.clone()] {
-                around += b.into();
-            }
-        }
         let pull = own * own / d;
         let square = 0.5 * pull * (pull + (pull * pull + 4.0 * eta * eta).sqrt());
         let (curvature, rounding) = (d * eta * eta / (square + eta * eta), noise * noise / eta * d);
         [curvature, own * own + rounding, bend * bend, own * around + rounding]
     };
-    let (width, height) = (v.width.div_ceil(2), v.height.div_ceil(2));
-    Raster::several([width, height], |x, y| of(2 * x, 2 * y))
+    let mut terms = [(); RESIDUAL].map(|()| Raster::zeros(v.width.div_ceil(2), v.height.div_ceil(2)));
+    rows::map(terms.each_mut().map(Rows::from), |y, mut rows| {
+        let y = 2 * y;
+        // b summed down each column.
+        let mut columns = vec![0.0; b.width];
+        for y in y.saturating_sub(REACH)..b.height.min(y + REACH + 1) {
+            let b = &b.row(y)[..columns.len()];
+            streamed(
+                #[inline(always)]
+                || {
+                    for x in 0..columns.len() {
+                        columns[x] += b[x].into();
+                    }
+                },
+            );
+        }
+        for x in (0..v.width).step_by(2) {
+            let around = columns[x.saturating_sub(REACH)..b.width.min(x + REACH + 1)].iter().sum();
+            rows.iter_mut().zip(of(x, y, around)).for_each(|(row, term)| row[x / 2] = N::of(term));
+        }
+    });
+    terms
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::segments::{SEGMENT, Segment, place, vectorised};
+use super::segments::{SEGMENT, Segment, place};
 use super::state::Registration;
 use super::{Number, Raster, pixels, spline};
 use crate::base::Shading;
@@ -51,20 +51,15 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let reused = memory.take_layer(self.to, c.layer as usize);
         let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);
-        let samples = warped(reused, c, &r, &shading, memory.layer(self.spline2, 0));
+        let samples = cpu_reference(reused, c, &r, &shading, memory.layer(self.spline2, 0));
         memory.set_layer(self.to, c.layer as usize, samples);
         let state = memory.state_mut(self.state);
         (state.warped, state.applied_shading) = (r, shading);
     }
 }
 
-/// Samples of I2 at T x times the shading, mirrored once where T leaves I2.
-pub fn cpu_reference<N: Number>(c: &Constants, r: &Registration, shading: &Shading, spline2: &Raster<N>) -> Raster<N> {
-    warped(Raster::default(), c, r, shading, spline2)
-}
-
-/// As [`cpu_reference`], in the memory of a raster.
-fn warped<N: Number>(
+/// Samples of I2 at T x times the shading, mirrored once where T leaves I2, in the memory of a raster.
+fn cpu_reference<N: Number>(
     reused: Raster<N>,
     c: &Constants,
     r: &Registration,
@@ -83,23 +78,19 @@ fn warped<N: Number>(
 /// Fills a raster with the values of segments of pixels from (x, y) to the right, which T displaces by d on a level
 /// whose pixels are `factor` wide.
 pub(super) fn displaced<N: Number>(
-    mut raster: Raster<N>,
+    raster: Raster<N>,
     (r, factor, centre): (&Registration, f64, [f64; 2]),
     values: impl Fn([usize; 2], [&Segment<N>; 2]) -> Segment<N> + Sync,
 ) -> Raster<N> {
-    raster.fill_rows(|y, row| {
-        vectorised(
-            #[inline(always)]
-            || {
-                let [mut dx, mut dy] = [[N::default(); SEGMENT]; 2];
-                for (n, row) in row.chunks_mut(SEGMENT).enumerate() {
-                    let at = [n * SEGMENT, y];
-                    r.displacements(at, factor, centre, [&mut dx, &mut dy]);
-                    row.copy_from_slice(&values(at, [&dx, &dy])[..row.len()]);
-                }
-            },
-        );
-    });
+    let [raster] = Raster::fill_segments(
+        [raster],
+        #[inline(always)]
+        |at| {
+            let [mut dx, mut dy] = [[N::default(); SEGMENT]; 2];
+            r.displacements(at, factor, centre, [&mut dx, &mut dy]);
+            [values(at, [&dx, &dy])]
+        },
+    );
     raster
 }
 
@@ -199,7 +190,7 @@ mod tests {
         let spline2 = build_stack(&field, &crate::base::Kernel::Gaussian, 1).swap_remove(0);
         let r = Registration::new(Similarity::new(1.3, -0.7, 0.8, 1.02), &Photometric::IDENTITY);
         let c = Constants { width: 60, height: 40, layer: 0, factor: 1.0, centre: [29.5, 19.5] };
-        let actual = cpu_reference(&c, &r, &Shading::NONE, &spline2);
+        let actual = cpu_reference(Raster::default(), &c, &r, &Shading::NONE, &spline2);
         for y in 15..25 {
             for x in 15..45 {
                 let d = r.displacement(x, y, 1.0, [29.5, 19.5]);
