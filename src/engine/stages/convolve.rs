@@ -160,26 +160,25 @@ fn filter_into<N: Number>(
             let row = |n: usize| input.row(fold((y * stride + n) as isize - radius, period));
             weigh(sums, filter, &(0..filter.len()).map(row).collect::<Vec<_>>());
         } else {
-            for (n, sums) in sums.chunks_mut(STRIP).enumerate() {
-                filter_row(sums, input.row(y), filter, stride, [n * STRIP, period]);
-            }
+            filter_row(sums, input.row(y), filter, stride, period);
         }
     });
     result
 }
 
-/// Adjacent columns that are filtered together. The rows of a filter of 19 weights then fit the first cache. With whole
-/// rows such a filter takes 1.4 times as long, one of 9 weights 1.1 times.
-const STRIP: usize = 256;
+/// Sums at either end of a row for which mirrored numbers are copied.
+const EDGE: usize = 32;
 
-/// The results of a row filtered along x from the column `first` on, mirrored about its first number and half a period
-/// from it.
-fn filter_row<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize, [first, period]: [usize; 2]) {
-    let (radius, count) = (filter.len() / 2, sums.len());
-    if stride > 1 || first < radius || first + count + radius > row.len() {
-        return filter_part(sums, row, filter, stride, [stride * first, period]);
+/// A row filtered along x, mirrored about its first number and half a period from it.
+fn filter_row<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize, period: usize) {
+    let (radius, width) = (filter.len() / 2, row.len());
+    if stride > 1 || radius > EDGE || width < 2 * EDGE {
+        return filter_part(sums, row, filter, stride, [0, period]);
     }
-    weigh(sums, filter, &(0..filter.len()).map(|n| &row[first - radius + n..]).collect::<Vec<_>>());
+    filter_part(&mut sums[..EDGE], row, filter, 1, [0, period]);
+    filter_part(&mut sums[width - EDGE..], row, filter, 1, [width - EDGE, period]);
+    let inner = (0..filter.len()).map(|n| &row[EDGE - radius + n..]).collect::<Vec<_>>();
+    weigh(&mut sums[EDGE..width - EDGE], filter, &inner);
 }
 
 /// The sums of a filtered row from pixel `first` of the row on.
@@ -224,26 +223,22 @@ pub(super) fn filter_both<N: Number>(
     let (width, height, radius) = (result.width, result.height, (along_y.len() / 2) as isize);
     let lines = height.div_ceil(BANDS).max(2 * along_y.len() / stride);
     rows::map([Rows::from(result).joined(lines)], |band, [rows]| {
-        let mut ring = vec![[N::default(); STRIP]; along_y.len()];
+        let mut ring = vec![vec![N::default(); width]; along_y.len()];
         let slot = |y: isize| (y + radius) as usize % along_y.len();
-        for first in (0..width).step_by(STRIP) {
-            let count = STRIP.min(width - first);
-            let mut next = (band * lines * stride) as isize - radius;
-            let mut sums = [N::default(); STRIP];
-            for (n, row) in rows.chunks_exact_mut(width).enumerate() {
-                let (y, row) = (((band * lines + n) * stride) as isize, &mut row[first..][..count]);
-                while next <= y + radius {
-                    let (sums, input) = (&mut ring[slot(next)][..count], input.row(fold(next, periods[1])));
-                    filter_row(sums, input, along_x, stride, [first, periods[0]]);
-                    next += 1;
-                }
-                let filtered: Vec<&[N]> = (y - radius..=y + radius).map(|y| &ring[slot(y)][..count]).collect();
-                if add {
-                    weigh(&mut sums[..count], along_y, &filtered);
-                    row.iter_mut().zip(&sums).for_each(|(before, sum)| *before += *sum);
-                } else {
-                    weigh(row, along_y, &filtered);
-                }
+        let mut next = (band * lines * stride) as isize - radius;
+        let mut sums = vec![N::default(); if add { width } else { 0 }];
+        for (n, row) in rows.chunks_exact_mut(width.max(1)).enumerate() {
+            let y = ((band * lines + n) * stride) as isize;
+            while next <= y + radius {
+                filter_row(&mut ring[slot(next)], input.row(fold(next, periods[1])), along_x, stride, periods[0]);
+                next += 1;
+            }
+            let filtered: Vec<&[N]> = (y - radius..=y + radius).map(|y| &ring[slot(y)][..]).collect();
+            if add {
+                weigh(&mut sums, along_y, &filtered);
+                row.iter_mut().zip(&sums).for_each(|(before, sum)| *before += *sum);
+            } else {
+                weigh(row, along_y, &filtered);
             }
         }
     });
