@@ -193,7 +193,8 @@ fn cpu_reference<N: Number>(
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Input, SampledPair, Trial, build_stack, random_field};
+    use super::super::harness::{Input, Trial, build_stack, random_field};
+    use super::super::sampled_pair::SampledPair;
     use super::super::stack::{self, Slopes};
     use super::super::state::Registration;
     use super::super::uncertainty::WINDOW_PIXELS;

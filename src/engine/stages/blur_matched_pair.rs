@@ -114,7 +114,8 @@ pub fn cpu_reference<N: Number>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Input, SampledPair, Trial};
+    use super::super::harness::{Input, Trial};
+    use super::super::sampled_pair::SampledPair;
     use super::super::stack::Slopes;
     use super::super::{Field, NO_VARIANT};
     use super::*;

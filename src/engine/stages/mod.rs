@@ -51,6 +51,8 @@ pub mod scale_deviation;
 mod segments;
 pub mod separable;
 pub mod shape;
+#[cfg(test)]
+mod sampled_pair;
 pub mod shape_median;
 pub mod shape_windows;
 pub mod spline;

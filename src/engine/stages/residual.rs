@@ -72,7 +72,8 @@ fn cpu_reference<N: Number>(c: &Constants, samples: &Samples<N>, v: &Raster<N>) 
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Input, SampledPair, Trial};
+    use super::super::harness::{Input, Trial};
+    use super::super::sampled_pair::SampledPair;
     use super::*;
 
     #[test]
