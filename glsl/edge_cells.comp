@@ -31,6 +31,9 @@ const float LEVELS = 0.8, SURE = 2.5;
 // The farthest pixels that a level is averaged over, and σ² of their weights by distance.
 const int FARTHEST = 16;
 const float WEIGHT = 64.0;
+// The least V of a pixel that a level is averaged over, beyond halfway, as a share of the largest: where the side is
+// narrow, the other pixels are in the slope to what is on either side of it.
+const float CREST = 0.6;
 
 float v_at(ivec2 x) {
     return imageLoad(relative_blur, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 0)).r;
@@ -53,17 +56,24 @@ vec2 between(vec2 x) {
 // The means of V and of its deviation on the near (1) or far (-1) side, along the normal until V is halfway. x is 0 if
 // there are less than two samples.
 vec3 level(vec2 place, vec2 normal, float halfway, float side) {
-    vec3 sums = vec3(0.0);
-    int count = 0;
-    for (int k = side > 0.0 ? 4 : 5; k <= FARTHEST; k++) {
-        vec2 sampled = between(place + side * float(k) * normal);
+    int first = side > 0.0 ? 4 : 5, end = first;
+    float crest = 0.0;
+    for (; end <= FARTHEST; end++) {
+        vec2 sampled = between(place + side * float(end) * normal);
+        float beyond = side * (sampled.x - halfway);
         // Comparisons with NaN are false: where there is no deviation, the side ends.
-        if (!(side * (sampled.x - halfway) > 0.0 && sampled.y >= 0.0)) break;
+        if (!(beyond > 0.0 && sampled.y >= 0.0)) break;
+        crest = max(crest, beyond);
+    }
+    if (end < first + 2) return vec3(0.0);
+    vec3 sums = vec3(0.0);
+    for (int k = first; k < end; k++) {
+        vec2 sampled = between(place + side * float(k) * normal);
+        if (side * (sampled.x - halfway) < CREST * crest) continue;
         float deviations = sampled.y / half_weight;
         sums += exp(-float(k * k) / (2.0 * WEIGHT)) / (1.0 + deviations * deviations) * vec3(1.0, sampled);
-        count++;
     }
-    return count < 2 ? vec3(0.0) : vec3(1.0, sums.yz / sums.x);
+    return vec3(1.0, sums.yz / sums.x);
 }
 
 void main() {

@@ -19,7 +19,7 @@ const int BACKWARD = 4, DISPLACEMENTS = 15;
 const int BEFORE = DISPLACEMENTS;
 // The sum of the shares of all pairs of frames in the costs, behind the edge: 1 for a pair.
 const int TOTAL = 9;
-// The place and the normal on the straightened edge, behind that.
+// The place and the normal on the straightened edge and V of either side there, behind that.
 const int STRAIGHT = 10;
 
 // The cells with an edge are listed as edge_cells finds them, each by its column and, from this bit on, its row. Passes
@@ -44,16 +44,17 @@ struct Edge {
     float near_deviation, far_deviation;
 };
 
-// The edge of a cell with the place and the normal from the number `line` on: 1 before it is straightened.
-Edge edge_on(ivec2 cell, int line) {
+// The edge of a cell, before it is straightened or after.
+Edge edge_on(ivec2 cell, bool straight) {
     if (number_of(cell, EDGES, 0) == 0.0) return Edge(false, vec2(0.0), vec2(0.0), 0.0, 0.0, 0.0, 0.0);
+    int line = straight ? STRAIGHT : 1, sides = straight ? STRAIGHT + 4 : 5;
     return Edge(true, vec2(number_of(cell, EDGES, line), number_of(cell, EDGES, line + 1)),
-                vec2(number_of(cell, EDGES, line + 2), number_of(cell, EDGES, line + 3)), number_of(cell, EDGES, 5),
-                number_of(cell, EDGES, 6), number_of(cell, EDGES, 7), number_of(cell, EDGES, 8));
+                vec2(number_of(cell, EDGES, line + 2), number_of(cell, EDGES, line + 3)), number_of(cell, EDGES, sides),
+                number_of(cell, EDGES, sides + 1), number_of(cell, EDGES, 7), number_of(cell, EDGES, 8));
 }
 
 Edge edge_of(ivec2 cell) {
-    return edge_on(cell, STRAIGHT);
+    return edge_on(cell, true);
 }
 
 // How far two cells lie on one edge, 0 to 1: by the angle between their normals. 0 if one is off the line of the other.

@@ -49,7 +49,8 @@ pub(crate) const BEFORE: usize = DISPLACEMENTS;
 /// The number of the sum of the shares of all pairs of frames in the costs, in the layer of the edges: 1 for a pair.
 pub(crate) const TOTAL: usize = edge::TOTAL as usize;
 
-/// The number of the place on the straightened edge and of the normal there, in the layer of the edges.
+/// The number of the place on the straightened edge, of the normal and of V of either side there, in the layer of the
+/// edges.
 pub(super) const STRAIGHT: usize = edge::STRAIGHT as usize;
 
 /// Columns and rows of cells of an image.
@@ -135,21 +136,21 @@ pub(super) struct Edge {
 impl Edge {
     /// The edge of a cell in the layer of edges, straightened.
     pub(super) fn of<N: Number>(edges: &Raster<N>, cell: [usize; 2]) -> Option<Self> {
-        Self::on(edges, cell, STRAIGHT)
+        Self::on(edges, cell, [STRAIGHT, STRAIGHT + 4])
     }
 
     /// The edge of a cell before it is straightened.
     pub(super) fn found<N: Number>(edges: &Raster<N>, cell: [usize; 2]) -> Option<Self> {
-        Self::on(edges, cell, 1)
+        Self::on(edges, cell, [1, 5])
     }
 
-    /// The edge of a cell with the place and the normal from the number `line` on.
-    fn on<N: Number>(edges: &Raster<N>, cell: [usize; 2], line: usize) -> Option<Self> {
+    /// The edge of a cell with the place and the normal from the number `line` on, and V of the sides from `sides` on.
+    fn on<N: Number>(edges: &Raster<N>, cell: [usize; 2], [line, sides]: [usize; 2]) -> Option<Self> {
         let at = |n: usize| number(edges, cell, n);
         (at(0) != 0.0).then(|| Self {
             place: [at(line), at(line + 1)],
             normal: [at(line + 2), at(line + 3)],
-            levels: [at(5), at(6)],
+            levels: [at(sides), at(sides + 1)],
             deviations: [at(7), at(8)],
         })
     }

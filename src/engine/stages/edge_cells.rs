@@ -250,7 +250,7 @@ fn edge_of<N: Number>(
 }
 
 /// The means of V and of its deviation on the near (1) or far (-1) side, along the normal until V is halfway. A pixel
-/// with the deviation `half` has half the weight.
+/// with the deviation `half` has half the weight; one in the slope to the other side has none.
 fn level<N: Number>(
     [v, deviation]: [&Raster<N>; 2],
     place: [f64; 2],
@@ -260,18 +260,23 @@ fn level<N: Number>(
     half: f64,
 ) -> Option<[f64; 2]> {
     let first = if side > 0.0 { 4 } else { 5 };
-    let (mut sums, mut sum, mut count) = ([0.0; 2], 0.0, 0);
-    for k in (first..=shader::FARTHEST).map(f64::from) {
+    let sampled = |k: f64| {
         let at = [0, 1].map(|i| place[i] + side * k * normal[i]);
-        let (v, deviation) = (between(v, at), between(deviation, at));
-        if side * (v - halfway) <= 0.0 || deviation.is_nan() {
-            break;
-        }
+        [k, between(v, at), between(deviation, at)]
+    };
+    let beyond = |v: f64| side * (v - halfway);
+    let samples: Vec<[f64; 3]> = (first..=shader::FARTHEST)
+        .map(|k| sampled(f64::from(k)))
+        .take_while(|&[_, v, deviation]| beyond(v) > 0.0 && !deviation.is_nan())
+        .collect();
+    let crest = samples.iter().map(|&[_, v, _]| beyond(v)).fold(0.0, f64::max);
+    let (mut sums, mut sum) = ([0.0; 2], 0.0);
+    for &[k, v, deviation] in samples.iter().filter(|&&[_, v, _]| beyond(v) >= shader::CREST * crest) {
         let weight = (-k * k / (2.0 * shader::WEIGHT)).exp() / (1.0 + (deviation / half).powi(2));
         sums = [sums[0] + weight * v, sums[1] + weight * deviation];
-        (sum, count) = (sum + weight, count + 1);
+        sum += weight;
     }
-    (count >= 2).then(|| sums.map(|s| s / sum))
+    (samples.len() >= 2).then(|| sums.map(|s| s / sum))
 }
 
 #[cfg(test)]
@@ -317,6 +322,19 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_level_of_a_narrow_bar_is_that_of_its_middle() {
+        // A bar 10 px wide, between slopes of some 6 px: 3.64 px² would be the mean of the pixels above halfway.
+        let [near, far] = [5.0, -5.0];
+        let rise = |x: f64| 0.5 + 0.5 * (x / 3.0).tanh();
+        let v = Field::from_fn(64, 48, |x, _| far + (near - far) * rise(x as f64 - 25.0) * rise(35.0 - x as f64));
+        let c = Constants::of_pair(0, [64, 48], 0, [64, 48]);
+        let edges = cpu_reference(&c, &v, &Field::from_fn(64, 48, |_, _| 0.1));
+        let edge = edge::all_cells([64, 48]).find_map(|cell| Edge::found(&edges, cell)).unwrap();
+        let middle = v.get(30, 20);
+        assert!(middle - edge.levels[0] < 0.5 && edge.levels[0] < middle, "{edge:?}, {middle}");
     }
 
     #[test]

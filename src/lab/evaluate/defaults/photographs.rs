@@ -19,6 +19,8 @@ const PART: &str = "part/57";
 const PART_NAME: &str = "part 57";
 /// Width of the border of the part that is left out, px.
 const BORDER: usize = 24;
+/// The least difference of depth across an edge whose pixels show both sides, as a share of the range.
+const RIM: f64 = 0.05;
 /// Noise of the part, white = 1.
 const NOISE: f64 = 0.002;
 
@@ -48,7 +50,9 @@ pub(super) fn part(runner: &mut Runner, data: &Path) -> (Section, Option<Case>, 
         }
         let corner = solution.transform.corner_distance(part.transform, solution.width, solution.height);
         let case = case.at_most("corner, px", corner, 0.004).at_most("depth rms, % of range", depth.rms, 2.5);
-        Ok(case.at_most("depth MAD, % of range", depth.mad, 0.8))
+        let one = Curve::fit(&part.pixels_of_one_depth(&solution)).ok_or(FEW)?;
+        let note = format!("depth rms without pixels that show both sides of an edge: {:.2} %", one.rms);
+        Ok(case.at_most("depth MAD, % of range", depth.mad, 0.8).note(note))
     });
     let what = format!(
         "A ray-traced part, thin lens, disk blur, occlusion, noise {NOISE}, another exposure. Depth against V by a cubic, \
@@ -77,6 +81,26 @@ impl Part {
     fn pixels(&self, solution: &Solution) -> Vec<[f64; 2]> {
         let both = |i: usize| [solution.relative_blur[i], self.depth[i]].map(f64::from);
         let pixels = inside(solution.width, solution.height, BORDER).map(both);
+        pixels.filter(|both| both.iter().all(|v| v.is_finite())).collect()
+    }
+
+    /// Those of the judged pixels that show one side of an edge. The depth of the others is the mean of both sides: some
+    /// neighbours are nearer, and some farther away, by over [`RIM`] of the range.
+    fn pixels_of_one_depth(&self, solution: &Solution) -> Vec<[f64; 2]> {
+        let depth = |i: usize| f64::from(self.depth[i]);
+        let judged = || inside(solution.width, solution.height, BORDER).filter(|&i| depth(i).is_finite());
+        let range = |pixels: &mut dyn Iterator<Item = f64>| {
+            pixels.filter(|z| z.is_finite()).fold((f64::MAX, f64::MIN), |(a, b), z| (a.min(z), b.max(z)))
+        };
+        let (low, high) = range(&mut judged().map(depth));
+        let least = RIM * (high - low);
+        let is_of_one = |i: usize| {
+            let row = solution.width as usize;
+            let around = [i - row, i, i + row].into_iter().flat_map(|i| i - 1..=i + 1);
+            let (nearer, farther) = range(&mut around.map(depth));
+            depth(i) - nearer < least || farther - depth(i) < least
+        };
+        let pixels = judged().filter(|&i| is_of_one(i)).map(|i| [f64::from(solution.relative_blur[i]), depth(i)]);
         pixels.filter(|both| both.iter().all(|v| v.is_finite())).collect()
     }
 
