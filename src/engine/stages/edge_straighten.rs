@@ -2,8 +2,8 @@
 //! `docs/method.md`.
 //!
 //! Noise makes the places where V is halfway wind by a pixel or two around the outline. A displacement is counted from
-//! the cell's place: only on a straightened edge is the same displacement the same outline in neighbouring cells. The line
-//! is fitted by least squares in the axes of the cell's own normal.
+//! the cell's place: only on a straightened edge is the same displacement the same outline in neighbouring cells. The
+//! line is fitted by least squares in the axes of the cell's own normal.
 
 use super::edge::{self, EDGES, Edge, STRAIGHT};
 use super::pass::{Memory, Pass, bindings, push_constants};
