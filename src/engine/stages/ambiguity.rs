@@ -232,6 +232,7 @@ mod tests {
         terms[0].data.iter_mut().for_each(|curvature| *curvature *= 10.0);
         let photometric = Photometric { gain: 1.1, offset: -0.03 };
         let mut state = State::new(&Registration::new(Similarity::new(0.7, -1.1, 0.4, 1.02), &photometric));
+        state.white = 1.3;
         state.warped = (&Registration::new(Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY)).into();
         let (i1, v) = ([i1], [v]);
         let inputs = [Input::Image(&i1), Input::Image(&v), Input::Image(&stacks), Input::Image(&terms)];

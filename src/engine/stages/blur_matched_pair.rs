@@ -140,6 +140,7 @@ mod tests {
         };
         let transform = Similarity::new(1.4, -2.2, 0.4, 1.02);
         let mut state = State::new(&Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 }));
+        state.white = 1.3;
         state.warped = (&Registration::new(Similarity::new(1.36, -2.14, 0.39, 1.019), &Photometric::IDENTITY)).into();
         let masks = [7, 8].map(|seed| mask::shares(width, height, seed));
         let layers = if stacked { stacks.concat() } else { vec![stacks[1][0].clone()] };

@@ -111,6 +111,7 @@ mod tests {
         let transform = Similarity::new(0.7, -1.1, 0.4, 1.02);
         let photometric = Photometric { gain: 1.1, offset: -0.03 };
         let mut state = State::new(&Registration::new(transform, &photometric));
+        state.white = 1.3;
         state.warped = (&Registration::new(Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY)).into();
         let (i1, v, stacks) = ([i1], [v], stacks.concat());
         let inputs = [&i1[..], &v, &stacks].map(Input::Image);
