@@ -18,6 +18,7 @@ layout(push_constant) uniform Constants {
     float shading[TERMS];
 };
 
+float unit_of_coefficients() { return 1.0; }
 float coefficient(int image, ivec3 place) { return imageLoad(spline, place).r; }
 
 void main() {

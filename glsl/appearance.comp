@@ -25,6 +25,7 @@ layout(push_constant) uniform Constants {
     float eta;
 };
 
+float unit_of_coefficients() { return 1.0; }
 float coefficient(int image, ivec3 place) {
     return imageLoad(spline2, place).r;
 }

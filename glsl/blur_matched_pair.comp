@@ -11,8 +11,8 @@ layout(constant_id = 3) const bool WARPED = false;
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 2, r32ui) uniform readonly uimage2DArray stacks;         // of I1, then of I2; or coefficients of I2 alone
-layout(binding = 3, r32f) uniform writeonly image2DArray pair;         // half as wide and high: I1 and I2 times the share, and the share
+layout(binding = 2, r32ui) uniform readonly uimage2DArray stacks;   // of I1, then of I2; or coefficients of I2 alone
+layout(binding = 3, r32f) uniform writeonly image2DArray pair;      // half the size: I1 and I2 times the share; share
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 5, r32f) uniform readonly image2DArray masks;          // of I1, of I2
 layout(push_constant) uniform Constants {

@@ -1,6 +1,7 @@
 #version 460
-// The small grids of the cascade in one workgroup: sums the system up to the coarsest grid, solves it there, and relaxes
-// on the way back. There a dispatch takes longer than its work. CPU reference: src/engine/stages/coarsest_grids.rs.
+// The small grids of the cascade in one workgroup: sums the system up to the coarsest grid, solves it there, and
+// relaxes on the way back. There a dispatch takes longer than its work. CPU reference:
+// src/engine/stages/coarsest_grids.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 

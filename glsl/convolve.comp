@@ -11,7 +11,7 @@ layout(binding = 0, r32f) uniform readonly image2DArray from;
 layout(binding = 1, r32f) uniform image2DArray to;
 layout(binding = 2, std140) uniform Filters { vec4 weights[VECTORS]; };
 layout(binding = 3, std430) readonly buffer Tiles { uint tiles[]; };
-layout(constant_id = 2) const bool LONG = false;    // any filter; else one of TAPS weights at most, which replaces the target
+layout(constant_id = 2) const bool LONG = false;    // any filter; else of TAPS weights, and replaces the target
 layout(constant_id = 3) const bool VERTICAL = false;
 layout(constant_id = 5) const bool HALVING = false; // stores every other result
 layout(push_constant) uniform Constants {

@@ -19,8 +19,8 @@ layout(push_constant) uniform Constants {
 
 // Cells in each direction that an outline is taken from.
 const int AROUND = 4;
-// What must speak for an outline over the other order, in units of cost per cell; and the share of cells whose outline is
-// well within the displacements.
+// What must speak for an outline over the other order, in units of cost per cell; and the share of cells whose outline
+// is well within the displacements.
 const float ORDER = 3.0, WITHIN = 0.9;
 // The farthest pixels that change, px from where V was halfway, and from where on they change less.
 const float FARTHEST = 13.0, FADING = 9.0;

@@ -18,13 +18,14 @@ layout(push_constant) uniform Constants {
     float share;                     // the least difference of the levels, as a share of the larger |V|
     float largest;                   // the largest |V| of a side: the blur that the searched profile has room for
     float widest;                    // the largest difference of the levels
-    float uncertain;                 // the least deviation at the jump, as a share of it: what is measured there is a slope
+    float uncertain;                 // the least deviation at the jump, as a share of it: with less it is a slope
     float left, top, right, bottom;  // what all photographs show, pixels
 };
 
 #include "edge.glsl"
 
-// The least jump: as a share of the range over twice the distance, so that a slope is none; in least standard deviations.
+// The least jump: as a share of the range over twice the distance, so that a slope is none; in least standard
+// deviations.
 const float STEEP = 0.75, CERTAIN = 5.0;
 // The least difference of the levels: as a share of the least jump; in standard deviations of the difference.
 const float LEVELS = 0.8, SURE = 2.5;

@@ -1,6 +1,6 @@
 #version 460
-// The costs of displaced outlines: how well two layers, the front one in focus at its own V and hiding part of the other,
-// explain both photographs around a depth edge. A workgroup for each cell with an edge. CPU reference:
+// The costs of displaced outlines: how well two layers, the front one in focus at its own V and hiding part of the
+// other, explain both photographs around a depth edge. A workgroup for each cell with an edge. CPU reference:
 // src/engine/stages/edge_costs.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
@@ -45,8 +45,8 @@ const float HIDDEN = 0.3;
 // The layer behind is not restored from less than this share of the light.
 const float DIM = 0.12;
 
-// Kernels are Gaussians of at least this variance, px², and end at EXTENT σ. Of a side: of its own V, of both sides', of
-// its own and the texture's, of the texture's, of local means, and of the rim of what is in focus.
+// Kernels are Gaussians of at least this variance, px², and end at EXTENT σ. Of a side: of its own V, of both sides',
+// of its own and the texture's, of the texture's, of local means, and of the rim of what is in focus.
 const float LEAST_VARIANCE = 0.08, EXTENT = 2.6;
 const int OWN = 0, BOTH = 1, OWN_TEXTURE = 2, TEXTURE = 3, MEAN = 4, RIM = 5, KERNELS = 6;
 const float MEAN_VARIANCE = 4.0, TEXTURE_VARIANCE = 6.25, RIM_VARIANCE = 0.36;
@@ -202,7 +202,8 @@ vec4 mean_between(int kernel, int of_row, int k, int first, int last) {
     return sum / weight;
 }
 
-// The mean square of a difference over samples from `first` to `last` from the middle, as a share of the sum over a row.
+// The mean square of a difference over samples from `first` to `last` from the middle, as a share of the sum over a
+// row.
 float squared_if(vec4 difference, int from_middle, int first, int last) {
     return from_middle >= first && from_middle <= last ? dot(difference, difference) / float(LINES * (last - first + 1)) : 0.0;
 }

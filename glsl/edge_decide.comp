@@ -1,6 +1,6 @@
 #version 460
-// The distribution of the outline's place in both orders, from the costs of the cells along the edge, and what speaks for
-// it. A workgroup for each cell with an edge. CPU reference: src/engine/stages/edge_decide.rs.
+// The distribution of the outline's place in both orders, from the costs of the cells along the edge, and what speaks
+// for it. A workgroup for each cell with an edge. CPU reference: src/engine/stages/edge_decide.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray results;

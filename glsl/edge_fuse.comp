@@ -24,8 +24,9 @@ layout(push_constant) uniform Constants {
 const float LEAST_SHARE = 0.5;
 // Samples of the front's blur over its σ.
 const float SAMPLES = 4.0;
-// How far the result may be beyond what the other photograph shows there, as a share of the difference of both: room for the
-// texture that is blurred there. Where an outline is a pixel too far out, more than the front's light is subtracted.
+// How far the result may be beyond what the other photograph shows there, as a share of the difference of both: room
+// for the texture that is blurred there. Where an outline is a pixel too far out, more than the front's light is
+// subtracted.
 const float MOST_BEYOND = 0.5;
 
 void main() {

@@ -5,7 +5,8 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;   // V of the near side at outlines of the coarser level
 layout(binding = 1, r32f) uniform image2DArray relative_blur;
-// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the far side, and the others near outlines.
+// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the far side, and the others near
+// outlines.
 layout(binding = 2, r32f) uniform image2DArray results;
 layout(push_constant) uniform Constants {
     int width, height;                   // of the coarser level

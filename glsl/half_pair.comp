@@ -15,7 +15,7 @@ layout(binding = 2, r32f) uniform readonly image2DArray aligned;        // all f
 layout(binding = 3, r32f) uniform image2DArray system;                  // D, b, q; or D, b and two of noise
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
 layout(binding = 5, std430) readonly buffer Tiles { uint tiles[]; };
-layout(binding = 6, std430) readonly buffer Hidden { uint hidden[]; };  // a bit per pixel and frame: set where the frame does not count
+layout(binding = 6, std430) readonly buffer Hidden { uint hidden[]; };  // bits, per pixel and frame: where it does not count
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
@@ -37,7 +37,7 @@ layout(push_constant) uniform Constants {
 
 #include "tiles.glsl"
 
-layout(constant_id = 3) const bool STAYS = false;   // T and c are held: no sums, and two estimates of D made by noise instead of q
+layout(constant_id = 3) const bool STAYS = false;   // T and c are held: no sums; for q two estimates of D by noise
 
 const int ROWS = 8;                  // lines per invocation
 const float FILTERED = 4.0;          // pixels along the border that low pass and high pass reach
@@ -46,6 +46,7 @@ bool is_hidden(ivec2 x, uint frame) {
     return (hidden[(x.y * width + x.x) * words + frame / 32u] >> frame % 32u & 1u) != 0u;
 }
 
+float unit_of_coefficients() { return 1.0; }
 float coefficient(int image, ivec3 place) { return uintBitsToFloat(imageLoad(stacks, place).r); }
 
 // D, b and q of a pixel. Adds to the sums.

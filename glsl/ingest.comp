@@ -1,12 +1,18 @@
 #version 460
-// Converts samples of a photograph to one channel in [0, 1]. CPU reference: src/engine/stages/ingest.rs.
+// Converts samples of a photograph to one channel in [0, 1], and measures white. CPU reference:
+// src/engine/stages/ingest.rs.
+
+#extension GL_KHR_shader_subgroup_arithmetic : require
 
 #include "samples.glsl"
+#include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer Samples { uint samples[]; };
 layout(binding = 1, r32f) uniform writeonly image2DArray image;
+layout(binding = 2, std430) buffer StateBuffer { State state; };
 layout(constant_id = 2) const bool SRGB = false;    // decodes the sRGB curve
+layout(constant_id = 3) const bool MEASURES = false; // raises white to the largest magnitude
 layout(push_constant) uniform Constants {
     uint width, height, channels, bytes;
     float red, green, blue;
@@ -22,9 +28,7 @@ float sample_value(uint i) {
     return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4);
 }
 
-void main() {
-    uvec2 x = gl_GlobalInvocationID.xy;
-    if (x.x >= width || x.y >= height) return;
+float intensity(uvec2 x) {
     uint first = (x.y * width + x.x) * channels;
     float value = 0.0;
     // A loop, since software devices execute both sides of a branch.
@@ -32,5 +36,21 @@ void main() {
         float weight = channels == 1 ? 1.0 : c == 0 ? red : c == 1 ? green : blue;
         value += weight * sample_value(first + c);
     }
-    imageStore(image, ivec3(x, 0), vec4(value));
+    return value;
+}
+
+shared uint largest;
+
+void main() {
+    uvec2 x = gl_GlobalInvocationID.xy;
+    bool exists = x.x < width && x.y < height;
+    float value = exists ? intensity(x) : 0.0;
+    if (exists) imageStore(image, ivec3(x, 0), vec4(value));
+    if (!MEASURES) return;
+    if (gl_LocalInvocationIndex == 0) largest = 0u;
+    barrier();
+    float most = subgroupMax(abs(value));
+    if (subgroupElect()) atomicMax(largest, floatBitsToUint(most));
+    barrier();
+    if (gl_LocalInvocationIndex == 0) atomicMax(state.white, largest);
 }

@@ -8,12 +8,15 @@
 
 const int VECTORS = 1024;            // of four weights: the 16 KiB that each device allows a uniform buffer
 
+#include "state.glsl"
+
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32ui) uniform readonly uimage2DArray from;
 layout(binding = 1, r32ui) uniform readonly uimage2DArray second;   // of the second layer, with JOINS
 layout(binding = 2, r32ui) uniform writeonly uimage2DArray to;
 layout(binding = 3, std140) uniform Filters { vec4 weights[VECTORS]; };
 layout(binding = 4, std430) readonly buffer Tiles { uint tiles[]; };
+layout(binding = 5, std430) readonly buffer StateBuffer { State state; };
 layout(constant_id = 2) const bool LONG = false;    // filters of more than TAPS weights
 layout(constant_id = 3) const bool JOINS = false;   // two layers of floats, of two images; with PACKED they are packed
 layout(constant_id = 5) const bool HALVING = false; // stores every other result of either axis
@@ -86,6 +89,8 @@ void main() {
     ivec2 tile = ivec2(COLUMNS, RESULTS) * ivec2(tile_at(listed));
     ivec2 size = (ivec2(width, height) + STRIDE - 1) / STRIDE;
     int n = int(gl_LocalInvocationIndex);
+    // Packed coefficients are in whites.
+    float scale = PACKED && JOINS ? 1.0 / max(uintBitsToFloat(state.white), LEAST_WHITE) : 1.0;
     // Spans along x.
     [[unroll]] for (int round = 0; round < ROUNDS; round++) {
         int line = (n + round * TOTAL) / (COLUMNS / SPAN), column = n % (COLUMNS / SPAN) * SPAN;
@@ -106,7 +111,7 @@ void main() {
             }
         }
         [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++)
-            [[unroll]] for (int j = 0; j < SPAN; j++) filtered[i][line][column + j] = sums[i][j];
+            [[unroll]] for (int j = 0; j < SPAN; j++) filtered[i][line][column + j] = scale * sums[i][j];
     }
     barrier();
     if (n < (RESULTS + SPAN - 1) / SPAN * COLUMNS) {

@@ -118,7 +118,7 @@ void main() {
     ivec2 size = ivec2(width, height), grid = ivec2(columns, rows), window = ivec2(gl_WorkGroupID.xy);
     ivec2 corner = (2 * window + 1) * size / (2 * grid) - SIDE / 2;
     Registration r = state.registration;
-    float scale = scale_of(r), around = UNIT * coefficient(2, ivec3(corner + SIDE / 2, 0)), sums[SUMMED];
+    float scale = scale_of(r), around = unit_of_coefficients() * coefficient(2, ivec3(corner + SIDE / 2, 0)), sums[SUMMED];
     for (int i = 0; i < SUMMED; i++) sums[i] = 0.0;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     for (int n = int(gl_LocalInvocationIndex); n < SIDE * SIDE; n += step) {

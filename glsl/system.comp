@@ -10,7 +10,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 2) const bool SWEEP = false;
 layout(binding = 0, r32f) uniform readonly image2DArray unknown;
-layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b, and for a sweep q: averaged over a window
+layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b, and for a sweep q: window means
 layout(binding = 2, r32f) uniform writeonly image2DArray right_sides;     // layer 0: red, layer 1: black
 layout(binding = 3, rgba16f) uniform writeonly image2DArray weights;      // likewise; right, left, down, up
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };

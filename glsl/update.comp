@@ -1,6 +1,6 @@
 #version 460
-// V ← V + share clamp(dV), and the count of the pixels that still move or are at the limit. A whole step may be kept, and
-// the next one extrapolated from it. CPU reference: src/engine/stages/update.rs.
+// V ← V + share clamp(dV), and the count of the pixels that still move or are at the limit. A whole step may be kept,
+// and the next one extrapolated from it. CPU reference: src/engine/stages/update.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_arithmetic : require

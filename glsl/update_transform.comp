@@ -1,5 +1,6 @@
 #version 460
-// Updates T by the registration step, where a pass of its own does. CPU reference: src/engine/stages/update_transform.rs.
+// Updates T by the registration step, where a pass of its own does. CPU reference:
+// src/engine/stages/update_transform.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 

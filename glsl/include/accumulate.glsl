@@ -10,7 +10,7 @@ struct Sums {
     vec2 g1, gx, gy, gxx, gxy, gyy;                     // w J S, times the monomial
     float energy, valid;
     vec2 roughness;                                     // √|b|, |∇V|
-    float spread;                                       // of bounded squares of differences of S between adjacent pixels
+    float spread;                                      // of bounded squares of differences of S between adjacent pixels
     vec2 variance;                                      // b², D
 };
 

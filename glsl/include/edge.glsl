@@ -3,15 +3,16 @@
 
 const int SIDE = 4;                  // of a cell, pixels
 // Layers: costs of the outlines with the near side in front, and with the far side in front; the edges; the
-// distributions of the outline's place in both orders; the decisions. SIDES, per pixel near an accepted outline across which V
-// changes sign: |V| of the front, positive in front, negative behind; 0 elsewhere. It stays for the fused image.
+// distributions of the outline's place in both orders; the decisions. SIDES, per pixel near an accepted outline across
+// which V changes sign: |V| of the front, positive in front, negative behind; 0 elsewhere. It stays for the fused
+// image.
 const int COSTS = 3, REVERSED_COSTS = 4, EDGES = 5, OUTLINES = 6, REVERSED_OUTLINES = 7, DECISIONS = 8, SIDES = 9;
 // A coarser level uses the corner of the layers. These are its own:
 // - the standard deviation; near accepted outlines it becomes the mean of both sides';
 // - near accepted outlines: V of the far side; V of the near side is in the place of V;
 // - how much V may change, 0 to 1, negative if the far side is in front; 0 elsewhere;
-// - the probability that a pixel shows the near side, and its distance from where V was halfway, towards that side, px of
-//   the level.
+// - the probability that a pixel shows the near side, and its distance from where V was halfway, towards that side, px
+//   of the level.
 const int COARSE_DEVIATION = 10, COARSE_FAR = 11, COARSE_SHARE = 3, COARSE_NEAR = 4, COARSE_TOWARDS_NEAR = 12, LAYERS = 13;
 // Displacements of an outline towards the side in front, px: from -BACKWARD on.
 const int BACKWARD = 4, DISPLACEMENTS = 15;
@@ -23,8 +24,8 @@ const int TOTAL = 9;
 const int STRAIGHT = 10;
 
 // The cells with an edge are listed as edge_cells finds them, each by its column and, from this bit on, its row. Passes
-// over the list have a workgroup for each: this many along x, and further ones along y. After the words of the workgroups
-// over the list and over pixels comes the number of cells.
+// over the list have a workgroup for each: this many along x, and further ones along y. After the words of the
+// workgroups over the list and over pixels comes the number of cells.
 const int ROW_BIT = 16, ALONG_X = 32768, COUNT_PLACE = 6;
 
 ivec3 place_of(ivec2 cell, int layer, int n) {

@@ -3,8 +3,9 @@
 #include "border.glsl"
 #include "stacks.glsl"
 
-// Each shader defines which image a number means, since images cannot be arguments. In units of UNIT.
+// Each shader defines which image a number means, since images cannot be arguments, and the unit of the coefficients.
 float coefficient(int image, ivec3 place);
+float unit_of_coefficients();
 
 struct Jet {
     float value;
@@ -32,7 +33,8 @@ Jet spline_at(int image, int layer, ivec2 size, ivec2 i, vec2 f) {
         jet.gradient += vec2(w[row].y * line.y, d[row].y * line.x);
         jet.laplacian += w[row].y * line.z + dd[row].y * line.x;
     }
-    return Jet(UNIT * jet.value, UNIT * jet.gradient, UNIT * jet.laplacian);
+    float unit = unit_of_coefficients();
+    return Jet(unit * jet.value, unit * jet.gradient, unit * jet.laplacian);
 }
 
 // The nine coefficients around a pixel, which determine the spline on the pixel itself.
@@ -53,10 +55,11 @@ Stencil stencil(int image, int layer, ivec3 columns, ivec3 lines) {
 // The spline at a small shift from the pixel, to first order. Second order would remove noise with the shift, all over
 // the image, and T would drift.
 Jet spline_near(Stencil s, vec2 shift) {
+    float sixth = (1.0 / 6.0) * unit_of_coefficients();
     vec3 sum = s.above + s.below;
-    vec3 smoothed = (UNIT / 6.0) * (sum + 4.0 * s.here), rise = 0.5 * (s.below - s.above), bent = sum - 2.0 * s.here;
-    vec2 gradient = vec2(0.5 * (smoothed.z - smoothed.x), (UNIT / 6.0) * (rise.x + rise.z + 4.0 * rise.y));
+    vec3 smoothed = sixth * (sum + 4.0 * s.here), rise = 0.5 * (s.below - s.above), bent = sum - 2.0 * s.here;
+    vec2 gradient = vec2(0.5 * (smoothed.z - smoothed.x), sixth * (rise.x + rise.z + 4.0 * rise.y));
     float value = (smoothed.x + smoothed.z + 4.0 * smoothed.y) / 6.0;
     return Jet(value + dot(gradient, shift), gradient,
-               smoothed.x + smoothed.z - 2.0 * smoothed.y + (UNIT / 6.0) * (bent.x + bent.z + 4.0 * bent.y));
+               smoothed.x + smoothed.z - 2.0 * smoothed.y + sixth * (bent.x + bent.z + 4.0 * bent.y));
 }

@@ -37,6 +37,7 @@ struct State {
     uint at_limit;     // pixels with data that it left at the limit of |V|
     uint clipped[2];   // clipped pixels of I1 and I2 that no mask excludes
     uint finished;     // workgroups of the current dispatch that have stored their sums
+    uint white;        // bits of the largest intensity of both photographs: those of positive floats have their order
     Registration warped;   // T when I2 was last warped onto I1's pixels
     float shading[TERMS];
     float applied_shading[TERMS];   // the shading that I2 was last multiplied by

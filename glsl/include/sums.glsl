@@ -24,7 +24,7 @@ const int UNKNOWNS = PROJECTIVE ? 8 : 6;
 const ivec2 SIGNS[8] = ivec2[](ivec2(1, 0), ivec2(0, 1), ivec2(1, 1), ivec2(-1, 1), ivec2(1, -1), ivec2(1, 1), ivec2(-1, -1),
                                ivec2(-1, -1));
 const ivec4 POWERS[8] = ivec4[](ivec4(0), ivec4(0), ivec4(1, 0, 0, 1), ivec4(0, 1, 1, 0), ivec4(1, 0, 0, 1),
-                                ivec4(0, 1, 1, 0), ivec4(2, 0, 1, 1), ivec4(1, 1, 0, 2));   // of x and y, along x, along y
+                                ivec4(0, 1, 1, 0), ivec4(2, 0, 1, 1), ivec4(1, 1, 0, 2)); // of x and y, along x, y
 
 // The index of a monomial.
 int monomial(ivec2 powers) {
@@ -47,7 +47,7 @@ struct Step {
     float steady;                    // or its step by less than a share of T's deviation: x N x over Σ b² / Σ D,
     float steady_by_tiles;           // or over the variance of the gradient by tiles
     float flatness;                  // a level settles only if the energy changes by no more than this share
-    float most_moving;               // a level settles only if the latest step moved no more than this share of the pixels,
+    float most_moving;               // a level settles only if the latest step moved at most this share of the pixels,
     float most_far;                  // and no more than this share far
     float least_spread;              // noise for which η of the weights is wide enough
 };

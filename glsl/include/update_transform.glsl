@@ -1,10 +1,11 @@
-// Updates T: adds up the partial sums in a fixed order, solves N ζ = -g, and determines whether the level has settled. By
-// one workgroup of 256 invocations. CPU reference: src/engine/stages/update_transform.rs.
+// Updates T: adds up the partial sums in a fixed order, solves N ζ = -g, and determines whether the level has settled.
+// By one workgroup of 256 invocations. CPU reference: src/engine/stages/update_transform.rs.
 //
-// Bindings: `partials`, `energies`, `arguments`; `updated`, the state; `all_arguments`, those before the solve. The host
-// may write the last word of these at any time: it is not zero once the solve is cancelled. Push constants: `t_step`;
-// `factor`, pixels of the full-size image per pixel of this level. Functions: `rows_of_sums`, one for each workgroup of
-// the pass that made the sums; `length_of_places`, L in pixels; `half_size`, from the centre to a corner, pixels.
+// Bindings: `partials`, `energies`, `arguments`; `updated`, the state; `all_arguments`, those before the solve. The
+// host may write the last word of these at any time: it is not zero once the solve is cancelled. Push constants:
+// `t_step`; `factor`, pixels of the full-size image per pixel of this level. Functions: `rows_of_sums`, one for each
+// workgroup of the pass that made the sums; `length_of_places`, L in pixels; `half_size`, from the centre to a corner,
+// pixels.
 
 // Indirect arguments of a level; the last are those of the passes that warp I2 again.
 const int WORDS = 237, WARP_WORDS = 144;

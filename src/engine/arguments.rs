@@ -2,8 +2,8 @@
 //!
 //! Each level has [`WORDS`] words of arguments: the workgroups of what passes run over ([`Over`]); then three for each
 //! pass that warps I2 again. Before a solve they are the [`initial_words`].
-//! The step of T, by [`update_transform`](super::stages::update_transform) or the last workgroup of `linearise`, zeroes a
-//! level's words when it settles. Before an iteration that may warp it restores the words of the warping passes, or
+//! The step of T, by [`update_transform`](super::stages::update_transform) or the last workgroup of `linearise`, zeroes
+//! a level's words when it settles. Before an iteration that may warp it restores the words of the warping passes, or
 //! zeroes them.
 //!
 //! After those of all levels come the workgroups of the passes over [`Edges`]: zero until

@@ -30,32 +30,41 @@ impl Costs {
         // Of a dispatch without work: 0.1 ms on lavapipe, and 0.03 ms on a CPU device that started threads for each.
         match self {
             Self::Cpu => 0.03e-3 * BYTES_PER_SECOND + bytes * Self::on_host(pass),
-            Self::Vulkan => 0.1e-3 * BYTES_PER_SECOND + bytes * Self::of_edges(pass),
+            Self::Vulkan => 0.1e-3 * BYTES_PER_SECOND + bytes * Self::on_lavapipe(pass),
         }
     }
 
     /// Time of a byte on the CPU device, relative to that of an average pass: medians of the heat sink, the metal part
-    /// and the dimple, two threads.
+    /// and the dimple, two threads. The passes over edges compute much for each cell that has one. How many have is
+    /// known only when they run.
     fn on_host(pass: &str) -> f64 {
         match pass {
-            "relax" | "relax_tiles" | "shape" => 0.2,
-            "relax_grid" | "relax_grid_tiles" | "halve_grid" => 0.3,
-            "convolve" | "subdivide" => 0.6,
-            "linearise" => 2.6,
-            "warp" | "uncertainty" => 2.0,
-            "blur_matched_pair" | "residual" | "ambiguity" => 5.0,
-            "shape_windows" | "edge_cells" | "edge_straighten" | "edge_agree" => 10.0,
-            _ => Self::of_edges(pass),
+            "relax" | "relax_tiles" => 0.1,
+            "relax_grid" | "relax_grid_tiles" => 0.2,
+            "shape" | "halve_grid" => 0.4,
+            "convolve" | "subdivide" | "system" | "update" => 0.6,
+            "warp" | "uncertainty_terms" | "total_deviation" | "fuse" | "edge_refine" => 2.0,
+            "linearise" | "uncertainty" | "mask" | "edge_coarsen" => 4.0,
+            "blur_matched_pair" => 8.0,
+            "residual" | "edge_cells" => 12.0,
+            "ambiguity" | "edge_straighten" | "edge_fuse" => 15.0,
+            "shape_windows" | "edge_decide" | "edge_agree" => 19.0,
+            "edge_apply" => 150.0,
+            "edge_costs" => 930.0,
+            _ => 1.0,
         }
     }
 
-    /// The search for edges computes much for each cell that has one. How many have is known only when it runs: 0 to
-    /// 12 % of the time, for which the middle stands.
-    fn of_edges(pass: &str) -> f64 {
+    /// The same on lavapipe, for the passes over edges.
+    fn on_lavapipe(pass: &str) -> f64 {
         match pass {
-            "edge_costs" => 500.0,
-            "edge_apply" => 70.0,
-            "edge_decide" => 20.0,
+            "edge_coarsen" => 0.5,
+            "edge_refine" => 2.0,
+            "edge_straighten" | "edge_agree" => 4.0,
+            "edge_fuse" => 9.0,
+            "edge_decide" => 15.0,
+            "edge_apply" => 340.0,
+            "edge_costs" => 1080.0,
             _ => 1.0,
         }
     }

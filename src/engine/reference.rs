@@ -95,7 +95,7 @@ fn results(plan: &Plan, mut memory: Memory<f64>) -> Reference {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::{Channels, Decode, Kernel, Motion, Samples};
+    use crate::base::{Channels, Decode, Depth, Kernel, Motion, Samples};
     use crate::engine::testing;
     use crate::engine::testing::random;
 
@@ -132,24 +132,36 @@ mod tests {
         }
     }
 
-    /// Blur stacks of 16 bits change V by little of its deviation.
+    /// Blur stacks of 16 bits change V by little of its deviation, also where photographs use a small part of the range
+    /// or more than it.
     #[test]
     fn packed_blur_stacks_give_nearly_the_same_solution() {
+        for (depth, scale) in [(Depth::U8, 1.0), (Depth::U16, 1.0), (Depth::U16, 0.02)] {
+            check_packed(depth, scale, 0.1);
+        }
+        // 0.107 measured: η is a fourth of what it is relative to the noise of the others. Were white 1, most coefficients
+        // would be clamped.
+        check_packed(Depth::F32, 4.0, 0.2);
+    }
+
+    fn check_packed(depth: Depth, scale: f32, most: f64) {
         let size @ [width, height] = [201, 133];
         let images = testing::pair(size).map(|image| {
             let noise = random(image.intensities(Decode::None).len(), 3);
-            let sample = |(v, n): (f32, f64)| {
-                let v = v + 0.01 * (n as f32 - 0.5);
-                (255.0 * v.clamp(0.0, 1.0)).round() as u8
+            let sample = |(v, n): (f32, f64)| scale * (v + 0.01 * (n as f32 - 0.5)).clamp(0.0, 1.0);
+            let samples = image.intensities(Decode::None).into_iter().zip(noise).map(sample);
+            let samples = match depth {
+                Depth::U8 => Samples::U8(samples.map(|v| (255.0 * v).round() as u8).collect()),
+                Depth::U16 => Samples::U16(samples.map(|v| (65535.0 * v).round() as u16).collect()),
+                Depth::F32 => Samples::F32(samples.collect()),
             };
-            let samples = image.intensities(Decode::None).into_iter().zip(noise).map(sample).collect();
-            Frame::new(width, height, Channels::Gray, Samples::U8(samples)).unwrap()
+            Frame::new(width, height, Channels::Gray, samples).unwrap()
         });
         let [i1, i2] = &images;
         // Depth edges are decisions, which a step may turn.
         let settings = Settings { edges: false, max_relative_blur: 30.0, ..Settings::default() };
-        let plan = Plan::new(width, height, [i1.format(), i2.format()], &settings).unwrap().shaped_for_gpu();
-        let packed = Plan { least_packed: 0, ..plan.clone() };
+        let packed = Plan::new(width, height, [i1.format(), i2.format()], &settings).unwrap().shaped_for_gpu();
+        let plan = Plan { may_pack: false, ..packed.clone() };
         assert!(packed.packs(&packed.pyramid[0]) && packed.stack_layers() < plan.stack_layers());
         let [floats, packed] = [plan, packed].map(|plan| solve_plan(&plan, [i1, i2], None).unwrap());
         let (mut squares, mut count) = (0.0, 0.0);
@@ -162,7 +174,10 @@ mod tests {
             (squares / f64::max(count, 1.0)).sqrt(),
             floats.transform.corner_distance(packed.transform, width, height),
         );
-        testing::note("packed", &format!("V rms {rms:.3} deviations, T {t:.1e} px, {count} pixels"));
-        assert!(count > 10_000.0 && rms < 0.1 && t < 1e-3);
+        testing::note(
+            "packed",
+            &format!("{depth:?} times {scale}: V rms {rms:.3} deviations, T {t:.1e} px, {count} pixels"),
+        );
+        assert!(count > 10_000.0 && rms < most && t < 1e-3);
     }
 }

@@ -226,6 +226,16 @@ mod tests {
         }
     }
 
+    /// `linearise` binds the state twice, as the compiler takes fewer registers then: all workgroups read `state`, and
+    /// the last one, which steps, reads and writes `updated`. A compiler may take them for different memory.
+    #[test]
+    fn the_step_of_t_reads_the_state_only_as_it_writes_it() {
+        let tokens = tokens(&text("include/update_transform.glsl"));
+        let reads = |token: &&String| token.split('.').next() == Some("state");
+        assert_eq!(tokens.iter().find(reads), None);
+        assert!(tokens.iter().any(|token| token.starts_with("updated.")));
+    }
+
     fn shaders() -> Vec<String> {
         let folder = std::fs::read_dir(format!("{}/glsl", env!("CARGO_MANIFEST_DIR"))).unwrap();
         let names = folder.map(|entry| entry.unwrap().file_name().into_string().unwrap());

@@ -242,8 +242,8 @@ fn bytes(dispatch: &Dispatch) -> f64 {
 /// The rounds of the loop in which a pass spends its time, as a share of those that the compiler counts: 8, in a loop
 /// within it 4 for each, and 2 in those within that. 1 for passes whose rounds are not in their push constants.
 ///
-/// Other work of the passes of the relaxation counts as a number of sweeps: by the latency on navi21, as compiled without
-/// the loop over sweeps and with one round of it.
+/// Other work of the passes of the relaxation counts as a number of sweeps: by the latency on navi21, as compiled
+/// without the loop over sweeps and with one round of it.
 fn rounds(dispatch: &Dispatch) -> f64 {
     let c = &dispatch.constants;
     match (dispatch.stage.shader.name, dispatch.variant[0]) {
@@ -260,8 +260,8 @@ fn rounds(dispatch: &Dispatch) -> f64 {
             rounds_of_step(rows, dispatch.variant)
         }
         ("linearise", _) => {
-            // In lines, by variant: the fixed cost of an invocation; the step as the compiler counts it, which only the last
-            // workgroup takes.
+            // In lines, by variant: the fixed cost of an invocation; the step as the compiler counts it, which only the
+            // last workgroup takes.
             let [warped, projective] = [1, 3].map(|n| usize::from(dispatch.variant[n]));
             let (once, step) = ([[0.3, 0.3], [0.7, 1.2]][warped][projective], [0.5, 1.05][warped]);
             let rows = bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows;

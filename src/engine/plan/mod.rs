@@ -1,6 +1,6 @@
 //! The plan of a solve: levels of the pyramid, filters, and what each iteration does.
 
-use crate::base::{Channels, Depth, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
+use crate::base::{Channels, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
 use crate::engine::filter::{self, Filter};
 use crate::engine::shaders::system_tiles::TAPS;
 use crate::engine::slot::Slot;
@@ -36,10 +36,6 @@ pub(crate) const SCRATCH_LAYERS: u32 = 2;
 /// The most layers of results: three fused channels more.
 const RESULT_LAYERS: u32 = MAP_LAYERS + 3;
 
-/// The least number of pixels for which blur stacks are packed. With fewer, a solve takes at most 0.51 GB anyway, and a
-/// packed one takes longer by the model of GPUs: 1 Mpx 0.1 ms on an H200.
-const LEAST_PACKED: u64 = 3 << 20;
-
 /// Outer iterations between two checks whether a level has settled. A check takes as long as some empty dispatches, of
 /// which an iteration has a dozen.
 const ITERATIONS_A_CHECK: usize = 2;
@@ -74,8 +70,8 @@ pub(crate) struct Plan {
     /// Whether passes are shaped for a GPU, where the traffic and the number of dispatches cost most, rather than for a
     /// processor, where instructions do.
     pub(crate) for_gpu: bool,
-    /// The least number of pixels for which blur stacks are packed.
-    pub(crate) least_packed: u64,
+    /// Whether blur stacks may be packed; not for comparisons with floats.
+    pub(crate) may_pack: bool,
 }
 
 impl Plan {
@@ -114,7 +110,7 @@ impl Plan {
             layers,
             band: band().map(|filter| weights.add(&filter)),
             for_gpu: false,
-            least_packed: LEAST_PACKED,
+            may_pack: true,
             pyramid,
             weights,
         })
@@ -289,15 +285,11 @@ impl Plan {
     }
 
     /// Whether a texel of the blur stacks holds a coefficient of each photograph in 16 bits, instead of a float: on
-    /// GPUs, of large photographs of 8 bits, whose own steps are larger: 1/(255·12.92) of the range in the darkest part of
-    /// sRGB, and 3/32767 here. Photographs of more bits may use a small part of their range.
+    /// GPUs, where all filters run along both axes in one dispatch.
     pub(crate) fn packs_stacks(&self) -> bool {
-        let has_8_bits = self.formats.iter().all(|format| format.depth == Depth::U8);
-        let is_large = self.pixels() >= self.least_packed;
         let mut packed = self.pyramid.iter().filter(|level| self.exceeds_packed(level));
         self.for_gpu
-            && is_large
-            && has_8_bits
+            && self.may_pack
             && self.slopes() == Slopes::Laplacian
             && packed.all(|level| self.filters_by_both_axes(level))
     }
@@ -578,9 +570,12 @@ mod tests {
 
     #[test]
     fn bytes_a_pixel() {
-        let (device, _) = plan(4000, 3000).bytes();
-        let per_pixel = device as f64 / 12e6;
-        assert!(per_pixel < 166.5, "{per_pixel}");
+        for (width, height) in [(4000, 3000), (1024, 1024), (640, 480), (320, 240)] {
+            let bytes = |plan: &Plan| plan.bytes().0 as f64 / f64::from(width * height);
+            let [processor, gpu] = [plan(width, height), plan(width, height).shaped_for_gpu()].map(|plan| bytes(&plan));
+            println!("{width}x{height}: {processor:.1}, on GPUs {gpu:.1}");
+            assert!(processor < 167.5 && gpu < 120.0, "{width}x{height}: {processor}, {gpu}");
+        }
     }
 
     #[test]

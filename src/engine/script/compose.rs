@@ -39,7 +39,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
         if plan.unpacks(image) {
             s.unpack(image);
         }
-        s.ingest(image, LUMINANCE);
+        s.ingest(image, LUMINANCE, plan.packs_stacks());
         if masked {
             s.mask(image);
         }

@@ -6,7 +6,6 @@ use super::compose::Composer;
 use crate::engine::arguments::{Grid, Over, Place};
 use crate::engine::plan::{FilterRange, Level, SCRATCH_LAYERS, StackLayer, takes_both_axes};
 use crate::engine::slot::{self, Handle, Plane};
-use crate::engine::stages::separable::Packing;
 use crate::engine::stages::stack::Sampling;
 use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, separable, subdivide, warp};
 
@@ -23,6 +22,13 @@ pub(super) struct Layers {
     pub(super) count: u32,
     /// Whether they are of both photographs, packed.
     pub(super) is_packed: bool,
+}
+
+impl Layers {
+    /// Workgroups along z of a pass over them: one for each, or one for both photographs if they are packed.
+    pub(super) fn groups(self) -> u32 {
+        if self.is_packed { 1 } else { self.count }
+    }
 }
 
 impl From<Layer> for Layers {
@@ -97,40 +103,44 @@ impl Composer<'_> {
 
     /// Spline coefficients of I1 and of the shaded I2, in one dispatch.
     fn both_splines(&mut self, level: &Level, shaded: Layer) {
-        let (plan, periods) = (self.plan, level.size.map(|side| 2 * (side - 1)));
-        let (first, is_packed) = (slot::luminance(0, level.index), plan.packs(level));
+        let (periods, first) = (level.size.map(|side| 2 * (side - 1)), slot::luminance(0, level.index));
         let from = Layers { step: shaded.1, count: 2, ..(first, 0).into() };
-        let to = Layers { step: plan.second_stack(level), count: 2, is_packed, ..(slot::STACKS.plane(), 0).into() };
-        self.both_axes([from, to], Some(shaded.0), level.size, [plan.prefilter; 2], 1, periods, 1);
+        let to = self.stacks(level, 0..2, 0);
+        self.both_axes([from, to], Some(shaded.0), level.size, [self.plan.prefilter; 2], 1, periods, 1);
+    }
+
+    /// Layer n of the level's blur stacks of some images. A single one is not packed.
+    pub(super) fn stacks(&self, level: &Level, images: Range<usize>, n: u32) -> Layers {
+        let (count, step) = (images.len() as u32, self.plan.second_stack(level));
+        let first = images.start as u32 * step + n;
+        Layers { image: slot::STACKS.plane(), first, step, count, is_packed: count == 2 && self.plan.packs(level) }
     }
 
     /// A layer n > 0 of the level's blur stacks of some images: a filter of an earlier layer. Returns the number of
     /// separable filters.
     pub(super) fn stack_layer(&mut self, level: &Level, images: Range<usize>, n: u32) -> u64 {
-        let (plan, count, step) = (self.plan, images.len() as u32, self.plan.second_stack(level));
-        let is_packed = count == 2 && plan.packs(level);
-        let first = images.start as u32 * step;
-        let layers = |n| Layers { image: slot::STACKS.plane(), first: first + n, step, count, is_packed };
+        let (plan, to) = (self.plan, self.stacks(level, images, n));
+        let layer = |k: u32| Layers { first: to.first + k - n, ..to };
         let StackLayer { from, sampling, terms } = &plan.layers[n as usize - 1];
         if *sampling != Sampling::Every {
             let first = *sampling == Sampling::Halving;
             if plan.halves_by_both_axes(level) {
                 debug_assert!(first || *from == n - 1, "half-size layers follow each other");
-                let to =
-                    if n + 1 < plan.layers_of(level) { layers(n + 1) } else { Layers { is_packed, ..scratch(count) } };
+                let last = Layers { is_packed: to.is_packed, ..scratch(to.count) };
+                let half = if n + 1 < plan.layers_of(level) { layer(n + 1) } else { last };
                 // The half-size layer before is in this layer's place.
-                self.half_by_both_axes(level, [layers(if first { *from } else { n }), to], first, terms[0]);
-                self.subdivide(level, to, layers(n));
+                self.half_by_both_axes(level, [if first { layer(*from) } else { to }, half], first, terms[0]);
+                self.subdivide(level, half, to);
             } else {
-                self.half_layer(level, [*from, n].map(layers), first, terms[0]);
-                self.subdivide(level, scratch(count), layers(n));
+                self.half_layer(level, [layer(*from), to], first, terms[0]);
+                self.subdivide(level, scratch(to.count), to);
             }
-            return u64::from(count);
+            return u64::from(to.count);
         }
         for (add, &term) in terms.iter().enumerate() {
-            self.separable([*from, n].map(layers), level.size, term, 1, add > 0);
+            self.separable([layer(*from), to], level.size, term, 1, add > 0);
         }
-        u64::from(count) * terms.len() as u64
+        u64::from(to.count) * terms.len() as u64
     }
 
     /// Spline coefficients of I2.
@@ -245,9 +255,7 @@ impl Composer<'_> {
     fn subdivide(&mut self, level: &Level, from: Layers, to: Layers) {
         let [width, height] = level.size;
         let tile = subdivide::STAGE.workgroup.map(|side| 2 * side);
-        let is_packed = to.is_packed;
-        let count = if is_packed { 1 } else { to.count };
-        let groups = subdivide::groups(level.size.map(|side| side.div_ceil(2)), count);
+        let groups = subdivide::groups(level.size.map(|side| side.div_ceil(2)), to.groups());
         let (grid, list) = self.extent(tile, groups);
         let bindings = subdivide::Bindings {
             coarse: from.image.words().read(),
@@ -257,7 +265,7 @@ impl Composer<'_> {
         let (from_layer, from_step, listed) = (from.first, from.step, list.unwrap_or(0));
         let Layers { first: layer, step, count: planes, .. } = to;
         let constants = subdivide::Constants { width, height, from_layer, from_step, layer, step, planes, listed };
-        self.dispatch(bindings, &constants, subdivide::variant(list.is_some(), is_packed), grid);
+        self.dispatch(bindings, &constants, subdivide::variant(list.is_some(), to.is_packed), grid);
     }
 
     /// The grid of a filter: over the listed tiles of a size, with the first entry of their list, or `groups`
@@ -309,14 +317,7 @@ impl Composer<'_> {
         let radii = filters.map(|filter| filter.radius);
         let long = separable::is_long(radii);
         let tile = separable::tile(stride, long).map(|side| side * stride * spacing);
-        let packing = match [from.is_packed, to.is_packed] {
-            [false, false] if second.is_some() => Packing::JoinedFloats,
-            [false, false] => Packing::Floats,
-            [false, true] => Packing::Joined,
-            [true, _] => Packing::Packed,
-        };
-        let count = if packing.packs() { 1 } else { from.count };
-        let (grid, list) = self.extent(tile, separable::groups(size, stride, long, count));
+        let (grid, list) = self.extent(tile, separable::groups(size, stride, long, to.groups()));
         let constants = separable::Constants {
             width,
             height,
@@ -337,8 +338,10 @@ impl Composer<'_> {
             to: to.image.words().write(),
             filters: slot::filters(filters[0].bank).read(),
             tiles: slot::TILES.read(),
+            state: slot::STATE.read(),
         };
-        self.dispatch(bindings, &constants, separable::variant(stride, long, list.is_some(), packing), grid);
+        let variant = separable::variant(stride, [long, list.is_some(), second.is_some(), to.is_packed]);
+        self.dispatch(bindings, &constants, variant, grid);
     }
 
     /// A filter along one axis.

@@ -209,7 +209,7 @@ pub(crate) fn accesses(action: &Action) -> Vec<(Slot, Access)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::{Channels, Depth, Format, Method, Settings};
+    use crate::base::{Channels, Depth, Format, Method, PixelFormat, Settings};
     use crate::engine::arguments::Over;
     use crate::engine::plan::Plan;
     use crate::engine::stages::{NO_VARIANT, update};
@@ -237,9 +237,11 @@ mod tests {
 
     #[test]
     fn a_pass_waits_for_the_slots_that_it_reads_and_for_no_others() {
-        let script = script(Method::Unified, false);
-        let first: Vec<&Entry> = script.parts[0].entries.iter().filter(|entry| name(entry) == "ingest").collect();
-        assert!(!first[0].waits, "it is the first");
+        let packed = "Mono12p".parse::<PixelFormat>().unwrap();
+        let script = compose(&Plan::new(200, 150, [packed; 2], &Settings::default()).unwrap(), false);
+        let first = |pass| script.parts[0].entries.iter().find(|entry| name(entry) == pass).unwrap();
+        assert!(!first("unpack").waits, "it is the first, and does not read the state, which is copied before");
+        assert!(first("ingest").waits);
         let iteration = |entry: &&Entry| ["linearise", "update_transform", "relax", "update"].contains(&name(entry));
         for part in &script.parts {
             // The first entry of a part needs no barrier.

@@ -5,11 +5,12 @@
 use super::compose::Composer;
 use crate::engine::arguments::{Edges, Grid, Place};
 use crate::engine::plan::Level;
-use crate::engine::slot::{self, Slot};
+use crate::engine::slot::{self, Handle, I1, I2, Slot};
 use crate::engine::stages::{
     NO_VARIANT, edge, edge_agree, edge_apply, edge_cells, edge_coarsen, edge_costs, edge_decide, edge_refine,
     edge_straighten,
 };
+use crate::engine::vulkan::Variant;
 
 /// How the edges of V, or of u of a sweep, are found on a level, and their outlines moved.
 pub(crate) struct Search {
@@ -53,19 +54,31 @@ impl Composer<'_> {
             let coarsening = edge_coarsen::Constants::of_pair(level, plan.size);
             let criteria = if level.index == 0 { FINEST } else { COARSE };
             let search = Search { coarsening, cells, levels: plan.solved, criteria };
-            self.outlines(level, &search, |s, cells| {
-                let bindings = edge_costs::Bindings {
-                    i1: slot::i1(level.index).read(),
-                    i2: slot::i2(level.index).read(),
-                    v: slot::relative_blur(level.index).read(),
-                    results: slot::RESULTS.update(),
-                    state: slot::STATE.read(),
-                    arguments: slot::ARGUMENTS.read(),
-                    listed: slot::EDGE_LIST.read(),
-                };
-                s.dispatch(bindings, &edge_costs::Constants::of_pair(level, plan.solved), NO_VARIANT, cells);
-            });
+            let (images, constants) =
+                ((slot::i1(level.index), slot::i2(level.index)), edge_costs::Constants::of_pair(level, plan.solved));
+            self.outlines(level, &search, |s, cells| s.edge_costs(level, images, &constants, NO_VARIANT, cells));
         }
+    }
+
+    /// Adds the costs of displaced outlines by two photographs.
+    pub(super) fn edge_costs(
+        &mut self,
+        level: &Level,
+        (i1, i2): (Handle<I1>, Handle<I2>),
+        constants: &edge_costs::Constants,
+        variant: Variant,
+        cells: Grid,
+    ) {
+        let bindings = edge_costs::Bindings {
+            i1: i1.read(),
+            i2: i2.read(),
+            v: slot::relative_blur(level.index).read(),
+            results: slot::RESULTS.update(),
+            state: slot::STATE.read(),
+            arguments: slot::ARGUMENTS.read(),
+            listed: slot::EDGE_LIST.read(),
+        };
+        self.dispatch(bindings, constants, variant, cells);
     }
 
     /// Finds the edges of V on a level, and moves their outlines by the costs that `costs` adds. V and its standard

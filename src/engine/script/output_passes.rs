@@ -103,7 +103,7 @@ impl Composer<'_> {
         weights[channel as usize] = 1.0;
         for image in BOTH {
             // A grey photograph beside a colored one uses its only channel for all three.
-            self.ingest(image, weights);
+            self.ingest(image, weights, false);
         }
         self.spline2(finest);
         let bindings = fuse::Bindings {

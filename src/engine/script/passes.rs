@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::compose::Composer;
+use super::filters::Layers;
 use crate::base::{Decode, RegistrationStep};
 use crate::engine::arguments::{Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
@@ -63,14 +64,17 @@ impl Composer<'_> {
         self.over(constants.invocations(), bindings, &constants, unpack::variant(format));
     }
 
-    /// Puts a weighted sum of the channels of a photograph onto the finest level.
-    pub(super) fn ingest(&mut self, image: usize, weights: [f32; 3]) {
-        let bindings =
-            ingest::Bindings { samples: slot::samples(image).read(), image: slot::luminance(image, 0).write() };
+    /// Puts a weighted sum of the channels of a photograph onto the finest level. `measures`: also raises white.
+    pub(super) fn ingest(&mut self, image: usize, weights: [f32; 3], measures: bool) {
+        let bindings = ingest::Bindings {
+            samples: slot::samples(image).read(),
+            image: slot::luminance(image, 0).write(),
+            state: slot::STATE.update(),
+        };
         let ([width, height], format) = (self.plan.size, self.plan.formats[image]);
         let (channels, bytes) = (format.channels.count(), format.depth.bytes());
         let constants = ingest::Constants { width, height, channels, bytes, weights };
-        let variant = if self.plan.settings.decode == Decode::Srgb { ingest::SRGB } else { NO_VARIANT };
+        let variant = ingest::variant(self.plan.settings.decode == Decode::Srgb, measures);
         self.over(self.plan.size, bindings, &constants, variant);
     }
 
@@ -166,11 +170,9 @@ impl Composer<'_> {
     pub(super) fn shape(&mut self, level: &Level, images: Range<usize>) {
         let bindings = shape::Bindings { stacks: slot::STACKS.update(), state: slot::STATE.read() };
         let [width, height] = level.size;
-        let (nodes, step) = (level.nodes as u32, self.plan.second_stack(level));
-        let first = images.start as u32 * step;
-        let is_packed = self.plan.packs(level);
-        let planes = images.len() as u32;
-        let grid = self.grid(shape::groups(level.size, if is_packed { 1 } else { planes }));
+        let nodes = level.nodes as u32;
+        let stacks @ Layers { first, step, count: planes, is_packed, .. } = self.stacks(level, images, 0);
+        let grid = self.grid(shape::groups(level.size, stacks.groups()));
         let constants = shape::Constants { width, height, nodes, first, step, planes };
         self.dispatch(bindings, &constants, stack::packed(NO_VARIANT, is_packed), grid);
     }
@@ -243,8 +245,8 @@ impl Composer<'_> {
         self.within(level, Over::Tiles, bindings, &constants, variant);
     }
 
-    /// Updates T in iteration k of a level that solves for V, and determines whether the level has settled. On a GPU the
-    /// last workgroup of `linearise` does.
+    /// Updates T in iteration k of a level that solves for V, and determines whether the level has settled. On a GPU
+    /// the last workgroup of `linearise` does.
     pub(super) fn update_transform(&mut self, level: &Level, k: u32) {
         if !self.plan.for_gpu {
             self.dispatch_update_transform(level, transform_step(self.plan, level, k));

@@ -24,7 +24,7 @@ pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
             if layer > 0 {
                 s.next_part();
             }
-            s.ingest(0, LUMINANCE);
+            s.ingest(0, LUMINANCE, false);
             let [width, height] = plan.size;
             let bindings = copy::Bindings { from: slot::luminance(0, 0).read(), to: slot::frames(0).write() };
             s.over(plan.size, bindings, &copy::Constants { width, height, layer }, NO_VARIANT);
@@ -149,17 +149,7 @@ pub(crate) fn outlines(plan: &Plan, Outlines { level, search, frames, pairs }: &
         s.empty(Slot::Stacks, level.size, first..last + 1);
         s.outlines(level, search, |s, cells| {
             for constants in pairs {
-                let (i1, i2) = slot::ALIGNED_AS_PAIR;
-                let bindings = edge_costs::Bindings {
-                    i1: i1.read(),
-                    i2: i2.read(),
-                    v: slot::relative_blur(level.index).read(),
-                    results: slot::RESULTS.update(),
-                    state: slot::STATE.read(),
-                    arguments: slot::ARGUMENTS.read(),
-                    listed: slot::EDGE_LIST.read(),
-                };
-                s.dispatch(bindings, constants, edge_costs::SWEEP, cells);
+                s.edge_costs(level, slot::ALIGNED_AS_PAIR, constants, edge_costs::SWEEP, cells);
             }
         });
     })

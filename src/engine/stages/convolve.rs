@@ -2,8 +2,8 @@
 //!
 //! It computes the Gaussian pyramid (σ 1 px, stride 2; pixel i of a level is at pixel 2i of the level below), the cubic
 //! B-spline prefilter, the blur stacks and the means over a window. A variant takes filters of any length and can add
-//! to the target: a filter that is not separable is a sum of separable ones. Axis and stride are variants too: loads and
-//! stores whose addresses depend on push constants take a tenth longer on a software device.
+//! to the target: a filter that is not separable is a sum of separable ones. Axis and stride are variants too: loads
+//! and stores whose addresses depend on push constants take a tenth longer on a software device.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
@@ -57,7 +57,8 @@ pub const TAPS: u32 = shaders::convolve::TAPS;
 /// The most weights of all filters: the 16 KiB that each device allows a uniform buffer.
 pub const WEIGHTS: usize = 4 * shaders::convolve::VECTORS as usize;
 
-/// Workgroups of a filter along x, or along y, over `length` pixels along it and `breadth` across it, of `planes` layers.
+/// Workgroups of a filter along x, or along y, over `length` pixels along it and `breadth` across it, of `planes`
+/// layers.
 pub(crate) fn groups([length, breadth]: [u32; 2], vertical: bool, planes: u32) -> [u32; 3] {
     let spans = length.div_ceil(SPAN);
     let [x, y, _] = STAGE.groups(if vertical { [breadth, spans] } else { [spans, breadth] });

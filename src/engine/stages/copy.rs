@@ -64,7 +64,8 @@ mod tests {
         Ended(usize),
     }
 
-    /// A recording of three parts that copy a field each to the same image. All but the first are optional if `optional`.
+    /// A recording of three parts that copy a field each to the same image. All but the first are optional if
+    /// `optional`.
     fn copies(rig: &Rig, fields: &[Field; 3], to: &Arc<Image>, optional: bool, clock: Clock) -> Recording {
         let pipeline = Arc::new(Pipeline::new(rig.device(), &STAGE).unwrap());
         let constants = Constants { width: 37, height: 21, layer: 0 };

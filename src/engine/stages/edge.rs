@@ -1,7 +1,7 @@
 //! Cells of 4 x 4 px at depth edges: what the passes over edges share.
 //!
-//! The numbers of a cell are in layers of the results beyond V, its deviation and the residual. Each cell has 16 numbers
-//! in a layer, at its own pixels. The CPU reference of `glsl/include/edge.glsl`.
+//! The numbers of a cell are in layers of the results beyond V, its deviation and the residual. Each cell has 16
+//! numbers in a layer, at its own pixels. The CPU reference of `glsl/include/edge.glsl`.
 
 use super::{Number, Raster};
 use crate::engine::shaders::edge;
@@ -18,15 +18,15 @@ pub(crate) const EDGES: usize = edge::EDGES as usize;
 pub(crate) const OUTLINES: [usize; 2] = [edge::OUTLINES as usize, edge::REVERSED_OUTLINES as usize];
 /// The layer of the decisions.
 pub(crate) const DECISIONS: usize = edge::DECISIONS as usize;
-/// The layer of the side of each pixel near an accepted outline beyond which V has the other sign: |V| of what is in front,
-/// positive in front and negative behind. 0 elsewhere.
+/// The layer of the side of each pixel near an accepted outline beyond which V has the other sign: |V| of what is in
+/// front, positive in front and negative behind. 0 elsewhere.
 pub(crate) const SIDES: usize = edge::SIDES as usize;
 /// The layer of the standard deviation of V on a coarser level than the finest.
 pub(crate) const COARSE_DEVIATION: usize = edge::COARSE_DEVIATION as usize;
 /// The layer of V of the far side near an accepted outline of a coarser level.
 pub(crate) const COARSE_FAR: usize = edge::COARSE_FAR as usize;
-/// The layer of how much V may change near an accepted outline of a coarser level, 0 to 1; negative if the far side is in
-/// front. 0 elsewhere.
+/// The layer of how much V may change near an accepted outline of a coarser level, 0 to 1; negative if the far side is
+/// in front. 0 elsewhere.
 pub(crate) const COARSE_SHARE: usize = edge::COARSE_SHARE as usize;
 /// The layer of the probability that a pixel of a coarser level shows the near side.
 pub(crate) const COARSE_NEAR: usize = edge::COARSE_NEAR as usize;
@@ -161,8 +161,8 @@ impl Edge {
         [1.0, place[0], place[1], normal[0], normal[1], levels[0], levels[1], deviations[0], deviations[1], 0.0]
     }
 
-    /// How far two cells lie on one edge, 0 to 1: the cosine of the angle between their normals. 0 if one is off the line
-    /// of the other.
+    /// How far two cells lie on one edge, 0 to 1: the cosine of the angle between their normals. 0 if one is off the
+    /// line of the other.
     pub(super) fn agreement(&self, other: &Self) -> f64 {
         let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
         let along = dot(self.normal, other.normal);
@@ -185,8 +185,8 @@ pub(super) fn deviation_between(probability: f64, near: f64) -> f64 {
     (probability * (1.0 - near).powi(2) + (1.0 - probability) * near.powi(2)).sqrt()
 }
 
-/// How far V changes at a distance from where it was halfway, towards the near side, px, to V of the side shown, 0 to 1:
-/// fully if it shows the other side now. V passes from one side to the other over some 5 px; what stays on its side
+/// How far V changes at a distance from where it was halfway, towards the near side, px, to V of the side shown, 0 to
+/// 1: fully if it shows the other side now. V passes from one side to the other over some 5 px; what stays on its side
 /// hardly changes beyond.
 pub(super) fn change(towards_near: f64, near: f64) -> f64 {
     let passes = ((edge::PASSED - towards_near.abs()) / (edge::PASSED - edge::PASSING)).clamp(edge::UNCHANGED, 1.0);

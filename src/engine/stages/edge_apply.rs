@@ -1,10 +1,10 @@
 //! V and its standard deviation at the depth edges whose outlines two layers explain. Section 7 of `docs/method.md`.
 //!
 //! With the probability p that a pixel shows the near side, from the distributions of the cells around it,
-//! `V = s V_near + (1 - s) V_far` and `σ = √(p (1 - s)² + (1 - p) s²) |V_near - V_far| + p σ_near + (1 - p) σ_far`. s is
-//! 0 or 1 but for p within 0.05 of a half. V changes only if the outline explains the photographs about as well as V did,
-//! and better than any with the other side in front; if it is well within the displacements; and if it goes on for some
-//! cells.
+//! `V = s V_near + (1 - s) V_far` and `σ = √(p (1 - s)² + (1 - p) s²) |V_near - V_far| + p σ_near + (1 - p) σ_far`. s
+//! is 0 or 1 but for p within 0.05 of a half. V changes only if the outline explains the photographs about as well as V
+//! did, and better than any with the other side in front; if it is well within the displacements; and if it goes on for
+//! some cells.
 
 use super::edge::{
     self, BACKWARD, COARSE_FAR, COARSE_NEAR, COARSE_SHARE, COARSE_TOWARDS_NEAR, DECISIONS, DISPLACEMENTS, EDGES, Edge,
@@ -75,8 +75,9 @@ impl Pass for Bindings {
     }
 }
 
-/// V, its standard deviation, and the sides, from those before. On a coarser level: V of the near side, the deviation of
-/// the sides, V of the far side, how much V may change, the probability of the near side, and the distance towards it.
+/// V, its standard deviation, and the sides, from those before. On a coarser level: V of the near side, the deviation
+/// of the sides, V of the far side, how much V may change, the probability of the near side, and the distance towards
+/// it.
 pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
     c: &Constants,
     before: [&Raster<N>; COUNT],

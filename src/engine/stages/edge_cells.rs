@@ -1,9 +1,9 @@
 //! Finds the cells at depth edges, their normals, and V of either side. Section 7 of `docs/method.md`.
 //!
-//! A cell has an edge if V jumps over about ±5 px, and hardly more over ±9 px: a slope that goes on is no jump. The edge
-//! is where V is halfway between the extremes, its normal the slope of V there. V of a side is a weighted mean along the
-//! normal, from 4 px on, beyond the pixels over which the solve passes from one side to the other. Pixels with a large
-//! deviation count little: in the blurred light of a near surface V is not measured, farther on it is.
+//! A cell has an edge if V jumps over about ±5 px, and hardly more over ±9 px: a slope that goes on is no jump. The
+//! edge is where V is halfway between the extremes, its normal the slope of V there. V of a side is a weighted mean
+//! along the normal, from 4 px on, beyond the pixels over which the solve passes from one side to the other. Pixels
+//! with a large deviation count little: in the blurred light of a near surface V is not measured, farther on it is.
 
 use super::edge::{self, EDGES, Edge, SIDE, between, deviation_layer};
 use super::pass::{Memory, Pass, bindings, push_constants};
@@ -20,8 +20,8 @@ const LEAST_BLUR: f64 = 0.75;
 /// than half a frame, with 2 px² 0.4 and 15.6 % (by the earlier price of V as it is).
 const COARSE_BLUR: f64 = 2.0;
 /// The deviation of V at which a pixel of a side has half the weight, px² of the level. With 0.75 px², on the finest
-/// level the near side of a cylinder is taken from where it is flatter: 0.378 instead of 0.373 px² rms. With 8 px² on the
-/// coarsest level, 83 instead of 118 cells of pcb-header have an edge there.
+/// level the near side of a cylinder is taken from where it is flatter: 0.378 instead of 0.373 px² rms. With 8 px² on
+/// the coarsest level, 83 instead of 118 cells of pcb-header have an edge there.
 const HALF_WEIGHT: f32 = 2.0;
 /// The widest jump of u in a sweep, px of blur. Of the frames with at most 4 px² in all at a jump of D px, the two
 /// nearest to each other are D - 2.8 px apart, so that |V| is D (D - 2.8), which must not exceed

@@ -26,8 +26,8 @@ push_constants! {
 }
 
 impl Constants {
-    /// Those of a level of a pair: V depends on the size of pixels. Noise makes an edge of V wind, so that the normals of
-    /// its cells do not agree; a wide tent makes it straight.
+    /// Those of a level of a pair: V depends on the size of pixels. Noise makes an edge of V wind, so that the normals
+    /// of its cells do not agree; a wide tent makes it straight.
     pub(crate) fn of_pair(level: &Level, finest: [u32; 2]) -> Self {
         let ([width, height], pixels) = (level.size, 1 << level.index);
         Self { width, height, finest, pixels, apart: 3, scale: 1.0 / (pixels * pixels) as f32 }

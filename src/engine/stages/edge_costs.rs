@@ -1,12 +1,12 @@
 //! The costs of displaced outlines at a depth edge. Section 7 of `docs/method.md`.
 //!
-//! The model has two layers. The front one is in focus at its own V and hides part of the other. `h(v)` is a Gaussian of
-//! variance v, V_f and V_b are those of the front and of the back, and m is 1 inside the outline. With the photograph
-//! `I_s` in which the front is the sharper, and the other one `I_o`, the front's light in `I_o` is `A = h(|V_f|) * (m I_s)`,
-//! and the share `t = 1 - h(|V_f|) * m` of the back's light passes the front's rim. The back is `(I_o - A)/t` where its V
-//! has the other sign, and `I_s` outside where it has the same. Both photographs are compared with what this predicts, and
-//! residuals r of variance s cost `ln(1 + r²/s) + ½ ln(s/s₀)`: the second term is the price of texture that is not
-//! predicted. Without it outlines are biased.
+//! The model has two layers. The front one is in focus at its own V and hides part of the other. `h(v)` is a Gaussian
+//! of variance v, V_f and V_b are those of the front and of the back, and m is 1 inside the outline. With the
+//! photograph `I_s` in which the front is the sharper, and the other one `I_o`, the front's light in `I_o` is
+//! `A = h(|V_f|) * (m I_s)`, and the share `t = 1 - h(|V_f|) * m` of the back's light passes the front's rim. The back
+//! is `(I_o - A)/t` where its V has the other sign, and `I_s` outside where it has the same. Both photographs are
+//! compared with what this predicts, and residuals r of variance s cost `ln(1 + r²/s) + ½ ln(s/s₀)`: the second term is
+//! the price of texture that is not predicted. Without it outlines are biased.
 //!
 //! The outline of a cell is straight and is displaced along the normal. So all filters are along the normal, after one
 //! blur across it. The other order, with the far side in front, is the same seen from the other side.

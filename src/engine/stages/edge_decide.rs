@@ -3,9 +3,9 @@
 //! The costs E of a cell are averaged with those of its neighbours on the same edge. With a temperature τ the
 //! distribution of the displacement is proportional to `exp(-E/τ)`. Stored is its sum up to each displacement.
 //!
-//! What speaks for an outline: the cost of V as it is less the least cost, in both orders; whether the mean displacement
-//! is within the range, for both; the least cost of the other order less that of this one; and how many cells within two
-//! continue the edge.
+//! What speaks for an outline: the cost of V as it is less the least cost, in both orders; whether the mean
+//! displacement is within the range, for both; the least cost of the other order less that of this one; and how many
+//! cells within two continue the edge.
 
 use super::edge::{self, BEFORE, COSTS, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, REVERSED_COSTS, TOTAL};
 use super::pass::{Memory, Pass, bindings, push_constants};

@@ -1,10 +1,10 @@
 //! Computes one channel of the fused image behind a depth edge, without the light of what is in front. Section 7 of
 //! `docs/method.md`.
 //!
-//! The photograph in which what is behind is in focus shows the front out of focus there, beyond its rim. With the mask m of
-//! what is in front, the fused image F there, and `h` a Gaussian whose variance is |V| of the front, that photograph is
-//! `h * (m F) + (1 - h * m)` times what is behind, where what is behind varies little over h. The other photograph shows what
-//! is behind too, blurred, which limits what a wrong outline does.
+//! The photograph in which what is behind is in focus shows the front out of focus there, beyond its rim. With the mask
+//! m of what is in front, the fused image F there, and `h` a Gaussian whose variance is |V| of the front, that
+//! photograph is `h * (m F) + (1 - h * m)` times what is behind, where what is behind varies little over h. The other
+//! photograph shows what is behind too, blurred, which limits what a wrong outline does.
 
 use super::edge::SIDES;
 use super::pass::{Memory, Pass, bindings, push_constants};
@@ -124,7 +124,8 @@ mod tests {
     fn matches_the_cpu_reference() {
         for (size, variances) in [([37u32, 21u32], [5.0, 1.3]), ([64, 16], [5.0, 1.3]), ([130, 59], [40.0, 200.0])] {
             let [columns, rows] = size.map(|side| side as usize);
-            // A front left of a curve, of two values of |V|, and what is behind within 11 px of it. V has either sign behind.
+            // A front left of a curve, of two values of |V|, and what is behind within 11 px of it. V has either sign
+            // behind.
             let sides = Field::from_fn(columns, rows, |x, y| {
                 let behind = x as f64 - 0.4 * columns as f64 - 3.0 * (y as f64 / 7.0).sin();
                 let variance = variances[usize::from(y >= rows / 2)];
@@ -147,8 +148,8 @@ mod tests {
         }
     }
 
-    /// The fused image before and after: a front of 0.9 left of column 25, as in I1, and the ground of 0.1 of J with the
-    /// front's blur over it. The sides have the front end at `rim`.
+    /// The fused image before and after: a front of 0.9 left of column 25, as in I1, and the ground of 0.1 of J with
+    /// the front's blur over it. The sides have the front end at `rim`.
     fn cleared(rim: usize) -> [Field; 2] {
         let (width, height) = (60, 40);
         let sides = Field::from_fn(width, height, |x, _| {

@@ -1,8 +1,8 @@
 //! Brings what the search for outlines changed on a coarser level to the finest one.
 //!
-//! Of the coarser level, V of both sides, their deviation, how much V may change, the probability of the near side and the
-//! distance towards it are interpolated between its pixels. Which side a pixel shows is decided here, so that the outline
-//! is as sharp as on the finest level. Where V may not change, nothing is written.
+//! Of the coarser level, V of both sides, their deviation, how much V may change, the probability of the near side and
+//! the distance towards it are interpolated between its pixels. Which side a pixel shows is decided here, so that the
+//! outline is as sharp as on the finest level. Where V may not change, nothing is written.
 
 use super::edge::{self, COARSE_DEVIATION, COARSE_FAR, COARSE_NEAR, COARSE_SHARE, COARSE_TOWARDS_NEAR, SIDES};
 use super::edge_coarsen::Constants;

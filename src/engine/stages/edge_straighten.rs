@@ -2,8 +2,8 @@
 //! either side there. Section 7 of `docs/method.md`.
 //!
 //! Noise makes the places where V is halfway wind by a pixel or two around the outline. A displacement is counted from
-//! the cell's place: only on a straightened edge is the same displacement the same outline in neighbouring cells. The line
-//! is fitted by least squares in the axes of the cell's own normal.
+//! the cell's place: only on a straightened edge is the same displacement the same outline in neighbouring cells. The
+//! line is fitted by least squares in the axes of the cell's own normal.
 //!
 //! V of a side has noise of a few pixels in a single cell. It becomes the mean over the cells along the edge; those
 //! that have another surface on either side count little.

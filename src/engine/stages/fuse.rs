@@ -84,8 +84,8 @@ fn cpu_reference<N: Number>(
     )
 }
 
-/// A channel of I1 and J at a pixel, from that of I1 and the spline coefficients of I2. Where I2 does not reach, both are I1.
-/// The CPU reference of `glsl/include/fuse.glsl`.
+/// A channel of I1 and J at a pixel, from that of I1 and the spline coefficients of I2. Where I2 does not reach, both
+/// are I1. The CPU reference of `glsl/include/fuse.glsl`.
 pub(super) fn photographs<N: Number>(
     (r, shading): (&Registration, &Shading),
     centre: [f32; 2],

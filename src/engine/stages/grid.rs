@@ -15,8 +15,8 @@ use super::segments::vectorised;
 /// A grid has at least this many cells along its short side, unless its level has fewer pixels than twice as many.
 const LEAST_SIDE: u32 = 8;
 
-/// Rows of a band: all half-sweeps of a band are computed while it is in the cache. Rows around it are computed with it,
-/// one fewer in each half: 16 % more for three sweeps, at most 25 %.
+/// Rows of a band: all half-sweeps of a band are computed while it is in the cache. Rows around it are computed with
+/// it, one fewer in each half: 16 % more for three sweeps, at most 25 %.
 pub(super) fn band(halves: usize) -> usize {
     (4 * halves).max(32)
 }

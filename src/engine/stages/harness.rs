@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock};
 use half::f16;
 
 use super::pass::{Memory, Pass};
-use super::stack::{self, Layer, Sampling, Slopes, layer};
+use super::stack::{self, Layer, Sampling, Slopes, White, layer};
 use super::state::{DoubleState, Registration, State};
 use super::sums::{Layout, Sums};
 use super::{Field, convolve, subdivide};
@@ -143,10 +143,10 @@ impl Rig {
     }
 
     /// An image of blur stacks with the layers of I1, then of I2, packed.
-    pub(crate) fn packed(&self, layers: &[Field]) -> Arc<Image> {
+    pub(crate) fn packed(&self, layers: &[Field], white: White) -> Arc<Image> {
         let (first, second) = layers.split_at(layers.len() / 2);
-        let fixed = |c: f64| (stack::FIXED_STEPS / stack::FIXED_MOST * c).round() as i16 as u16;
-        let texel = |(a, b): (&f64, &f64)| u32::from(fixed(*a)) | u32::from(fixed(*b)) << 16;
+        let bits = |c: f64| u32::from(white.root(c) as u16);
+        let texel = |(a, b): (&f64, &f64)| bits(*a) | bits(*b) << 16;
         let texels = first.iter().zip(second).flat_map(|(a, b)| a.data.iter().zip(&b.data).map(texel));
         let staging = self.upload(bytemuck::cast_slice(&texels.collect::<Vec<u32>>()));
         let size = [layers[0].width as u32, layers[0].height as u32];
@@ -159,14 +159,13 @@ impl Rig {
     }
 
     /// The layers of I1, then of I2, of packed blur stacks.
-    pub(crate) fn unpacked(&self, image: &Arc<Image>) -> Vec<Field> {
+    pub(crate) fn unpacked(&self, image: &Arc<Image>, white: White) -> Vec<Field> {
         let (width, height) = (image.width as usize, image.height as usize);
         let staging = self.upload(&vec![0; 4 * width * height * image.layers as usize]);
         self.record(|recorder, _| recorder.copy_image_to_buffer(image, 0..image.layers, &staging));
         let texels = self.words(&staging);
         let layers = [0, 16].map(|bit| {
-            let coefficient =
-                |texel: &u32| stack::FIXED_MOST / stack::FIXED_STEPS * f64::from((texel >> bit) as u16 as i16);
+            let coefficient = |texel: &u32| white.coefficient((texel >> bit) as u16 as i16);
             let layer = |texels: &[u32]| Field { width, height, data: texels.iter().map(coefficient).collect() };
             texels.chunks_exact(width * height).map(layer).collect::<Vec<_>>()
         });
@@ -284,8 +283,8 @@ pub(crate) enum Input<'a> {
 pub(crate) struct Trial {
     rig: Rig,
     stage: &'static Stage,
-    /// Whether blur stacks are packed.
-    is_packed: bool,
+    /// White of packed blur stacks.
+    white: Option<White>,
     expected: Memory<f64>,
     images: BTreeMap<usize, Arc<Image>>,
     buffers: BTreeMap<usize, Arc<Buffer>>,
@@ -305,7 +304,10 @@ impl Trial {
         groups: [u32; 3],
     ) -> Self {
         let (mut memory, bindings) = (Memory::new(), P::STAGE.bindings);
-        let packs = |n: usize| stack::is_packed(variant) && bindings[n].kind == Kind::Words;
+        let states =
+            || inputs.iter().filter_map(|input| if let Input::State(state) = input { Some(*state) } else { None });
+        let white = White::of(variant, states().next().map_or(0.0, |state| state.white.into()));
+        let packs = |n: usize| white.filter(|_| bindings[n].kind == Kind::Words);
         for (n, input) in inputs.iter().enumerate() {
             match input {
                 Input::Unread => {}
@@ -315,7 +317,11 @@ impl Trial {
                 }
                 Input::Numbers(numbers) => drop(memory.numbers.insert(slot(n), numbers.to_vec())),
                 Input::Words(words) => drop(memory.words.insert(slot(n), words.to_vec())),
-                Input::State(state) => drop(memory.states.insert(slot(n), (*state).into())),
+                Input::State(state) => {
+                    for slot in [slot(n), Slot::State] {
+                        memory.states.insert(slot, (*state).into());
+                    }
+                }
                 Input::Photograph(frame) => {
                     [0, 1].iter().for_each(|&image| memory.upload_photograph(image, (*frame).clone()))
                 }
@@ -332,8 +338,10 @@ impl Trial {
             let mut buffer = |bytes: &[u8]| drop(buffers.insert(n, rig.upload(bytes)));
             match input {
                 Input::Unread => image(&blank(memory.layers.get(&slot(n)))),
-                Input::Image(layers) if packs(n) => drop(images.insert(n, rig.packed(layers))),
-                Input::Image(layers) => image(layers),
+                Input::Image(layers) => match packs(n) {
+                    Some(white) => drop(images.insert(n, rig.packed(layers, white))),
+                    None => image(layers),
+                },
                 Input::Numbers(numbers) => drop(buffers.insert(n, rig.numbers(numbers.iter().copied()))),
                 Input::Words(words) => buffer(bytemuck::cast_slice(words)),
                 Input::State(state) => buffer(bytemuck::bytes_of(*state)),
@@ -347,7 +355,7 @@ impl Trial {
             Kind::Uniform => Resource::Uniform(&buffers[&n]),
         });
         rig.run_variant(stage, variant, &resources.collect::<Vec<_>>(), constants, groups);
-        Self { rig, stage, is_packed: stack::is_packed(variant), expected: memory, images, buffers }
+        Self { rig, stage, white, expected: memory, images, buffers }
     }
 
     /// Asserts that the images and states that the pass writes are within `tolerance` of those of the CPU reference.
@@ -358,8 +366,8 @@ impl Trial {
                 let blank = Field::zeros(image.width as usize, image.height as usize);
                 let written = |layer: &Field| if layer.data.is_empty() { blank.clone() } else { layer.clone() };
                 let mut expected: Vec<Field> = self.layers(n).iter().map(written).collect();
-                if self.is_packed && self.stage.bindings[n].kind == Kind::Words {
-                    assert_all_close(&self.rig.unpacked(image), &expected, tolerance);
+                if let Some(white) = self.white.filter(|_| self.stage.bindings[n].kind == Kind::Words) {
+                    assert_all_close(&self.rig.unpacked(image, white), &expected, tolerance);
                     continue;
                 }
                 expected.resize(image.layers as usize, blank.clone());
@@ -374,6 +382,7 @@ impl Trial {
                         state.spread,
                         state.scale_deviation,
                         state.correlated,
+                        state.white,
                     ];
                     let shading = [state.shading, state.applied_shading].map(|s| s.coefficients.to_vec()).concat();
                     [of(&state.registration), of(&state.warped), own, shading].concat()

@@ -1,4 +1,5 @@
-//! Converts samples of a photograph to one channel in [0, 1]: Rec. 601 luminance or one of the colors.
+//! Converts samples of a photograph to one channel in [0, 1]: Rec. 601 luminance or one of the colors. Measures white,
+//! the largest magnitude of both photographs, where blur stacks are packed.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, Raster, pixels};
@@ -19,14 +20,23 @@ push_constants! {
     weights: [f32; 3],
 }
 
-/// The variant that decodes the sRGB curve.
-pub(crate) const SRGB: Variant = [true, false, false, false, false];
+const SRGB: usize = 0;
+const MEASURES: usize = 1;
+
+/// The variant that decodes the sRGB curve, and the one that raises white to the largest magnitude.
+pub(crate) fn variant(decodes: bool, measures: bool) -> Variant {
+    let mut variant = [false; 5];
+    (variant[SRGB], variant[MEASURES]) = (decodes, measures);
+    variant
+}
 
 bindings! {
     INGEST:
     samples: Reads<Samples>,
     /// Luminance or a channel.
     image: Writes<Plane>,
+    /// State, with white.
+    state: Updates<State>,
 }
 
 impl Pass for Bindings {
@@ -36,8 +46,12 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let decode = if variant == SRGB { Decode::Srgb } else { Decode::None };
-        let image = cpu_reference(memory.photograph(self.samples), decode, c.weights);
+        let decode = if variant[SRGB] { Decode::Srgb } else { Decode::None };
+        let image = cpu_reference::<N>(memory.photograph(self.samples), decode, c.weights);
+        if variant[MEASURES] {
+            let white = &mut memory.state_mut(self.state).white;
+            *white = image.data.iter().fold(*white, |most, &value| most.max(value.into().abs()));
+        }
         memory.set_layer(self.image, 0, image);
     }
 }
@@ -75,6 +89,7 @@ pub fn cpu_reference<N: Number>(frame: &Frame, decode: Decode, weights: [f32; 3]
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Input, Trial, frames};
+    use super::super::state::{DoubleState, State};
     use super::*;
     use crate::base::color::LUMINANCE;
 
@@ -88,10 +103,16 @@ mod tests {
             bytes: format.depth.bytes(),
             weights,
         };
-        let (inputs, variant) =
-            ([Input::Photograph(frame), Input::Unread], [decode == Decode::Srgb, false, false, false, false]);
-        // 2e-6: single precision, and the device's `pow`.
-        Trial::run::<Bindings>(&inputs, &constants, variant, STAGE.groups(size)).assert_within(2e-6);
+        // White of the other photograph is less, or more.
+        for (white, measures) in [(0.0, false), (0.1, true), (3.0, true)] {
+            let state = State { white, ..State::new(&DoubleState::default().registration) };
+            let inputs = [Input::Photograph(frame), Input::Unread, Input::State(&state)];
+            let variant = variant(decode == Decode::Srgb, measures);
+            let trial = Trial::run::<Bindings>(&inputs, &constants, variant, STAGE.groups(size));
+            // 2e-6: single precision, and the device's `pow`.
+            trial.assert_within(2e-6);
+            assert!(trial.states(2)[1].white >= white.into());
+        }
     }
 
     #[test]

@@ -474,7 +474,7 @@ fn spreads(spread: f64, difference: f64) -> f64 {
 mod tests {
     use super::super::Field;
     use super::super::harness::{Rig, random_field};
-    use super::super::stack::{self, Slopes};
+    use super::super::stack::{self, Slopes, White};
     use super::super::state::State;
     use super::super::sums::{Sums, assert_close};
     use super::*;
@@ -500,22 +500,12 @@ mod tests {
             elimination: ELIMINATION,
             mean: kernel.mean().map(|m| m as f32),
             noise: Noise::new(1),
-            step: Step {
-                level: 1,
-                energy_place: 2,
-                unknowns: 4,
-                flags: update_transform::STEPS,
-                still: 0.001,
-                share: 1.0,
-                steady: 0.0,
-                steady_by_tiles: 0.0,
-                flatness: 1e-5,
-                most_moving: 0.2,
-                most_far: 0.03,
-                least_spread: 0.0025,
-            },
+            step: Step { flags: update_transform::STEPS, ..Step::of_tests() },
         }
     }
+
+    /// White of packed blur stacks.
+    const WHITE: f32 = 1.3;
 
     /// Compares with the CPU reference. `moved` is how T has moved since I2 was warped, if it was.
     fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity, kernel: &Kernel, moved: Option<Similarity>) {
@@ -541,11 +531,13 @@ mod tests {
         let ((width, height), layout) = ((v.width, v.height), Layout::of(projective));
         let nodes = stack::node_count(6.0);
         let slopes = Slopes::of(kernel);
-        let stored = |layer| stack::stored(layer, is_packed);
+        let variant = stack::packed(variant(slopes, moved.is_some(), masks.is_some(), projective), is_packed);
+        let white = White::of(variant, WHITE.into());
+        let stored = |layer| stack::stored(layer, white);
         let stacks = [i1, i2].map(|i| build_stack(i, kernel, nodes).into_iter().map(stored).collect::<Vec<_>>());
         let c = Constants { rows, ..constants(width, height, nodes, kernel) };
         let registration = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
-        let mut state = State { spread: 0.01, ..State::new(&registration) };
+        let mut state = State { spread: 0.01, white: WHITE, ..State::new(&registration) };
         let before = moved.map(|by| Registration::new(by.after(&transform), &registration.photometric()));
         if let Some(before) = &before {
             state.warped = before.into();
@@ -558,7 +550,8 @@ mod tests {
 
         let rig = Rig::new();
         let stacks = stacks.concat();
-        let inputs = [rig.field(i1), rig.field(v), if is_packed { rig.packed(&stacks) } else { rig.image(&stacks) }];
+        let stacks = white.map_or_else(|| rig.image(&stacks), |white| rig.packed(&stacks, white));
+        let inputs = [rig.field(i1), rig.field(v), stacks];
         let equations = rig.empty([c.width, c.height], LAYERS as usize);
         let [state, stepped] = [(); 2].map(|()| rig.upload(bytemuck::bytes_of(&state)));
         let none = [Field::zeros(width, height), Field::zeros(width, height)];
@@ -570,7 +563,6 @@ mod tests {
         let written = [16, 4 * 2 * arguments::WORDS, 4].map(|bytes| rig.upload(&vec![0; bytes]));
         let others = written.each_ref().map(Resource::Buffer);
         resources.extend([Resource::Buffer(&state)].into_iter().chain(others));
-        let variant = stack::packed(variant(slopes, moved.is_some(), masked, projective), is_packed);
         rig.run_variant(&STAGE, variant, &resources, &c, groups);
 
         // Single precision, relative to the largest.

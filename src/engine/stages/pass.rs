@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use bytemuck::Pod;
 
+use super::stack::White;
 use super::state::DoubleState;
 use super::sums::{Layout, Sums};
 use super::{Number, Raster};
@@ -187,6 +188,11 @@ impl<N: Number> Memory<N> {
     /// The state, mutably.
     pub(crate) fn state_mut(&mut self, to: impl Writable<State>) -> &mut DoubleState {
         self.states.entry(to.slot()).or_default()
+    }
+
+    /// White of the blur stacks that a variant of a pass writes; `None` if it does not pack them.
+    pub(super) fn white(&self, variant: Variant) -> Option<White> {
+        White::of(variant, self.states.get(&Slot::State).map_or(0.0, |state| state.white))
     }
 
     /// The registration integrals, of rows of partial sums.

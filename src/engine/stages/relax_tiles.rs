@@ -182,8 +182,8 @@ mod tests {
     use super::*;
     use crate::engine::vulkan::Resource;
 
-    /// The same values as by half-sweeps of `relax` and by `update`, and those of the CPU reference: from stored dV, and
-    /// from equations of the coarser grids, whose dV has errors of its own.
+    /// The same values as by half-sweeps of `relax` and by `update`, and those of the CPU reference: from stored dV,
+    /// and from equations of the coarser grids, whose dV has errors of its own.
     #[test]
     fn matches_half_sweeps_and_the_cpu_reference() {
         for (width, height, sweeps) in [

@@ -48,6 +48,7 @@ impl SampledPair {
         v.data.iter_mut().for_each(|v| *v = 8.0 * (*v - 0.5));
         let photometric = Photometric { gain: 1.1, offset: -0.03 };
         let mut state = State::new(&Registration::new(Similarity::new(0.7, -1.1, 0.4, 1.02), &photometric));
+        state.white = 1.3;
         state.warped = (&Registration::new(Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY)).into();
         let stacks = images.each_ref().map(|image| build_stack(image, kernel, nodes)).concat();
         let [i1, _] = images;

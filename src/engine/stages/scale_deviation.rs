@@ -64,9 +64,9 @@ const OF_SHAPE: f64 = shaders::scale_deviation::OF_SHAPE;
 /// The standard deviation of the scale if all residuals are correlated with their neighbours. With 0.15 and 0.2, 56 to
 /// 62 and 60 to 69 % of the pixels of five real pairs are within σ of their sweeps.
 const OF_RESIDUALS: f64 = shaders::scale_deviation::OF_RESIDUALS;
-/// The variance of a window's ratio of b Σb to b² where residuals are white noise. The correlation of a window counts by
-/// the share of the squared excess that is not chance. Where residuals are not correlated, a single window would make σ
-/// too large by chance.
+/// The variance of a window's ratio of b Σb to b² where residuals are white noise. The correlation of a window counts
+/// by the share of the squared excess that is not chance. Where residuals are not correlated, a single window would
+/// make σ too large by chance.
 const CHANCE: f64 = shaders::scale_deviation::CHANCE;
 
 impl Pass for Bindings {

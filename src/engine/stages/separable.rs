@@ -56,42 +56,12 @@ const LONG: usize = 0;
 const JOINS: usize = 1;
 const HALVING: usize = 3;
 
-/// How the layers of both photographs are stored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Packing {
-    /// As floats.
-    Floats,
-    /// As floats, before the filters in two images.
-    JoinedFloats,
-    /// Packed, both before and after the filters.
-    Packed,
-    /// Packed after the filters; before these, as floats of two images.
-    Joined,
-}
-
-impl Packing {
-    /// That of a variant.
-    fn of(variant: Variant) -> Self {
-        match (stack::is_packed(variant), variant[JOINS]) {
-            (false, false) => Self::Floats,
-            (true, false) => Self::Packed,
-            (true, true) => Self::Joined,
-            (false, true) => Self::JoinedFloats,
-        }
-    }
-
-    /// Whether the results are packed.
-    pub(crate) fn packs(self) -> bool {
-        matches!(self, Self::Packed | Self::Joined)
-    }
-}
-
-/// The variant that filters or, with stride 2, halves. `long`: for long filters; `listed`: for listed tiles.
-pub(crate) fn variant(stride: u32, long: bool, listed: bool, packing: Packing) -> Variant {
+/// The variant that filters or, with stride 2, halves. `long`: for long filters; `listed`: for listed tiles; `joins`:
+/// two layers of floats, of two images; `packs`: to packed layers, from such too unless it joins.
+pub(crate) fn variant(stride: u32, [long, listed, joins, packs]: [bool; 4]) -> Variant {
     let mut variant = [false, false, listed, false, false];
-    let joins = matches!(packing, Packing::Joined | Packing::JoinedFloats);
     (variant[LONG], variant[JOINS], variant[HALVING]) = (long, joins, stride == 2);
-    stack::packed(variant, packing.packs())
+    stack::packed(variant, packs)
 }
 
 /// Width and height of a workgroup's results, pixels of the filtered image.
@@ -116,15 +86,16 @@ bindings! {
     to: Writes<Words>,
     filters: Reads<Filters>,
     tiles: Reads<Tiles>,
+    /// State, with white.
+    state: Reads<State>,
 }
 
 impl Pass for Bindings {
     /// Compulsory traffic: every value read, every result written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let [columns, rows] = [c.width, c.height].map(|side| side.div_ceil(stride(variant)));
-        let packing = Packing::of(variant);
-        let [read, written] =
-            [packing == Packing::Packed, packing.packs()].map(|is_packed| stack::bytes(c.planes, is_packed));
+        let packs = stack::is_packed(variant);
+        let [read, written] = [packs && !variant[JOINS], packs].map(|is_packed| stack::bytes(c.planes, is_packed));
         read * pixels(c.width, c.height) + written * pixels(columns, rows)
     }
 
@@ -132,14 +103,14 @@ impl Pass for Bindings {
         let weights = memory.numbers(self.filters);
         let filters =
             [0, 1].map(|axis| weights[4 * c.offsets[axis] as usize..][..2 * c.radii[axis] as usize + 1].to_vec());
-        let is_packed = Packing::of(variant).packs();
+        let white = memory.white(variant);
         for plane in 0..c.planes {
             let image = match plane {
                 0 => memory.layer(self.from, c.from_layer as usize),
                 _ => memory.layer(self.second, (c.from_layer + c.from_step) as usize),
             };
             let filtered = cpu_reference(c, stride(variant), filters.each_ref().map(Vec::as_slice), image);
-            let filtered = stack::stored(filtered, is_packed);
+            let filtered = stack::stored(filtered, white);
             memory.set_layer(self.to, (c.to_layer + plane * c.to_step) as usize, filtered);
         }
     }
@@ -168,6 +139,8 @@ const _: () = assert!((LONG_LINES - 2 * REACH).is_multiple_of(2 * SPAN) && LONG_
 mod tests {
     use super::super::Field;
     use super::super::harness::{Rig, assert_all_close, random_field};
+    use super::super::stack::White;
+    use super::super::state::{DoubleState, State};
     use super::*;
     use crate::engine::filter;
     use crate::engine::vulkan::Resource;
@@ -205,11 +178,14 @@ mod tests {
         weights.resize(4 * (c.offsets[1] - c.offsets[0]) as usize, 0.0);
         let weights = rig.filter(c.offsets[0], &[&weights, filters[1]].concat());
         let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
-        let (weights, tiles) = (Resource::Uniform(&weights), Resource::Buffer(&tiles));
-        let resources = [Resource::Image(&from), Resource::Image(&from), Resource::Image(&to), weights, tiles];
+        let state = State { white: 0.8, ..State::new(&DoubleState::default().registration) };
+        let white = White::of(variant(stride, [long, false, false, true]), state.white.into());
+        let state = rig.upload(bytemuck::bytes_of(&state));
+        let (weights, [tiles, state]) = (Resource::Uniform(&weights), [&tiles, &state].map(Resource::Buffer));
+        let resources = [Resource::Image(&from), Resource::Image(&from), Resource::Image(&to), weights, tiles, state];
         let all = |planes| groups(size, stride, long, planes);
         let groups = if listed { [2, 1, 2] } else { all(2) };
-        rig.run_variant(&STAGE, variant(stride, long, listed, Packing::Floats), &resources, &c, groups);
+        rig.run_variant(&STAGE, variant(stride, [long, listed, false, false]), &resources, &c, groups);
         let [right, below] = [tile(stride, long)[0], 2 * tile(stride, long)[1]].map(|side| side as usize);
         let written = Field::from_fn(expected.width, expected.height, |x, y| {
             if !listed || x < right && y < below { expected.get(x, y) } else { 0.0 }
@@ -218,24 +194,25 @@ mod tests {
         rig.assert_close(&to, &[times(&written, 1.0), times(&written, 0.0), times(&written, -1.0)], 1e-5);
 
         // Packed, from layer 1 or from those of two images into layer 0; some results are beyond what is stored.
-        let [first, second] = [2.0, -1.0].map(|factor| stack::stored(times(&input, factor), true));
-        let results = [&first, &second].map(|image| stack::stored(cpu_reference(&c, stride, filters, image), true));
+        let [first, second] = [2.0, -1.0].map(|factor| stack::stored(times(&input, factor), white));
+        let results = [&first, &second].map(|image| stack::stored(cpu_reference(&c, stride, filters, image), white));
         let [one, other] = [[&input, &first], [&input, &second]].map(|layers| rig.image(&layers.map(Field::clone)));
         let (to, joined) = (rig.empty(size.map(|side| side.div_ceil(stride)), 3), Constants { from_step: 0, ..c });
-        let resources = [Resource::Image(&one), Resource::Image(&other), Resource::Image(&to), weights, tiles];
-        rig.run_variant(&STAGE, variant(stride, long, false, Packing::JoinedFloats), &resources, &joined, all(2));
+        let resources = [Resource::Image(&one), Resource::Image(&other), Resource::Image(&to), weights, tiles, state];
+        rig.run_variant(&STAGE, variant(stride, [long, false, true, false]), &resources, &joined, all(2));
         let [a, b] = [&first, &second].map(|image| cpu_reference(&c, stride, filters, image));
         rig.assert_close(&to, &[a, times(&expected, 0.0), b], 2e-5);
-        let both = rig.packed(&[second.clone(), first, input, second].map(|layer| stack::stored(layer, true)));
-        for (packing, from, second, from_step) in
-            [(Packing::Joined, &one, &other, 0), (Packing::Packed, &both, &both, 2)]
-        {
+        let stored = [second.clone(), first, input, second].map(|layer| stack::stored(layer, white));
+        let white = white.unwrap();
+        let both = rig.packed(&stored, white);
+        for (joins, from, second, from_step) in [(true, &one, &other, 0), (false, &both, &both, 2)] {
             let blank = Field::zeros(expected.width, expected.height);
-            let (to, c) = (rig.packed(&[blank.clone(), blank]), Constants { from_step, ..c });
-            let resources = [Resource::Image(from), Resource::Image(second), Resource::Image(&to), weights, tiles];
-            rig.run_variant(&STAGE, variant(stride, long, false, packing), &resources, &c, all(1));
-            // A step of the fixed point, where one rounds up and the other down.
-            assert_all_close(&rig.unpacked(&to), &results, 1.1 * stack::FIXED_MOST / stack::FIXED_STEPS);
+            let (to, c) = (rig.packed(&[blank.clone(), blank], white), Constants { from_step, ..c });
+            let resources =
+                [Resource::Image(from), Resource::Image(second), Resource::Image(&to), weights, tiles, state];
+            rig.run_variant(&STAGE, variant(stride, [long, false, joins, true]), &resources, &c, all(1));
+            // A step, where one rounds up and the other down.
+            assert_all_close(&rig.unpacked(&to, white), &results, 1.1 * white.step(3.0 * white.coefficient(i16::MAX)));
         }
     }
 

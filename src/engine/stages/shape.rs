@@ -48,7 +48,7 @@ impl Pass for Bindings {
             let first = (c.first + plane * c.step) as usize;
             let shaped = cpu_reference(shape, &memory.layers(self.stacks)[first..first + c.nodes as usize]);
             for (k, node) in shaped.into_iter().enumerate() {
-                memory.set_layer(self.stacks, first + k, stack::stored(node, stack::is_packed(variant)));
+                memory.set_layer(self.stacks, first + k, stack::stored(node, memory.white(variant)));
             }
         }
     }
@@ -79,7 +79,7 @@ pub fn cpu_reference<N: Number>(shape: f64, nodes: &[Raster<N>]) -> Vec<Raster<N
 mod tests {
     use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random_field};
-    use super::super::stack::{Slopes, node_count};
+    use super::super::stack::{Slopes, White, node_count};
     use super::super::state::{DoubleState, State};
     use super::*;
     use crate::base::Kernel;
@@ -95,14 +95,16 @@ mod tests {
                 let [width, height] = [width as u32, height as u32];
                 let nodes = count as u32;
                 let c = Constants { width, height, nodes, first: 0, step: nodes, planes: 2 };
-                let state = State { kernel_shape: shape, ..State::new(&DoubleState::default().registration) };
+                let state =
+                    State { kernel_shape: shape, white: 1.3, ..State::new(&DoubleState::default().registration) };
                 let inputs = [Input::Image(&stacks), Input::State(&state)];
                 // Single precision, with coefficients of a few and differences times 4 at most.
                 Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, groups([width, height], 2)).assert_within(2e-5);
-                // A step of the fixed point, where one rounds up and the other down.
+                // A step, where one rounds up and the other down.
                 let packed = stack::packed(NO_VARIANT, true);
+                let step = White::of(packed, 1.3).unwrap().step(1.5);
                 let trial = Trial::run::<Bindings>(&inputs, &c, packed, groups([width, height], 1));
-                trial.assert_within(1.1 * stack::FIXED_MOST / stack::FIXED_STEPS);
+                trial.assert_within(1.1 * step);
             }
         }
     }

@@ -29,8 +29,9 @@ const LEAST_SHAPE: f64 = shaders::shape_median::LEAST_SHAPE;
 /// compensates by a V that is 6 % too small and a shape that is too large. By fits of texture spectra, 1/f to 1/f⁴ in
 /// power, 0.70 to 0.83 of the best fit is right.
 const UNBIASED: f64 = shaders::shape_median::UNBIASED;
-/// The largest shape. Where disks blur both images, the sharper one by b, the relative blur is flatter than a disk: fourth
-/// cumulants of disks go with the square of their variances, so that the shape is `((b + V)² - b²)/V² = 1 + 2b/V`.
+/// The largest shape. Where disks blur both images, the sharper one by b, the relative blur is flatter than a disk:
+/// fourth cumulants of disks go with the square of their variances, so that the shape is
+/// `((b + V)² - b²)/V² = 1 + 2b/V`.
 const MOST_SHAPE: f64 = shaders::shape_median::MOST_SHAPE;
 
 impl Pass for Bindings {

@@ -4,9 +4,9 @@
 //! V, translation, offset and gain, and the [departure](super::stack::departure) of a disk from a Gaussian. The part
 //! that only the departure explains determines the shape. Without the window's own terms, errors of V, which a wrong
 //! shape causes, would be taken for shape. Noise of the sharper image is in both S and the departure; its part of their
-//! product is subtracted. Its power is taken from mixed differences of S. The residuals of the fit are larger than noise
-//! on photographs: with their power the median shape was -16 where |V| was 1 to 2 px² (heat sink, coarser levels) and -2
-//! at 4 to 8 px², with that of the differences -5 and 0.2.
+//! product is subtracted. Its power is taken from mixed differences of S. The residuals of the fit are larger than
+//! noise on photographs: with their power the median shape was -16 where |V| was 1 to 2 px² (heat sink, coarser levels)
+//! and -2 at 4 to 8 px², with that of the differences -5 and 0.2.
 //!
 //! On renderings the shape is 0.0 for Gaussians and 0.9 to 1.4 for disks, and larger the blurrier the sharper image is.
 
@@ -25,8 +25,8 @@ use crate::engine::vulkan::Variant;
 /// Side of a window, pixels: wide compared with the blur of most pairs, narrow compared with areas in focus at one
 /// distance.
 const SIDE: usize = shaders::shape_windows::SIDE as usize;
-/// The least share by which a pixel of a window counts. The averaged mask of a pixel far from masked ones differs from 1
-/// by rounding, which the share multiplies by 25.
+/// The least share by which a pixel of a window counts. The averaged mask of a pixel far from masked ones differs from
+/// 1 by rounding, which the share multiplies by 25.
 const COUNTED: f64 = shaders::shape_windows::COUNTED;
 /// The most windows along a side of the level: together a seventh of 1 Mpx.
 const MOST_ALONG: u32 = 16;
@@ -261,7 +261,7 @@ mod tests {
         let registration =
             Registration::new(Similarity::new(0.7, -1.1, 0.2, 1.01), &Photometric { gain: 1.1, offset: -0.03 });
         let warped = Registration::new(Similarity::new(0.71, -1.08, 0.2, 1.01), &registration.photometric());
-        let state = State { kernel_shape: 0.4, warped: (&warped).into(), ..State::new(&registration) };
+        let state = State { kernel_shape: 0.4, white: 1.3, warped: (&warped).into(), ..State::new(&registration) };
         let stacks = stacks.concat();
         let [v, stacks] = [std::slice::from_ref(v), &stacks].map(Input::Image);
         let masked = masks.is_some();
@@ -276,7 +276,8 @@ mod tests {
             for (n, (actual, expected)) in actual.chunks(2).zip(expected.chunks(2)).enumerate() {
                 let ([shape, weight], [e_shape, e_weight]) =
                     ([0, 1].map(|i| f64::from(actual[i])), [expected[0], expected[1]]);
-                // A thousandth: the sums of 576 products are in single precision, and elimination leaves a hundredth of them.
+                // A thousandth: the sums of 576 products are in single precision, and elimination leaves a hundredth of
+                // them.
                 assert!((weight - e_weight).abs() < 2e-3 * most, "{n}: {weight}, not {e_weight}");
                 assert!(e_weight < 1e-2 * most || (shape - e_shape).abs() < 5e-3, "{n}: {shape}, not {e_shape}");
             }
@@ -311,8 +312,8 @@ mod tests {
         assert_eq!(open, masked);
     }
 
-    /// The median of the windows' shapes of a texture under a kernel of two variances 4 px² apart, with V off by 0.2 px²:
-    /// with the more blurred one as I2, and as I1.
+    /// The median of the windows' shapes of a texture under a kernel of two variances 4 px² apart, with V off by 0.2
+    /// px²: with the more blurred one as I2, and as I1.
     fn median_shapes(kernel: &Kernel, base: f64, noise: f64) -> [f64; 2] {
         let (size, nodes, v) = (220, stack::node_count(9.0), 4.0);
         let texture = smooth_field(size, size, 7);

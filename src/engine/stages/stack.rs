@@ -146,12 +146,12 @@ pub(super) fn node_below(v: f64, count: usize) -> usize {
 
 /// The specialization constant by which a texel of the stacks has a coefficient of I1 and one of I2.
 const PACKED: usize = 4;
-/// The largest magnitude of a packed coefficient. A white pixel on black has 3, a black one on white -2, and a step at
-/// most 1.4. Larger ones have contrasts of both signs from pixel to pixel along both axes, which lenses do not show;
-/// they are clamped.
-pub(crate) const FIXED_MOST: f64 = shaders::stacks::FIXED_MOST;
-/// The steps of packed coefficients from zero to there.
-pub(crate) const FIXED_STEPS: f64 = shaders::stacks::FIXED_STEPS;
+/// The largest magnitude of a packed coefficient, in whites. A white pixel on black has 3, a black one on white -2, and
+/// a step at most 1.4. Larger ones have contrasts of both signs from pixel to pixel along both axes, which lenses do
+/// not show; they are clamped.
+const FIXED_MOST: f64 = shaders::stacks::FIXED_MOST;
+/// The steps of the root of a packed coefficient from zero to there.
+const FIXED_STEPS: f64 = shaders::stacks::FIXED_STEPS;
 
 /// A variant for packed stacks, if they are.
 pub(crate) fn packed(mut variant: Variant, is_packed: bool) -> Variant {
@@ -169,11 +169,39 @@ pub(crate) fn bytes(count: u32, is_packed: bool) -> u64 {
     if is_packed { 4 } else { 4 * u64::from(count) }
 }
 
-/// Coefficients as the stacks store them: in fixed point, if they are packed.
-pub(crate) fn stored<N: Number>(mut layer: Raster<N>, is_packed: bool) -> Raster<N> {
-    if is_packed {
-        let rounded = |c: f64| (c.clamp(-FIXED_MOST, FIXED_MOST) / FIXED_MOST * FIXED_STEPS).round();
-        layer.data.iter_mut().for_each(|c| *c = N::of(FIXED_MOST / FIXED_STEPS * rounded((*c).into())));
+/// White of packed stacks, of the largest intensity of both photographs. `None` if they are not packed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct White(f64);
+
+impl White {
+    /// That of photographs whose largest intensity is this, for a variant.
+    pub(crate) fn of(variant: Variant, largest: f64) -> Option<Self> {
+        is_packed(variant).then_some(Self(largest.max(shaders::stacks::LEAST_WHITE)))
+    }
+
+    /// The root of a coefficient, in steps.
+    pub(crate) fn root(self, coefficient: f64) -> i16 {
+        let root = (coefficient.abs() / self.0 / FIXED_MOST).sqrt().min(1.0);
+        (FIXED_STEPS * root).round().copysign(coefficient) as i16
+    }
+
+    /// The coefficient of a root in steps.
+    pub(crate) fn coefficient(self, root: i16) -> f64 {
+        let root = f64::from(root) / FIXED_STEPS;
+        self.0 * FIXED_MOST * root * root.abs()
+    }
+
+    /// The largest step of coefficients up to some magnitude.
+    #[cfg(test)]
+    pub(crate) fn step(self, most: f64) -> f64 {
+        2.0 * (self.0 * FIXED_MOST * most).sqrt() / FIXED_STEPS
+    }
+}
+
+/// Coefficients as the stacks store them: rounded if they are packed.
+pub(crate) fn stored<N: Number>(mut layer: Raster<N>, white: Option<White>) -> Raster<N> {
+    if let Some(white) = white {
+        layer.data.iter_mut().for_each(|c| *c = N::of(white.coefficient(white.root((*c).into()))));
     }
     layer
 }
@@ -301,6 +329,24 @@ mod tests {
                 assert!((actual.slope - slope).abs() < 4e-3, "v {v}: slope {} {slope}", actual.slope);
             }
         }
+    }
+
+    /// The root is off by 1/√12 of a step rms. So c is off by √(white c)/32767, since `FIXED_MOST` is 3.
+    #[test]
+    fn packing_errs_by_a_hundredth_of_photon_noise_at_any_brightness() {
+        let (largest, electrons) = (0.7, 1e5);
+        let white = White::of(packed([false; 5], true), largest).unwrap();
+        for brightness in [2.0, 1.0, 0.1, 0.01, 1e-4] {
+            let c = |n: i32| (if n % 2 == 0 { 1.0 } else { -1.0 }) * brightness * largest * (1.0 + 1e-4 * f64::from(n));
+            let square = |n| (white.coefficient(white.root(c(n))) - c(n)).powi(2);
+            let error = ((-1000..1000).map(square).sum::<f64>() / 2000.0).sqrt();
+            let closed = largest * f64::sqrt(brightness) / FIXED_STEPS;
+            assert!((error / closed - 1.0).abs() < 0.05, "{brightness}: {error:e}, not {closed:e}");
+            let photon_noise = largest * (brightness / electrons).sqrt();
+            assert!(error < 0.0102 * photon_noise, "{brightness}: {}", error / photon_noise);
+        }
+        assert_eq!([4.0, -4.0].map(|c| white.root(c)), [32767, -32767], "larger ones are clamped");
+        assert_eq!(White::of(packed([false; 5], true), 0.0).unwrap().root(0.0), 0, "black photographs");
     }
 
     #[test]

@@ -47,6 +47,8 @@ pub struct State {
     pub clipped: [u32; 2],
     /// Workgroups of the current dispatch that have stored their sums; 0 between dispatches.
     pub finished: u32,
+    /// The largest intensity of both photographs; 0 unless blur stacks are packed.
+    pub white: f32,
     /// T when I2 was last warped onto I1's pixels.
     pub warped: Single,
     /// Coefficients of the shading.
@@ -141,6 +143,8 @@ pub struct DoubleState {
     pub moving: [f64; 3],
     /// Clipped pixels of I1 and I2 that no mask excludes.
     pub clipped: [u32; 2],
+    /// The largest intensity of both photographs; 0 unless blur stacks are packed.
+    pub white: f64,
     /// By level, finest first.
     pub levels: [DoubleLevel; MAX_LEVELS],
 }
@@ -185,6 +189,7 @@ impl DoubleState {
             variance: 0.0,
             moving: [0.0; 3],
             clipped: [0; 2],
+            white: 0.0,
             levels: [DoubleLevel::default(); MAX_LEVELS],
         }
     }
@@ -236,6 +241,7 @@ impl From<&DoubleState> for State {
             at_limit,
             clipped: double.clipped,
             finished: 0,
+            white: double.white as f32,
             warped: (&double.warped).into(),
             shading: double.shading.coefficients.map(|c| c as f32),
             applied_shading: double.applied_shading.coefficients.map(|c| c as f32),
@@ -266,6 +272,7 @@ impl From<&State> for DoubleState {
             variance: single.variance.into(),
             moving: [single.moving, single.moving_far, single.at_limit].map(f64::from),
             clipped: single.clipped,
+            white: single.white.into(),
             levels: std::array::from_fn(level),
         }
     }

@@ -62,7 +62,7 @@ impl Pass for Bindings {
             let to = (c.layer + plane * c.step) as usize;
             let fine = memory.take_layer(self.fine, to).of_size([c.width as usize, c.height as usize]);
             let coarse = memory.layer(self.coarse, (c.from_layer + plane * c.from_step) as usize);
-            let fine = stack::stored(refined(fine, coarse), stack::is_packed(variant));
+            let fine = stack::stored(refined(fine, coarse), memory.white(variant));
             memory.set_layer(self.fine, to, fine);
         }
     }
@@ -118,7 +118,7 @@ mod tests {
     use super::super::Field;
     use super::super::harness::{Rig, assert_all_close, random_field};
     use super::super::spline;
-    use super::super::stack::{FIXED_MOST, FIXED_STEPS};
+    use super::super::stack::White;
     use super::*;
     use crate::engine::vulkan::Resource;
 
@@ -147,19 +147,20 @@ mod tests {
             rig.assert_close(&to, &layers(&expected), 1e-6);
 
             // Packed, from layer 1 into layer 2.
-            let [coarse, other] = [coarse.clone(), negative(&coarse)].map(|layer| stack::stored(layer, true));
+            let white = White::of(variant(false, true), 1.0).unwrap();
+            let [coarse, other] = [coarse.clone(), negative(&coarse)].map(|layer| stack::stored(layer, Some(white)));
             let expected = [&coarse, &other].map(|coarse| cpu_reference([width as usize, height as usize], coarse));
             let blank = Field::zeros(coarse.width, coarse.height);
-            let from = rig.packed(&[blank.clone(), coarse, blank, other]);
-            let to = rig.packed(&vec![zeros.clone(); 6]);
+            let from = rig.packed(&[blank.clone(), coarse, blank, other], white);
+            let to = rig.packed(&vec![zeros.clone(); 6], white);
             let constants = Constants { from_layer: 1, layer: 2, ..constants };
             let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];
             let groups = groups([width.div_ceil(2), height.div_ceil(2)], 1);
             rig.run_variant(&STAGE, variant(false, true), &resources, &constants, groups);
             let [first, second] = expected.map(|fine| [zeros.clone(), zeros.clone(), fine]);
-            // Half a step of the fixed point.
-            let tolerance = 0.51 * FIXED_MOST / FIXED_STEPS;
-            assert_all_close(&rig.unpacked(&to), &[&first[..], &second].concat(), tolerance);
+            // Half a step.
+            let tolerance = 0.51 * white.step(1.0);
+            assert_all_close(&rig.unpacked(&to, white), &[&first[..], &second].concat(), tolerance);
         }
     }
 

@@ -54,8 +54,8 @@ impl Pass for Bindings {
     }
 }
 
-/// The standard deviation of V, from the deviation of V's scale, by how much the correlation of residuals counts, V, its
-/// deviation so far, and the means of the curvature, b² and b Σb.
+/// The standard deviation of V, from the deviation of V's scale, by how much the correlation of residuals counts, V,
+/// its deviation so far, and the means of the curvature, b² and b Σb.
 pub fn cpu_reference<N: Number>(
     c: &Constants,
     [scale, correlated]: [f64; 2],

@@ -3,24 +3,24 @@
 //! The residual is the root of its mean square over a window. Section 7 of `docs/method.md`.
 //!
 //! Over a window of N pixels, with V as one unknown, the estimate that minimises the robust norm ψ has the variance
-//! `Σb²/(ΣC)²` (Huber, Robust Statistics, 1981, section 6.3): b is the pull of each residual, by misfit and noise, and C
-//! the curvature of ψ by V. Where V bends, smoothness and displacement change it in proportion. With means over the
+//! `Σb²/(ΣC)²` (Huber, Robust Statistics, 1981, section 6.3): b is the pull of each residual, by misfit and noise, and
+//! C the curvature of ψ by V. Where V bends, smoothness and displacement change it in proportion. With means over the
 //! window,
 //!
 //! ```text
 //! σ_V = sqrt(mean b² / (N (mean C)²) + β mean (∇²V)²)
 //! ```
 //!
-//! β was chosen on generated scenes: with 30, 65 to 84 % of the true errors are within σ, for planes, reliefs, steps and
-//! cylinders at noise 0.003 to 0.03. With 20 up to 2.8 times as many errors exceed 5 σ on reliefs and steps; with 45 one to
-//! five per cent more are within σ, which is too wide already on planes and cylinders. (mean b)²
-//! instead of mean b² is no better. A slope is no error: with |∇V|² instead of (∇²V)², σ of a noiseless plane is five
-//! times its error.
+//! β was chosen on generated scenes: with 30, 65 to 84 % of the true errors are within σ, for planes, reliefs, steps
+//! and cylinders at noise 0.003 to 0.03. With 20 up to 2.8 times as many errors exceed 5 σ on reliefs and steps; with
+//! 45 one to five per cent more are within σ, which is too wide already on planes and cylinders. (mean b)² instead of
+//! mean b² is no better. A slope is no error: with |∇V|² instead of (∇²V)², σ of a noiseless plane is five times its
+//! error.
 //!
-//! A residual that noise does not explain is of another scene, of something that moved, or of a blur that the kernel does
-//! not describe. It is alike over a feature of the texture, so that fewer samples of it average out: with S_V² from b²,
-//! `mean (S² - (3 noise)²) / S_V²` over their number is added to the square. Beyond ten times the noise, V is not measured
-//! unless σ is at most 1 px²: it is the V of a pair of different things.
+//! A residual that noise does not explain is of another scene, of something that moved, or of a blur that the kernel
+//! does not describe. It is alike over a feature of the texture, so that fewer samples of it average out: with S_V²
+//! from b², `mean (S² - (3 noise)²) / S_V²` over their number is added to the square. Beyond ten times the noise, V is
+//! not measured unless σ is at most 1 px²: it is the V of a pair of different things.
 //!
 //! Where V is at its limit, only a bound of it is known. σ there is that of a pixel that the photographs do not
 //! determine, so that no count, mask or measurement takes the bound for a measured value.
@@ -36,15 +36,15 @@ use crate::engine::vulkan::Variant;
 
 /// β, px⁴.
 pub const BENDING: f32 = 30.0;
-/// Pixels over which a residual that is no noise is alike: those of a Gaussian of σ 1.3 px, about a feature of the finest
-/// texture.
+/// Pixels over which a residual that is no noise is alike: those of a Gaussian of σ 1.3 px, about a feature of the
+/// finest texture.
 const FEATURE: f32 = 20.0;
 /// Residuals beyond this many deviations of the noise are no noise.
 const NOISE: f64 = shaders::uncertainty::NOISE;
 /// The noise is at least η over this, as for the step of T.
 const BROAD: f64 = shaders::uncertainty::BROAD;
-/// Residuals beyond this many show something else. Beyond three, also depth edges and the blur of real lenses: 9 to 45 %
-/// of the pixels of five real pairs.
+/// Residuals beyond this many show something else. Beyond three, also depth edges and the blur of real lenses: 9 to
+/// 45 % of the pixels of five real pairs.
 pub(crate) const UNEXPLAINED: f64 = shaders::uncertainty::UNEXPLAINED;
 /// Where they do, V is not measured if its standard deviation is more than this, px².
 const CERTAIN: f64 = shaders::uncertainty::CERTAIN;
@@ -132,8 +132,8 @@ impl Pass for Bindings {
     }
 }
 
-/// V, its standard deviation and the residual, from the averaged terms. `spread` is the noise of S, `mask` has a byte per pixel, 0 where there are
-/// no results.
+/// V, its standard deviation and the residual, from the averaged terms. `spread` is the noise of S, `mask` has a byte
+/// per pixel, 0 where there are no results.
 pub fn cpu_reference<N: Number>(
     c: &Constants,
     r: &Registration,

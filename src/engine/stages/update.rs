@@ -77,8 +77,8 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     STAGE.groups([width.div_ceil(2), height.div_ceil(2)])
 }
 
-/// A pixel moves if its step is more than a tenth of its standard deviation (section 7 of `docs/method.md`), and far if it
-/// is more than half of it.
+/// A pixel moves if its step is more than a tenth of its standard deviation (section 7 of `docs/method.md`), and far if
+/// it is more than half of it.
 const STEPS: [f64; 2] = [shaders::update::STILL, shaders::update::FAR];
 /// One over the pixels that say as much as one independent pixel, 4π 4² of the window.
 const INDEPENDENT: f64 = shaders::update::INDEPENDENT;

@@ -67,6 +67,25 @@ impl Step {
     pub fn is(&self, flag: u32) -> bool {
         self.flags & flag != 0
     }
+
+    /// The whole step of a similarity on level 1, which may not settle.
+    #[cfg(test)]
+    pub(super) fn of_tests() -> Self {
+        Self {
+            level: 1,
+            energy_place: 2,
+            unknowns: 4,
+            flags: 0,
+            still: 0.001,
+            share: 1.0,
+            steady: 0.0,
+            steady_by_tiles: 0.0,
+            flatness: 1e-5,
+            most_moving: 0.2,
+            most_far: 0.03,
+            least_spread: 0.0025,
+        }
+    }
 }
 
 push_constants! {
@@ -330,20 +349,7 @@ mod tests {
             factor: 2.0,
             length: 30.0,
             half_size: [60.0, 40.0],
-            step: Step {
-                level: 1,
-                energy_place: 3,
-                unknowns: 4,
-                flags: MAY_SETTLE,
-                still: 0.001,
-                share: 1.0,
-                steady: 0.0,
-                steady_by_tiles: 0.0,
-                flatness: 1e-5,
-                most_moving: 0.2,
-                most_far: 0.03,
-                least_spread: 0.0025,
-            },
+            step: Step { energy_place: 3, flags: MAY_SETTLE, ..Step::of_tests() },
         }
     }
 

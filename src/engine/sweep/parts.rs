@@ -51,8 +51,9 @@ impl PartSolver {
         std::iter::repeat_n(self.solver.final_work(), self.grid.count())
     }
 
-    /// Solves all parts from u at half the size; returns u relative to the middle setting and its standard deviation, and
-    /// the median of the parts' median deviations before outlines move. `done` is called after each iteration of a part.
+    /// Solves all parts from u at half the size; returns u relative to the middle setting and its standard deviation,
+    /// and the median of the parts' median deviations before outlines move. `done` is called after each iteration of a
+    /// part.
     pub(super) fn solve(
         &mut self,
         frames: &[Frame],

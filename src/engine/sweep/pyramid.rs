@@ -19,9 +19,9 @@ use crate::engine::tiles::Ranges;
 
 /// The longest side of the level where a solve starts, px.
 const START_SIDE: u32 = 160;
-/// The largest step of ln c downwards and upwards. Where frames do not differ in blur, Gauss-Newton steps are near -1, and
-/// the few iterations end before smaller ones bring c near 0: with steps of -0.3, frames of one focus setting seemed to
-/// differ by up to 1.4 px of blur, now by up to 0.64 px. Sweeps that fit have no step below -0.3.
+/// The largest step of ln c downwards and upwards. Where frames do not differ in blur, Gauss-Newton steps are near -1,
+/// and the few iterations end before smaller ones bring c near 0: with steps of -0.3, frames of one focus setting
+/// seemed to differ by up to 1.4 px of blur, now by up to 0.64 px. Sweeps that fit have no step below -0.3.
 const RATE_STEPS: [f64; 2] = [-1.0, 0.3];
 /// Relaxation sweeps per step. Iterations are expensive, since each makes a blur stack of every frame; relaxation
 /// sweeps are not.
@@ -30,8 +30,8 @@ pub(super) const RELAXATION_SWEEPS: u32 = 3;
 const MAX_CORNER_STEP: f64 = 0.5;
 /// A frame is resampled again once T has moved a corner by this, px of the level.
 const RESAMPLE_AFTER: f64 = 0.02;
-/// Time to upload a frame and to compute its pyramid, relative to that of an iteration on the finest level. This and the
-/// next two are from four real sweeps on the CPU device.
+/// Time to upload a frame and to compute its pyramid, relative to that of an iteration on the finest level. This and
+/// the next two are from four real sweeps on the CPU device.
 const UPLOAD: f64 = 0.45;
 /// Time to estimate the start, relative to that of an iteration on the first level for one frame. It depends little on
 /// the number of frames.

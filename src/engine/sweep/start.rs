@@ -275,8 +275,8 @@ pub(super) const WINDOWS: [f64; 2] = [3.0, 2.5];
 /// The largest number of frames that c is searched with.
 const MAX_FRAMES_FOR_RATE: usize = 24;
 
-/// How often less than 1 px of blur over the sweep is halved. With a sixteenth of a pixel neighbouring levels of c hardly
-/// differ in energy.
+/// How often less than 1 px of blur over the sweep is halved. With a sixteenth of a pixel neighbouring levels of c
+/// hardly differ in energy.
 const LESS_BLUR: u32 = 4;
 
 /// c in px² of this level by squared settings: the least Σ_x min_u E over octaves, from pairs 1, 2, 4, 8 and 16 frames
