@@ -42,6 +42,8 @@ const float BETTER = 0.9;
 // The curvature may be that of noise below this multiple of that of noise alone. Another V is no worse there below this
 // share of the energy.
 const float BY_NOISE = 3.0, NO_WORSE = 1.05;
+// Among other V whose energies differ by less than rounding, the first one counts.
+const float LESS = 0.9999;
 const int B2 = 1, SQUARE = 4;        // layers of the terms
 const int BLOCKS = 4;                // of a workgroup
 
@@ -93,7 +95,7 @@ void main() {
         if (sample_of == 0) {
             vec3 sum = vec3(0.0);
             for (int i = 0; i < SAMPLES * SAMPLES; i++) sum += energies[block][i];
-            if (sum.z >= LEAST && sum.y < best[block].y * sum.x) best[block] = vec2(other, sum.y / sum.x);
+            if (sum.z >= LEAST && sum.y < LESS * best[block].y * sum.x) best[block] = vec2(other, sum.y / sum.x);
         }
     }
     barrier();

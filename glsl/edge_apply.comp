@@ -2,23 +2,32 @@
 // V and its standard deviation at the depth edges whose outlines two layers explain. CPU reference:
 // src/engine/stages/edge_apply.rs.
 
+#include "state.glsl"
+
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray relative_blur;
 layout(binding = 1, r32f) uniform image2DArray results;
+layout(binding = 2, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
     int decided;                     // first number of the decisions
     float spread;                    // σ² of the weights of cells along the edge, px²
-    // What must speak for an outline, in units of cost per cell, over V as it is; and the cells that continue the edge.
-    float least_saving, least_length;
+    // What must speak for an outline over V as it is where residuals are independent, in units of cost per cell.
+    float least_saving;
     // Not 0 on a coarser level than the finest, where V of both sides is kept, and by which share each counts.
     int coarse;
 };
 
 #include "edge.glsl"
 
-// Cells in each direction that an outline is taken from.
+// Cells in each direction that an outline is taken from, and in which cells with an outline are counted.
 const int AROUND = 4;
+// What must speak for an outline over V as it is where all residuals are correlated with their neighbours.
+const float CORRELATED = 8.0;
+// More cells than this, with the cell itself, must continue the edge: five lie within two cells on a straight one.
+const float LEAST_LENGTH = 4.5;
+// Cells around with an outline of the same order, with the cell itself, without which an outline does not count.
+const int LEAST_AROUND = 6;
 // What must speak for an outline over the other order, in units of cost per cell; and the share of cells whose outline
 // is well within the displacements.
 const float ORDER = 3.0, WITHIN = 0.9;
@@ -27,9 +36,11 @@ const float FARTHEST = 13.0, FADING = 9.0;
 // σ² of the weights of cells by the pixel's distance from the edge, px².
 const float AWAY = 16.0;
 
-const int COLUMNS = int(gl_WorkGroupSize.x) / SIDE + 2 * AROUND, LINES = int(gl_WorkGroupSize.y) / SIDE + 2 * AROUND;
-// A bit for each cell, by row: whether an outline is accepted with the near side in front, and with the far side.
-shared uint accepted[LINES][2];
+// Cells of the workgroup and those around whose outlines are counted.
+const int COLUMNS = int(gl_WorkGroupSize.x) / SIDE + 4 * AROUND, LINES = int(gl_WorkGroupSize.y) / SIDE + 4 * AROUND;
+// A bit for each cell, by row: whether an outline is accepted with the near side in front, and with the far side; and
+// whether enough are around it.
+shared uint accepted[LINES][2], kept[LINES][2];
 
 // 0: V stays; 1: the near side is in front; 2: the far side is.
 int order_of(ivec2 cell) {
@@ -37,9 +48,15 @@ int order_of(ivec2 cell) {
     if (number_of(cell, EDGES, 0) == 0.0) return 0;
     float margin = number_of(cell, DECISIONS, decided + 4);
     int reversed = margin < 0.0 ? 1 : 0;
-    bool accepted = abs(margin) > ORDER && number_of(cell, DECISIONS, decided + reversed) > least_saving
-        && number_of(cell, DECISIONS, decided + 2 + reversed) > WITHIN && number_of(cell, DECISIONS, decided + 5) > least_length;
+    float least = mix(least_saving, CORRELATED, state.correlated);
+    bool accepted = abs(margin) > ORDER && number_of(cell, DECISIONS, decided + reversed) > least
+        && number_of(cell, DECISIONS, decided + 2 + reversed) > WITHIN && number_of(cell, DECISIONS, decided + 5) > LEAST_LENGTH;
     return accepted ? 1 + reversed : 0;
+}
+
+// The bits of the cells around a cell, from its row and column on.
+uint around(uint row, int column) {
+    return (row >> (column - AROUND)) & ((1u << (2 * AROUND + 1)) - 1u);
 }
 
 // The probability that a place `inside` px inside the outline's start is in front.
@@ -51,13 +68,24 @@ float in_front(ivec2 cell, int outlines, float inside) {
 }
 
 void main() {
-    ivec2 x = ivec2(gl_GlobalInvocationID.xy), corner = ivec2(gl_WorkGroupID.xy * gl_WorkGroupSize.xy) / SIDE - AROUND;
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy), corner = ivec2(gl_WorkGroupID.xy * gl_WorkGroupSize.xy) / SIDE - 2 * AROUND;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    if (gl_LocalInvocationIndex < 2 * LINES) accepted[gl_LocalInvocationIndex / 2][gl_LocalInvocationIndex % 2] = 0;
+    if (gl_LocalInvocationIndex < 2 * LINES) {
+        accepted[gl_LocalInvocationIndex / 2][gl_LocalInvocationIndex % 2] = 0;
+        kept[gl_LocalInvocationIndex / 2][gl_LocalInvocationIndex % 2] = 0;
+    }
     barrier();
     for (int n = int(gl_LocalInvocationIndex); n < COLUMNS * LINES; n += step) {
         int order = order_of(corner + ivec2(n % COLUMNS, n / COLUMNS));
         if (order > 0) atomicOr(accepted[n / COLUMNS][order - 1], 1u << (n % COLUMNS));
+    }
+    barrier();
+    int columns = COLUMNS - 2 * AROUND, lines = LINES - 2 * AROUND;
+    for (int n = int(gl_LocalInvocationIndex); n < 2 * columns * lines; n += step) {
+        int order = n % 2, column = AROUND + n / 2 % columns, line = AROUND + n / 2 / columns, count = 0;
+        if ((accepted[line][order] >> column & 1u) == 0u) continue;
+        for (int j = line - AROUND; j <= line + AROUND; j++) count += bitCount(around(accepted[j][order], column));
+        if (count >= LEAST_AROUND) atomicOr(kept[line][order], 1u << column);
     }
     barrier();
     if (x.x >= width || x.y >= height) return;
@@ -66,7 +94,7 @@ void main() {
     vec4 levels = vec4(0.0);
     float near_share = 0.0, near_in_front = 0.0, towards_near = 0.0;
     for (int j = own.y - AROUND; j <= own.y + AROUND; j++) {
-        uvec2 orders = (uvec2(accepted[j][0], accepted[j][1]) >> (own.x - AROUND)) & ((1u << (2 * AROUND + 1)) - 1u);
+        uvec2 orders = uvec2(around(kept[j][0], own.x), around(kept[j][1], own.x));
         for (uint cells = orders.x | orders.y; cells != 0u; cells &= cells - 1u) {
             int i = findLSB(cells);
             int order = (orders.x >> i & 1u) != 0u ? 1 : 2;

@@ -26,18 +26,17 @@ pub(crate) struct Search {
 pub(crate) struct Criteria {
     /// σ² of the weights of cells along an edge, px².
     pub(crate) spread: f32,
-    /// The least saving over the cost of V as it is, per cell; below 0, what an outline may cost more.
+    /// The least saving over the cost of V as it is where residuals are independent, per cell; below 0, what an outline
+    /// may cost more.
     pub(crate) least_saving: f32,
-    /// The number of cells that continue the edge, with the cell itself, must exceed this.
-    pub(crate) least_length: f32,
 }
 
 /// The criteria of pairs on the finest level. V as it is was fitted to the pixels that are costed, the two layers were
-/// not: they may cost a little more. Edges of fewer cells are noise of V.
-const FINEST: Criteria = Criteria { spread: 4.0, least_saving: -1.0, least_length: 4.0 };
+/// not: they may cost a little more.
+const FINEST: Criteria = Criteria { spread: 4.0, least_saving: -1.0 };
 /// The criteria of pairs on a coarser level, where noise of V is less. True outlines of generated scenes cost 9 to 70
 /// less than V as it is.
-const COARSE: Criteria = Criteria { spread: 4.0, least_saving: 8.0, least_length: 3.0 };
+const COARSE: Criteria = Criteria { spread: 4.0, least_saving: 8.0 };
 /// The criteria of sweeps. With the spread of pairs 14.0 % of the pixels at bars were off by
 /// more than half a frame, with 8 to 16 px² 13.2 % (an earlier version), and the sides of a metal part are straighter.
 pub(crate) const OF_SWEEPS: Criteria = Criteria { spread: 8.0, ..FINEST };
@@ -109,10 +108,10 @@ impl Composer<'_> {
             let constants = edge_agree::Constants { width, height, from, to, argument_place };
             self.dispatch(bindings, &constants, NO_VARIANT, cells);
         }
-        let bindings = edge_apply::Bindings { v: v.update(), results };
+        let bindings = edge_apply::Bindings { v: v.update(), results, state: slot::STATE.read() };
         let (decided, coarse) = (edge_agree::place(edge_agree::PASSES), u32::from(level.index > 0));
-        let Criteria { spread, least_saving, least_length } = search.criteria;
-        let constants = edge_apply::Constants { width, height, decided, spread, least_saving, least_length, coarse };
+        let Criteria { spread, least_saving } = search.criteria;
+        let constants = edge_apply::Constants { width, height, decided, spread, least_saving, coarse };
         self.dispatch(bindings, &constants, NO_VARIANT, pixels);
         if level.index > 0 {
             let bindings = edge_refine::Bindings { coarse: v.read(), v: finest.update(), results };

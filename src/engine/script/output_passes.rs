@@ -70,7 +70,8 @@ impl Composer<'_> {
         self.dispatch(bindings, &constants, variant, Grid::Direct(ambiguity::tiles(plan.size)));
     }
 
-    /// V where it is valid, its standard deviation and the residual, into the first layers of the results.
+    /// V where it is valid, its standard deviation and the residual, into the first layers of the results; and the
+    /// correlation of neighbouring residuals and the deviation of V's scale, into the state.
     pub(super) fn uncertainty(&mut self) {
         let bindings = uncertainty::Bindings {
             v: slot::relative_blur(0).read(),
@@ -82,16 +83,15 @@ impl Composer<'_> {
         let (plan, variant) = (self.plan, if self.masked { uncertainty::MASKED } else { NO_VARIANT });
         let constants = uncertainty::Constants::new(plan.size, plan.pyramid[0].centre, &plan.settings);
         self.over(plan.size, bindings, &constants, variant);
+        let (v, terms) = (slot::relative_blur(0).read(), slot::UNCERTAINTY_TERMS.read());
+        let bindings = scale_deviation::Bindings { v, terms, state: slot::STATE.update() };
+        let constants = scale_deviation::Constants::new(plan.size, &plan.settings);
+        self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1; 3]));
     }
 
     /// Adds the correlation of neighbouring residuals and the deviation of V's scale to the standard deviation of V.
     pub(super) fn total_deviation(&mut self) {
-        let (plan, terms) = (self.plan, slot::UNCERTAINTY_TERMS.read());
-        let bindings =
-            scale_deviation::Bindings { v: slot::relative_blur(0).read(), terms, state: slot::STATE.update() };
-        let constants = scale_deviation::Constants::new(plan.size, &plan.settings);
-        self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1; 3]));
-        let state = slot::STATE.read();
+        let (plan, terms, state) = (self.plan, slot::UNCERTAINTY_TERMS.read(), slot::STATE.read());
         let bindings = total_deviation::Bindings { terms, results: slot::RESULTS.update(), state };
         self.over(plan.size, bindings, &total_deviation::Constants::new(plan.size), NO_VARIANT);
     }

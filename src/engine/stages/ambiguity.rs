@@ -79,6 +79,8 @@ const BY_NOISE: f64 = shaders::ambiguity::BY_NOISE;
 /// Another V is no worse below this share of the energy, where the curvature is that of noise. With 1.2 up to 7 % of
 /// the pixels of generated scenes were not measured at noise 0.03, with 1.05 up to 2 %.
 const NO_WORSE: f64 = shaders::ambiguity::NO_WORSE;
+/// Among other V whose energies differ by less than rounding, the first one counts.
+const LESS: f64 = shaders::ambiguity::LESS;
 
 /// Workgroups of an image.
 pub(crate) fn tiles(size: [u32; 2]) -> [u32; 3] {
@@ -164,7 +166,7 @@ fn cpu_reference<N: Number>(
         sums.into_iter().map(|sums| {
             let mut best = [0.0, NO_WORSE];
             for (n, [own, energy, count]) in sums.into_iter().enumerate() {
-                if count >= LEAST && energy < best[1] * own {
+                if count >= LEAST && energy < LESS * best[1] * own {
                     best = [other(n, limit), energy / own];
                 }
             }

@@ -4,7 +4,9 @@
 //! `V = s V_near + (1 - s) V_far` and `σ = √(p (1 - s)² + (1 - p) s²) |V_near - V_far| + p σ_near + (1 - p) σ_far`. s
 //! is 0 or 1 but for p within 0.05 of a half. V changes only if the outline explains the photographs about as well as V
 //! did, and better than any with the other side in front; if it is well within the displacements; and if it goes on for
-//! some cells.
+//! some cells. Where the kernel does not describe the blur, V is off from place to place, and outlines of what is no
+//! surface explain the photographs about as well: the more neighbouring residuals are correlated, the better it must
+//! be.
 
 use super::edge::{
     self, BACKWARD, COARSE_FAR, COARSE_NEAR, COARSE_SHARE, COARSE_TOWARDS_NEAR, DECISIONS, DISPLACEMENTS, EDGES, Edge,
@@ -25,10 +27,9 @@ push_constants! {
     decided: u32,
     /// σ² of the weights of cells along the edge, px².
     spread: f32,
-    /// By how much an outline must cost less than V as it is, per cell; below 0, by how much it may cost more.
+    /// By how much an outline must cost less than V as it is where residuals are independent, per cell; below 0, by
+    /// how much it may cost more.
     least_saving: f32,
-    /// The cells that must continue the edge, with the cell itself.
-    least_length: f32,
     /// 0 on the finest level. On others V of both sides is kept, and by which share each counts.
     coarse: u32,
 }
@@ -38,6 +39,7 @@ bindings! {
     v: Updates<RelativeBlur>,
     /// Layers: V, its standard deviation; edges, distributions and decisions; sides. On a coarser level others.
     results: Updates<Results>,
+    state: Reads<State>,
 }
 
 impl Pass for Bindings {
@@ -47,21 +49,21 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let layer = |n| memory.layer(self.results, n);
+        let (layer, correlated) = (|n| memory.layer(self.results, n), memory.state(self.state).correlated);
         let outlines = OUTLINES.map(layer);
         let deviation_layer = edge::deviation_layer(c.coarse == 0);
         let (v, deviation) = (memory.layer(self.v, 0), layer(deviation_layer));
         if c.coarse != 0 {
             let none = Raster::zeros(v.width, v.height);
             let before = [v, deviation, &none, &none, &none, &none];
-            let [v, after @ ..] = cpu_reference(c, before, layer(EDGES), outlines, layer(DECISIONS));
+            let [v, after @ ..] = cpu_reference(c, correlated, before, layer(EDGES), outlines, layer(DECISIONS));
             memory.set_layer(self.v, 0, v);
             let layers = [deviation_layer, COARSE_FAR, COARSE_SHARE, COARSE_NEAR, COARSE_TOWARDS_NEAR];
             layers.into_iter().zip(after).for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
             return;
         }
         let [v, deviation, sides] =
-            cpu_reference(c, [v, deviation, layer(SIDES)], layer(EDGES), outlines, layer(DECISIONS));
+            cpu_reference(c, correlated, [v, deviation, layer(SIDES)], layer(EDGES), outlines, layer(DECISIONS));
         let masked =
             Raster::from_fn(
                 v.width,
@@ -75,11 +77,16 @@ impl Pass for Bindings {
     }
 }
 
+/// Cells around with an outline of the same order, with the cell itself, without which an outline does not count. Of
+/// a long edge the last cell goes, as five are around it.
+const LEAST_AROUND: usize = shader::LEAST_AROUND as usize;
+
 /// V, its standard deviation, and the sides, from those before. On a coarser level: V of the near side, the deviation
 /// of the sides, V of the far side, how much V may change, the probability of the near side, and the distance towards
 /// it.
 pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
     c: &Constants,
+    correlated: f64,
     before: [&Raster<N>; COUNT],
     edges: &Raster<N>,
     outlines: [&Raster<N>; 2],
@@ -87,9 +94,17 @@ pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
 ) -> [Raster<N>; COUNT] {
     let (size, coarse, v, deviation) = ([c.width, c.height], c.coarse != 0, before[0], before[1]);
     let mut results = before.map(Raster::clone);
-    let accepted: Vec<Option<(Edge, usize)>> =
-        edge::all_cells(size).map(|cell| Some((Edge::of(edges, cell)?, order(c, decisions, cell)?))).collect();
     let (columns_and_rows @ [columns, _], around) = (edge::cells(size).map(|n| n as usize), shader::AROUND as usize);
+    let least_saving = f64::from(c.least_saving) + correlated * (shader::CORRELATED - f64::from(c.least_saving));
+    let of_cell = |cell| Some((Edge::of(edges, cell)?, order(c, least_saving, decisions, cell)?));
+    let mut accepted: Vec<Option<(Edge, usize)>> = edge::all_cells(size).map(of_cell).collect();
+    let orders: Vec<Option<usize>> = accepted.iter().map(|cell| Some(cell.as_ref()?.1)).collect();
+    for (cell, accepted) in edge::all_cells(size).zip(&mut accepted) {
+        let is_alike = |[x, y]: &[usize; 2]| orders[y * columns + x] == accepted.as_ref().map(|(_, order)| *order);
+        if accepted.is_some() && edge::cells_around(cell, around, size).filter(is_alike).count() < LEAST_AROUND {
+            *accepted = None;
+        }
+    }
     // Most pixels are far from all outlines.
     let mut is_near = vec![false; accepted.len()];
     for (cell, _) in edge::all_cells(size).zip(&accepted).filter(|(_, accepted)| accepted.is_some()) {
@@ -161,14 +176,14 @@ pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
 }
 
 /// The order in which an outline is accepted: 0 with the near side in front, 1 with the far side.
-fn order<N: Number>(c: &Constants, decisions: &Raster<N>, cell: [usize; 2]) -> Option<usize> {
+fn order<N: Number>(c: &Constants, least_saving: f64, decisions: &Raster<N>, cell: [usize; 2]) -> Option<usize> {
     let at = |n: usize| edge::number(decisions, cell, c.decided as usize + n);
     let order = usize::from(at(4) < 0.0);
     (at(4).abs() > shader::ORDER
-        && at(order) > f64::from(c.least_saving)
+        && at(order) > least_saving
         && at(2 + order) > shader::WITHIN
-        && at(5) > f64::from(c.least_length))
-    .then_some(order)
+        && at(5) > shader::LEAST_LENGTH)
+        .then_some(order)
 }
 
 /// The probability that a place is in front that is `inside` px inside of where V is halfway.
@@ -184,24 +199,25 @@ mod tests {
     use super::super::Field;
     use super::super::edge::testing::{layers, solved};
     use super::super::harness::{Input, Trial};
+    use super::super::state::{DoubleState, State};
     use super::*;
     use crate::engine::stages::NO_VARIANT;
 
     const CONSTANTS: Constants =
-        Constants { width: 0, height: 0, decided: 0, spread: 4.0, least_saving: 0.0, least_length: 4.0, coarse: 0 };
+        Constants { width: 0, height: 0, decided: 0, spread: 4.0, least_saving: 0.0, coarse: 0 };
 
-    /// The results with the decisions of a share of the cells replaced, so that some are accepted in either order.
-    fn decided(size: [u32; 2], levels: [f64; 2]) -> Vec<Field> {
+    /// The results with other decisions: outlines of an order are accepted in most rows of cells.
+    fn decided(size: [u32; 2], levels: [f64; 2], order: usize) -> Vec<Field> {
         let mut results = layers(size, levels, DECISIONS);
         // On a coarser level they are written where V changes only.
         [COARSE_FAR, COARSE_SHARE, COARSE_NEAR, COARSE_TOWARDS_NEAR]
             .into_iter()
             .for_each(|n| results[n].data.fill(0.0));
-        for cell @ [x, y] in edge::all_cells(size) {
-            let numbers = match (x + y) % 3 {
-                0 => [9.0, 0.0, 1.0, 0.0, 5.0, 9.0],
-                1 => [0.0, 9.0, 0.0, 1.0, -5.0, 9.0],
-                _ => [9.0, 9.0, 0.5, 0.5, 5.0, 9.0],
+        for cell in edge::all_cells(size) {
+            let numbers = match (cell[1] % 6, order) {
+                (5, _) => [9.0, 9.0, 0.5, 0.5, 5.0, 9.0],
+                (_, 0) => [9.0, 0.0, 1.0, 0.0, 5.0, 9.0],
+                _ => [0.0, 9.0, 0.0, 1.0, -5.0, 9.0],
             };
             edge::set(&mut results[DECISIONS], cell, 0, &numbers);
         }
@@ -211,13 +227,14 @@ mod tests {
     #[test]
     fn matches_the_cpu_reference() {
         for (size @ [width, height], levels) in
-            [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0]), ([130, 19], [2.0, -2.0])]
+            [([67, 41], [4.0, -3.0]), ([96, 60], [9.0, 2.0]), ([130, 39], [2.0, -2.0])]
         {
-            let results = decided(size, levels);
             let [v, _] = solved(width as usize, height as usize, levels);
-            for coarse in [0, 1] {
+            for (coarse, order) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                let results = decided(size, levels, order);
                 let c = Constants { width, height, coarse, ..CONSTANTS };
-                let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&results)];
+                let state = State { correlated: 0.4, ..State::new(&DoubleState::default().registration) };
+                let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&results), Input::State(&state)];
                 let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(size));
                 // √(p (1 - p)) of p within 6e-8 of 1, times a jump of up to 7 px².
                 trial.assert_within(5e-3);
@@ -228,16 +245,36 @@ mod tests {
         }
     }
 
-    #[test]
-    fn what_speaks_for_no_outline_changes_nothing() {
-        let (size, c) = ([67, 41], Constants { width: 67, height: 41, ..CONSTANTS });
+    /// Whether V changes if the cells below `rows` have these decisions, and others speak for no outline.
+    fn changes(rows: usize, decisions: [f64; 6], correlated: f64) -> bool {
+        let (size, c) = ([67, 81], Constants { width: 67, height: 81, ..CONSTANTS });
         let mut results = layers(size, [4.0, -3.0], DECISIONS);
         for cell in edge::all_cells(size) {
-            edge::set(&mut results[DECISIONS], cell, 0, &[9.0, 9.0, 1.0, 1.0, shader::ORDER - 0.1, 9.0]);
+            edge::set(&mut results[DECISIONS], cell, 0, if cell[1] < rows { &decisions } else { &[0.0; 6] });
         }
-        let [v, deviation] = solved(67, 41, [4.0, -3.0]);
+        let [v, deviation] = solved(67, 81, [4.0, -3.0]);
         let (outlines, before) = (OUTLINES.map(|n| &results[n]), [&v, &deviation, &results[SIDES]]);
-        let applied = cpu_reference(&c, before, &results[EDGES], outlines, &results[DECISIONS]);
-        assert!(applied[0] == v);
+        cpu_reference(&c, correlated, before, &results[EDGES], outlines, &results[DECISIONS])[0] != v
+    }
+
+    #[test]
+    fn what_speaks_for_no_outline_changes_nothing() {
+        let speaking = [7.0, 0.0, 1.0, 0.0, 9.0, 9.0];
+        assert!(changes(20, speaking, 0.0));
+        assert!(!changes(20, [7.0, 0.0, 1.0, 0.0, shader::ORDER - 0.1, 9.0], 0.0));
+        assert!(!changes(20, [7.0, 0.0, 1.0, 0.0, 9.0, shader::LEAST_LENGTH - 0.1], 0.0));
+        // 8 must speak for an outline.
+        assert!(!changes(20, speaking, 1.0));
+    }
+
+    #[test]
+    fn fewer_than_six_cells_change_nothing() {
+        let edges = &layers([67, 81], [4.0, -3.0], EDGES)[EDGES];
+        let is_below = |rows: usize, cell: [usize; 2]| cell[1] < rows && Edge::of(edges, cell).is_some();
+        let count = |rows| edge::all_cells([67, 81]).filter(|cell| is_below(rows, *cell)).count();
+        let few = (0..20).rev().find(|rows| count(*rows) < LEAST_AROUND).unwrap();
+        assert!(count(few) > 3, "{few}");
+        let speaking = [7.0, 0.0, 1.0, 0.0, 9.0, 9.0];
+        assert_eq!([few, 20].map(|rows| changes(rows, speaking, 0.0)), [false, true]);
     }
 }
