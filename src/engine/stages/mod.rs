@@ -47,12 +47,12 @@ pub mod relax_level;
 pub mod relax_tiles;
 pub mod residual;
 mod rows;
+#[cfg(test)]
+mod sampled_pair;
 pub mod scale_deviation;
 mod segments;
 pub mod separable;
 pub mod shape;
-#[cfg(test)]
-mod sampled_pair;
 pub mod shape_median;
 pub mod shape_windows;
 pub mod spline;
