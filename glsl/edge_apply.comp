@@ -50,7 +50,8 @@ int order_of(ivec2 cell) {
     int reversed = margin < 0.0 ? 1 : 0;
     float least = mix(least_saving, CORRELATED, state.correlated);
     bool accepted = abs(margin) > ORDER && number_of(cell, DECISIONS, decided + reversed) > least
-        && number_of(cell, DECISIONS, decided + 2 + reversed) > WITHIN && number_of(cell, DECISIONS, decided + 5) > LEAST_LENGTH;
+        && number_of(cell, DECISIONS, decided + 2 + reversed) > WITHIN
+        && number_of(cell, DECISIONS, decided + 5) > LEAST_LENGTH;
     return accepted ? 1 + reversed : 0;
 }
 
@@ -68,7 +69,8 @@ float in_front(ivec2 cell, int outlines, float inside) {
 }
 
 void main() {
-    ivec2 x = ivec2(gl_GlobalInvocationID.xy), corner = ivec2(gl_WorkGroupID.xy * gl_WorkGroupSize.xy) / SIDE - 2 * AROUND;
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 corner = ivec2(gl_WorkGroupID.xy * gl_WorkGroupSize.xy) / SIDE - 2 * AROUND;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     if (gl_LocalInvocationIndex < 2 * LINES) {
         accepted[gl_LocalInvocationIndex / 2][gl_LocalInvocationIndex % 2] = 0;

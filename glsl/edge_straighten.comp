@@ -1,6 +1,6 @@
 #version 460
-// Straightens edges: of each cell, the place and the normal on the line through the cells along its edge, and V of either
-// side there. A workgroup for each cell with an edge. CPU reference: src/engine/stages/edge_straighten.rs.
+// Straightens edges: of each cell, the place and the normal on the line through the cells along its edge, and V of
+// either side there. A workgroup for each cell with an edge. CPU reference: src/engine/stages/edge_straighten.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray results;
@@ -19,11 +19,11 @@ const int AROUND = 4;
 const float SPREAD = 4.0;
 // Few cells do not determine the slope of the line: it is small unless they are farther along than this, px².
 const float LEAST_VARIANCE = 1.0;
-// V of either side is averaged over the cells with weights of this σ by its difference, as a share of the jump: the same
-// edge may have another surface behind it some cells on.
+// V of either side is averaged over the cells with weights of this σ by its difference, as a share of the jump: the
+// same edge may have another surface behind it some cells on.
 const float ALIKE = 0.25;
-// The weight; weighted, the places along the edge and along the normal, their product, and the first squared. The weight
-// by V of the sides; weighted by it, V of either side.
+// The weight; weighted, the places along the edge and along the normal, their product, and the first squared. The
+// weight by V of the sides; weighted by it, V of either side.
 const int NUMBERS = 8;
 
 #include "edge_around.glsl"

@@ -139,8 +139,8 @@ mod tests {
         for (depth, scale) in [(Depth::U8, 1.0), (Depth::U16, 1.0), (Depth::U16, 0.02)] {
             check_packed(depth, scale, 0.1);
         }
-        // 0.107 measured: η is a fourth of what it is relative to the noise of the others. Were white 1, most coefficients
-        // would be clamped.
+        // 0.107 measured: η is a fourth of what it is relative to the noise of the others. Were white 1, most
+        // coefficients would be clamped.
         check_packed(Depth::F32, 4.0, 0.2);
     }
 

@@ -14,7 +14,7 @@ use super::edge::{
 };
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
-use super::{Number, Raster, pixels};
+use super::{Number, Raster, WORKGROUP, pixels};
 use crate::engine::shaders::edge_apply as shader;
 use crate::engine::vulkan::Variant;
 
@@ -80,6 +80,8 @@ impl Pass for Bindings {
 /// Cells around with an outline of the same order, with the cell itself, without which an outline does not count. Of
 /// a long edge the last cell goes, as five are around it.
 const LEAST_AROUND: usize = shader::LEAST_AROUND as usize;
+// The cells of a row of a workgroup, and those around whose outlines are counted, have a bit of a word each.
+const _: () = assert!(WORKGROUP[0] as usize / edge::SIDE + 4 * shader::AROUND as usize <= u32::BITS as usize);
 
 /// V, its standard deviation, and the sides, from those before. On a coarser level: V of the near side, the deviation
 /// of the sides, V of the far side, how much V may change, the probability of the near side, and the distance towards

@@ -125,6 +125,7 @@ mod tests {
             assert!(!is_inside || off.abs() < 0.3 && turned.abs() < 0.08, "{edge:?}: {off}, {turned}");
         }
     }
+
     #[test]
     fn levels_are_averaged_as_far_as_the_sides_are_the_same() {
         // Along x = 20, V of the near side is 4 ± 0.5 px². From y = 40 on the far side is another surface.

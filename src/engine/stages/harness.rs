@@ -1,7 +1,7 @@
 //! The test rig: runs one pass on a device under validation, and notes figures for `docs/reliability.md`.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, Mutex};
 
 use half::f16;
 
@@ -9,7 +9,7 @@ use super::pass::{Memory, Pass};
 use super::stack::{self, Layer, Sampling, Slopes, White, layer};
 use super::state::{DoubleState, Registration, State};
 use super::sums::{Layout, Sums};
-use super::{Field, convolve, subdivide};
+use super::{Field, NO_VARIANT, convolve, subdivide};
 use crate::base::{Channels, Frame, Kernel, Mask, Samples};
 use crate::engine::slot::Slot;
 use crate::engine::vulkan::{
@@ -53,10 +53,14 @@ pub(crate) fn note(name: &str, figure: &str) {
 /// A device that all tests share. Validation messages fail the test that drops the rig first.
 pub(crate) struct Rig {
     device: Arc<Device>,
+    pipelines: Arc<Pipelines>,
 }
 
+/// Pipelines by shader, workgroup and variant: on lavapipe compiling one takes longer than running it.
+type Pipelines = Mutex<BTreeMap<(&'static str, [u32; 2], Variant), Arc<Pipeline>>>;
+
 /// Opened once: opening a device under validation takes as long as most tests.
-static SHARED: LazyLock<Arc<Device>> = LazyLock::new(open);
+static SHARED: LazyLock<(Arc<Device>, Arc<Pipelines>)> = LazyLock::new(|| (open(), Arc::default()));
 
 fn open() -> Arc<Device> {
     crate::engine::open(&options()).unwrap().as_vulkan().expect("a Vulkan device").clone()
@@ -64,12 +68,13 @@ fn open() -> Arc<Device> {
 
 impl Rig {
     pub(crate) fn new() -> Self {
-        Self { device: SHARED.clone() }
+        let (device, pipelines) = SHARED.clone();
+        Self { device, pipelines }
     }
 
     /// A rig with a device of its own, for a test that provokes messages.
     pub(crate) fn alone() -> Self {
-        Self { device: open() }
+        Self { device: open(), pipelines: Arc::default() }
     }
 
     pub(crate) fn device(&self) -> &Arc<Device> {
@@ -175,7 +180,7 @@ impl Rig {
     /// Records and runs commands.
     pub(crate) fn record(&self, fill: impl FnOnce(&mut Recorder, &dyn Fn(&Stage) -> Arc<Pipeline>)) {
         let mut recorder = Recorder::new(self.device(), Clock::Never).unwrap();
-        fill(&mut recorder, &|stage| Arc::new(Pipeline::new(self.device(), stage).unwrap()));
+        fill(&mut recorder, &|stage| self.pipeline(stage, NO_VARIANT));
         recorder.finish().unwrap().run().unwrap();
     }
 
@@ -199,10 +204,21 @@ impl Rig {
         constants: &C,
         groups: [u32; 3],
     ) {
-        let pipeline = Arc::new(Pipeline::variant(self.device(), stage, variant).unwrap());
+        let pipeline = self.pipeline(stage, variant);
         self.record(|recorder, _| {
             recorder.dispatch(&pipeline, resources, bytemuck::bytes_of(constants), Workgroups::Direct(groups)).unwrap();
         });
+    }
+
+    /// The pipeline of a variant, compiled once. Other tests compile theirs meanwhile.
+    fn pipeline(&self, stage: &Stage, variant: Variant) -> Arc<Pipeline> {
+        let key = (stage.shader.name, stage.workgroup, variant);
+        let compiled = self.pipelines.lock().unwrap().get(&key).cloned();
+        compiled.unwrap_or_else(|| {
+            let pipeline = Arc::new(Pipeline::variant(self.device(), stage, variant).unwrap());
+            self.pipelines.lock().unwrap().insert(key, pipeline.clone());
+            pipeline
+        })
     }
 
     /// The layers of an image.

@@ -25,8 +25,8 @@ pub(crate) struct SampledPair {
 }
 
 impl SampledPair {
-    /// Calls `check` with smooth, random and flat pairs of odd sizes and two kernels, and whether I2 is warped. `limit`:
-    /// the largest |V| of the stacks.
+    /// Calls `check` with smooth, random and flat pairs of odd sizes and two kernels, and whether I2 is warped.
+    /// `limit`: the largest |V| of the stacks.
     pub(crate) fn for_each(limit: f64, check: impl Fn(&Self, bool)) {
         for (width, height) in [(67, 43), (32, 33), (17, 140)] {
             let smooth = || [1, 2].map(|seed| smooth_field(width, height, seed));

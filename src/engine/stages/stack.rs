@@ -169,12 +169,12 @@ pub(crate) fn bytes(count: u32, is_packed: bool) -> u64 {
     if is_packed { 4 } else { 4 * u64::from(count) }
 }
 
-/// White of packed stacks, of the largest intensity of both photographs. `None` if they are not packed.
+/// The unit of the coefficients of packed stacks: the largest intensity of both photographs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct White(f64);
 
 impl White {
-    /// That of photographs whose largest intensity is this, for a variant.
+    /// That of photographs whose largest intensity is this. `None` if a variant does not pack its stacks.
     pub(crate) fn of(variant: Variant, largest: f64) -> Option<Self> {
         is_packed(variant).then_some(Self(largest.max(shaders::stacks::LEAST_WHITE)))
     }

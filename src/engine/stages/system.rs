@@ -9,9 +9,9 @@
 //! (D + Σ a_n) du = b + Σ a_n (u_n - u - g_n) + Σ a_n du_n,  a_n = α c (φ + φ_n)/2,  φ = 1/sqrt(c |∇u|² + η²)
 //! ```
 //!
-//! For a pair c is 1. g_n is the rise of V to that neighbour by its slope over `REACH` pixels on either side, so that smoothness does not
-//! flatten slopes. It is their harmonic mean, the limiter of van Leer (Journal of Computational Physics 14, 1974),
-//! which is 0 at a jump. For a sweep it is 0.
+//! For a pair c is 1. g_n is the rise of V to that neighbour by its slope over `REACH` pixels on either side, so that
+//! smoothness does not flatten slopes. It is their harmonic mean, the limiter of van Leer (Journal of Computational
+//! Physics 14, 1974), which is 0 at a jump. For a sweep it is 0.
 //!
 //! The system is stored divided by its diagonal, with weights in half precision, rounded to nearest. At the solution,
 //! dV = 0, their rounding has no effect.

@@ -84,8 +84,8 @@ impl Part {
         pixels.filter(|both| both.iter().all(|v| v.is_finite())).collect()
     }
 
-    /// Those of the judged pixels that show one side of an edge. The depth of the others is the mean of both sides: some
-    /// neighbours are nearer, and some farther away, by over [`RIM`] of the range.
+    /// Those of the judged pixels that show one side of an edge. The depth of the others is the mean of both sides:
+    /// some neighbours are nearer, and some farther away, by over [`RIM`] of the range.
     fn pixels_of_one_depth(&self, solution: &Solution) -> Vec<[f64; 2]> {
         let depth = |i: usize| f64::from(self.depth[i]);
         let judged = || inside(solution.width, solution.height, BORDER).filter(|&i| depth(i).is_finite());
