@@ -71,15 +71,6 @@ pub fn read<N: Number>(
     [b1, b2]
 }
 
-/// J before gain and offset, and Î1 and Î2 as in [`read`], at a pixel that T has moved by `shift` since I2 was warped
-/// onto I1's pixels. For a Gaussian.
-pub fn read_near<N: Number>(stacks: &Stacks<N>, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -> (Jet, [Blurred; 2]) {
-    let counts = [stacks.first.len(), stacks.second.len()];
-    let [first, second] = [stacks.first, stacks.second].map(|stack| move |k: usize| spline::near(&stack[k], x, y));
-    let PairSample { i2, blurred, .. } = sample_jets(v, shift, counts, first, second);
-    (i2, blurred)
-}
-
 /// Both images by the jets of the nodes of their stacks at a pixel, which T has moved by `shift` since I2 was warped.
 #[inline(always)]
 fn sample_jets<N: Number>(

@@ -4,9 +4,10 @@
 //! unaffected by the blur. Every other pixel is computed; the [window](super::uncertainty_terms::window()) then
 //! averages the noise.
 
-use super::blur::{Stacks, sample_pair};
+use super::blur::{Sample, Samples, Stacks};
 use super::mask::{self, Masks};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::rows::{self, Rows};
 use super::state::{Registration, inside};
 use super::uncertainty_terms;
 use super::{Number, Raster, pixels, spline};
@@ -57,59 +58,58 @@ impl Pass for Bindings {
         let masks = mask::of(memory, self.masks, variant);
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
         let layers = memory.layers(self.stacks);
-        let images = if c.nodes == 0 {
-            Images::Spline(&layers[0])
+        let (r, lens) = (&state.registration, (c.mean, c.factor, c.centre));
+        let pair = if c.nodes == 0 {
+            before_stacks(c, r, [i1, &layers[0]], masks)
         } else {
             let stacks = Stacks::of(layers, c.second_stack, c.nodes, variant[0]);
-            Images::Stacks(stacks, variant[1].then_some(&state.warped))
+            let warped = variant[1].then_some(&state.warped);
+            cpu_reference(c, &Samples { lens, r, warped, i1, stacks }, v, masks)
         };
-        let pair = cpu_reference(c, &state.registration, i1, v, &images, masks);
         pair.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.pair, n, field));
     }
 }
 
-/// The source of I2.
-pub enum Images<'a, N = f64> {
-    /// Its spline coefficients; V is zero.
-    Spline(&'a Raster<N>),
-    /// The stacks, and T when I2 was warped onto I1's pixels, if it was.
-    Stacks(Stacks<'a, N>, Option<&'a Registration>),
-}
-
 /// I1 and I2, each times the share, and the share, on every other pixel.
-pub fn cpu_reference<N: Number>(
+fn cpu_reference<N: Number>(
     c: &Constants,
-    r: &Registration,
-    i1: &Raster<N>,
+    samples: &Samples<N>,
     v: &Raster<N>,
-    images: &Images<N>,
     masks: Option<&Masks<N>>,
 ) -> [Raster<N>; LAYERS as usize] {
-    let [width, height] = uncertainty_terms::size([c.width, c.height]).map(|side| side as usize);
-    let scale = r.scale();
-    let moved = match images {
-        Images::Stacks(_, Some(warped)) => Some(r.moved_since(warped)),
-        _ => None,
-    };
-    let at = |x: usize, y: usize| {
-        let (x, v) = ([2 * x, 2 * y], v.get(2 * x, 2 * y));
+    let size = uncertainty_terms::size([c.width, c.height]).map(|side| side as usize);
+    let displacement = |[x, y]: [usize; 2]| samples.r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+    let mut pair = [(); LAYERS as usize].map(|()| Raster::zeros(size[0], size[1]));
+    rows::map(pair.each_mut().map(Rows::from), |y, mut rows| {
+        let of_pixel = |x: usize| &v.row(2 * y)[x..];
+        samples.visit_row(2 * y, 2, of_pixel, |Sample { x, v, sharp: [_, j], blurred: [b1, b2] }| {
+            let share = mask::counts(masks, [x, 2 * y], displacement([x, 2 * y]));
+            let [first, second] = if v >= 0.0 { [b1, j] } else { [samples.i1.get(x, 2 * y), b2] };
+            let numbers = [share * first, share * second, share];
+            rows.iter_mut().zip(numbers).for_each(|(row, number)| row[x / 2] = N::of(number));
+        });
+    });
+    pair
+}
+
+/// The same before there are stacks, from I1 and the spline of I2.
+fn before_stacks<N: Number>(
+    c: &Constants,
+    r: &Registration,
+    [i1, spline2]: [&Raster<N>; 2],
+    masks: Option<&Masks<N>>,
+) -> [Raster<N>; LAYERS as usize] {
+    let size = uncertainty_terms::size([c.width, c.height]).map(|side| side as usize);
+    Raster::several(size, |x, y| {
+        let x = [2 * x, 2 * y];
         let d = r.displacement(x[0], x[1], c.factor.into(), c.centre.map(f64::from));
-        if !inside(x, d, [c.width as usize, c.height as usize], v, scale) {
+        if !inside(x, d, [c.width as usize, c.height as usize], 0.0, r.scale()) {
             return [0.0; 3];
         }
         let share = mask::counts(masks, x, d);
-        let i1_here = i1.get(x[0], x[1]);
-        let [first, second] = match images {
-            Images::Spline(spline2) => [i1_here, spline::read(spline2, x[0] as f64 + d[0], x[1] as f64 + d[1]).value],
-            Images::Stacks(stacks, _) => {
-                let sample = sample_pair((c.mean, c.factor, c.centre), r, moved.as_ref(), x, i1, v, stacks);
-                let [b1, b2] = sample.blurred;
-                if v >= 0.0 { [b1.value, sample.i2.value] } else { [i1_here, b2.value] }
-            }
-        };
-        [share * first, share * second, share]
-    };
-    Raster::several([width, height], at)
+        let second = spline::read(spline2, x[0] as f64 + d[0], x[1] as f64 + d[1]).value;
+        [share * i1.get(x[0], x[1]), share * second, share]
+    })
 }
 
 #[cfg(test)]

@@ -12,12 +12,14 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use super::blur::{self, Stacks};
+use super::blur::Stacks;
 use super::mask::{self, Masks};
 use super::noise::{self, Noise};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::state::{DoubleState, Registration, inside};
-use super::{Field, Number, Raster, spline, stack};
+use super::segments::{SEGMENT, Segment, first_of, place, range, vectorised};
+use super::stack::{self, BlurredSegment};
+use super::state::{DoubleState, margin};
+use super::{Number, Raster, spline};
 use crate::base::workers;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -119,74 +121,191 @@ pub fn cpu_reference<N: Number>(
     let [columns, rows] = c.grid.map(|n| n as usize);
     let size = [c.width, c.height].map(|side| side as usize);
     let corner = |n: usize, of: usize, side: usize| (2 * n + 1) * side / (2 * of) - SIDE / 2;
-    let (scale, moved) = (state.registration.scale(), state.registration.moved_since(&state.warped));
     workers::map(columns * rows, |n| {
         let corner = [corner(n % columns, columns, size[0]), corner(n / columns, rows, size[1])];
-        let (mut m, mut means, mut count) = ([[0.0; TERMS]; TERMS], Means::default(), 0);
-        let mut residuals = Field::zeros(SIDE, SIDE);
-        for (y, x) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (corner[1] + y, corner[0] + x))) {
-            let (v, r) = (v.get(x, y), &state.registration);
-            let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
-            if !inside([x, y], d, size, v, scale) || mask::counts(masks, [x, y], d) < COUNTED {
-                continue;
-            }
-            let terms = terms(c, state, &moved, stacks, [x, y], v);
-            residuals.data[(y - corner[1]) * SIDE + x - corner[0]] = terms[LEFT];
-            (0..TERMS).for_each(|i| (0..TERMS).for_each(|j| m[i][j] += terms[i] * terms[j]));
-            means.variance += v.abs() / (SIDE * SIDE) as f64;
-            means.first += f64::from(u8::from(v >= 0.0)) / (SIDE * SIDE) as f64;
-            means.between += noise::interpolated(d) / (SIDE * SIDE) as f64;
-            count += 1;
-        }
-        let at = |x, y| residuals.get(x, y);
-        let mixed = |x, y| 0.5 * (at(x, y) - at(x + 1, y) - at(x, y + 1) + at(x + 1, y + 1)).abs();
-        let places = (0..SIDE - 1).flat_map(|y| (0..SIDE - 1).map(move |x| (x, y)));
-        means.mixed = places.map(|(x, y)| mixed(x, y)).sum::<f64>() / ((SIDE - 1) * (SIDE - 1)) as f64;
-        if count < SIDE * SIDE { Window::default() } else { estimate(m, &means, state.registration.gain, &c.noise) }
+        of_window(c, state, v, (stacks, masks), corner).unwrap_or_default()
     })
 }
 
-/// The terms at a pixel: derivatives of S, and S.
-fn terms<N: Number>(
+/// The estimate of the window with this corner; `None` if a pixel does not count.
+fn of_window<N: Number>(
     c: &Constants,
     state: &DoubleState,
-    moved: &Registration,
-    stacks: &Stacks<N>,
-    [x, y]: [usize; 2],
-    v: f64,
-) -> [f64; TERMS] {
-    let r = &state.registration;
-    let shift = moved.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
-    let (j, [b1, b2]) = blur::read_near(stacks, [x, y], shift, v);
-    let first = v >= 0.0;
-    let departs = if first {
-        departure(stacks.first, v, [x, y], [0.0; 2])
-    } else {
-        -r.gain * departure(stacks.second, -v, [x, y], shift)
-    };
-    // Terms of the sharper image, blurred by V: noise of the other is in S, and must not be in the terms.
-    let sharper = if first { b1 } else { b2 };
-    let s = if first {
-        sharper.value - (r.gain * j.value + r.offset)
-    } else {
-        spline::near(&stacks.first[0], x, y).value - (r.gain * sharper.value + r.offset)
-    };
-    [sharper.slope, sharper.dx, sharper.dy, 1.0, sharper.value, departs, s + state.kernel_shape * departs]
+    v: &Raster<N>,
+    (stacks, masks): (&Stacks<N>, Option<&Masks<N>>),
+    corner: [usize; 2],
+) -> Option<Window> {
+    let (r, moved) = (&state.registration, state.registration.moved_since(&state.warped));
+    let (size, factor, centre) = ([v.width, v.height], f64::from(c.factor), c.centre.map(f64::from));
+    let (mut m, mut means) = ([[0.0; TERMS]; TERMS], Means::default());
+    let (mut above, whole) = (None, (SIDE * SIDE) as f64);
+    for y in corner[1]..corner[1] + SIDE {
+        let (at, none) = ([corner[0], y], N::default());
+        let mut v = first_of(&v.row(y)[at[0]..]);
+        let last = v[SIDE - 1];
+        v[SIDE..].fill(last);
+        let [mut dx, mut dy, mut shift_x, mut shift_y, mut shares, mut margins] = [[none; SEGMENT]; 6];
+        let (terms, sums) = vectorised(
+            #[inline(always)]
+            || {
+                r.displacements(at, factor, centre, [&mut dx, &mut dy]);
+                moved.displacements(at, factor, centre, [&mut shift_x, &mut shift_y]);
+                mask::counts_segment(masks, at, [&dx, &dy], &mut shares);
+                let mut sums = [0.0; 3];
+                for n in 0..SIDE {
+                    margins[n] = margin([place(at[0], n), N::of(y as f64)], [dx[n], dy[n]], size, v[n], r.scale());
+                    sums[0] += v[n].abs().into();
+                    sums[1] += v[n].choose(N::of(1.0), none).into();
+                    sums[2] += noise::interpolated([dx[n], dy[n]]).into();
+                }
+                let terms = terms(state, stacks, at, [&shift_x, &shift_y], &v);
+                // As many as `estimate` reads.
+                for i in 0..TERMS {
+                    for j in i..TERMS {
+                        m[i][j] += product(&terms[i], &terms[j]);
+                    }
+                }
+                (terms, sums)
+            },
+        );
+        if (0..SIDE).any(|n| margins[n] < none || shares[n] < N::of(COUNTED)) {
+            return None;
+        }
+        means.variance += sums[0] / whole;
+        means.first += sums[1] / whole;
+        means.between += sums[2] / whole;
+        let below: [f64; SIDE] = std::array::from_fn(|n| terms[LEFT][n].into());
+        if let Some(above) = above.replace(below) {
+            let mixed = |x: usize| 0.5 * (above[x] - above[x + 1] - below[x] + below[x + 1]).abs();
+            means.mixed += (0..SIDE - 1).map(mixed).sum::<f64>() / ((SIDE - 1) * (SIDE - 1)) as f64;
+        }
+    }
+    Some(estimate(m, &means, state.registration.gain, &c.noise))
 }
 
-/// The departure at |V|, between two nodes.
-fn departure<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> f64 {
-    let k = stack::node_below(v, stack.len());
-    let [v0, v1] = [k, k + 1].map(stack::node_variance);
-    // The departures of both nodes are those of four adjacent nodes at most.
-    let [[first, ..], [.., last]] = [k, k + 1].map(|k| stack::departure_nodes(k, stack.len()));
-    let mut nodes = [0.0; 4];
-    for n in first..=last {
-        nodes[n - first] = spline::near(&stack[n], x, y).moved(shift).value;
+/// The sum of the products of the pixels of a row of a window.
+#[inline(always)]
+fn product<N: Number>(a: &Segment<N>, b: &Segment<N>) -> f64 {
+    const LANES: usize = 8;
+    let mut lanes = [N::default(); LANES];
+    for first in (0..SIDE).step_by(LANES) {
+        for n in 0..LANES {
+            lanes[n] += a[first + n] * b[first + n];
+        }
     }
-    let at = |k| stack::departure_of(k, stack.len(), |n| nodes[n - first]);
-    let t = ((v - v0) / (v1 - v0)).min(1.0);
-    (1.0 - t) * at(k) + t * at(k + 1)
+    lanes.into_iter().map(Into::into).sum()
+}
+const _: () = assert!(SIDE.is_multiple_of(8) && SIDE <= SEGMENT);
+
+/// The terms at the pixels of the segment from (x, y) to the right: derivatives of S, and S. T has moved the pixels by
+/// `shift` since I2 was warped.
+#[inline(always)]
+fn terms<N: Number>(
+    state: &DoubleState,
+    stacks: &Stacks<N>,
+    at: [usize; 2],
+    shift: [&Segment<N>; 2],
+    v: &Segment<N>,
+) -> [Segment<N>; TERMS] {
+    let none = [N::default(); SEGMENT];
+    let [gain, offset, shape, one] =
+        N::all([state.registration.gain, state.registration.offset, state.kernel_shape, 1.0]);
+    let ([mut i1, mut j], [least, most]) = ([none; 2], range(v));
+    spline::near_segment(
+        &stacks.first[0],
+        at,
+        #[inline(always)]
+        |n, jet| i1[n] = jet.value,
+    );
+    spline::near_segment(
+        &stacks.second[0],
+        at,
+        #[inline(always)]
+        |n, jet| j[n] = jet.moved([shift[0][n], shift[1][n]]).value,
+    );
+    let (mut terms, mut size) = ([none; TERMS], none);
+    terms[3] = [one; SEGMENT];
+    // Terms of the sharper image, blurred by V: noise of the other is in S, and must not be in the terms.
+    if most >= 0.0 {
+        for n in 0..SEGMENT {
+            size[n] = v[n].max(N::default());
+        }
+        let ([value, slope, dx, dy], departure) = sharper(stacks.first, at, [&none; 2], &size);
+        for n in 0..SEGMENT {
+            (terms[0][n], terms[1][n], terms[2][n], terms[4][n]) = (slope[n], dx[n], dy[n], value[n]);
+            (terms[SHAPE][n], terms[LEFT][n]) = (departure[n], value[n] - (gain * j[n] + offset));
+        }
+    }
+    if least < 0.0 {
+        for n in 0..SEGMENT {
+            size[n] = (-v[n]).max(N::default());
+        }
+        let ([value, slope, dx, dy], departure) = sharper(stacks.second, at, shift, &size);
+        for n in 0..SEGMENT {
+            let (departs, s) = (-gain * departure[n], i1[n] - (gain * value[n] + offset));
+            let numbers = [-slope[n], dx[n], dy[n], one, value[n], departs, s];
+            for (term, number) in terms.iter_mut().zip(numbers) {
+                term[n] = v[n].choose(term[n], number);
+            }
+        }
+    }
+    for n in 0..SEGMENT {
+        terms[LEFT][n] += shape * terms[SHAPE][n];
+    }
+    terms
+}
+
+/// An image blurred by `size`, and the departure there, between two nodes.
+#[inline(always)]
+fn sharper<N: Number>(
+    stack: &[Raster<N>],
+    at: [usize; 2],
+    shift: [&Segment<N>; 2],
+    size: &Segment<N>,
+) -> (BlurredSegment<N>, Segment<N>) {
+    let mut values = [[N::default(); SEGMENT]; stack::MOST_NODES];
+    let blurred = stack::between_segment(
+        size,
+        stack.len(),
+        #[inline(always)]
+        |k, [value, slope, dx, dy]| {
+            spline::near_segment(
+                &stack[k],
+                at,
+                #[inline(always)]
+                |n, jet| {
+                    let (jet, by_v) = jet.moved([shift[0][n], shift[1][n]]).node();
+                    (value[n], slope[n], dx[n], dy[n]) = (jet.value, by_v, jet.dx, jet.dy);
+                },
+            );
+            values[k] = *value;
+        },
+    );
+    // Departures need one more node on either side of those that V is between.
+    let [first, last] = range(size).map(|v| stack::node_below(v, stack.len()));
+    let ([lowest, ..], [.., highest]) =
+        (stack::departure_nodes(first, stack.len()), stack::departure_nodes(last + 1, stack.len()));
+    for k in (lowest..first).chain(last + 2..highest + 1) {
+        let values = &mut values[k];
+        spline::near_segment(
+            &stack[k],
+            at,
+            #[inline(always)]
+            |n, jet| values[n] = jet.moved([shift[0][n], shift[1][n]]).value,
+        );
+    }
+    let mut departure = [N::default(); SEGMENT];
+    for k in first..=last {
+        let [v0, v1] = [k, k + 1].map(stack::node_variance);
+        let start = if k == first { N::default() } else { N::of(v0) };
+        for n in 0..SEGMENT {
+            let at = |k| stack::departure_of(k, stack.len(), |n_node: usize| values[n_node][n]);
+            let t = ((size[n] - N::of(v0)) / N::of(v1 - v0)).min(N::of(1.0));
+            let here = (N::of(1.0) - t) * at(k) + t * at(k + 1);
+            departure[n] = (size[n] - start).choose(here, departure[n]);
+        }
+    }
+    (blurred, departure)
 }
 
 /// Means over a window.

@@ -92,9 +92,10 @@ pub fn node_sigma(k: usize) -> f64 {
 /// is right under a disk, where a Gaussian makes it a quarter too large (0.60 for 1/f, 0.52 for 1/f³; a third of the
 /// difference between Gaussian and disk remains). Multiples of it model kernels between the two, and two images that
 /// are both blurred by disks, whose relative blur is flatter than a disk.
-pub fn departure(v: f64, variances: [f64; 3], values: [f64; 3]) -> f64 {
-    let rise = |n: usize| (values[n + 1] - values[n]) / (variances[n + 1] - variances[n]);
-    -0.55 * v * v * (rise(1) - rise(0)) / (variances[2] - variances[0])
+#[inline(always)]
+pub fn departure<R: Real>(v: f64, variances: [f64; 3], values: [R; 3]) -> R {
+    let rise = |n: usize| (values[n + 1] - values[n]) / R::of(variances[n + 1] - variances[n]);
+    R::of(-0.55 * v * v / (variances[2] - variances[0])) * (rise(1) - rise(0))
 }
 
 /// The nodes that the departure of node k of `count` is computed from: the node and its two neighbours, or the first or
@@ -105,17 +106,20 @@ pub(super) fn departure_nodes(k: usize, count: usize) -> [usize; 3] {
 }
 
 /// The departure of node k of `count`. Node 0 has none.
-pub fn departure_of(k: usize, count: usize, node: impl Fn(usize) -> f64) -> f64 {
+#[inline(always)]
+pub fn departure_of<R: Real>(k: usize, count: usize, node: impl Fn(usize) -> R) -> R {
     if k == 0 {
-        return 0.0;
+        return R::default();
     }
     let three = departure_nodes(k, count);
     departure(node_variance(k), three.map(node_variance), three.map(node))
 }
 
+/// The most nodes of a stack.
+pub(super) const MOST_NODES: usize = 24;
 /// Variances of the nodes, px²: as [`node_sigma`], up to σ 470 px.
-static NODES: [f64; 24] = {
-    let (mut nodes, mut k, mut sigma) = ([0.0; 24], 0, 0.0);
+static NODES: [f64; MOST_NODES] = {
+    let (mut nodes, mut k, mut sigma) = ([0.0; MOST_NODES], 0, 0.0);
     while k < nodes.len() {
         nodes[k] = sigma * sigma;
         sigma = if k < 3 { sigma + 0.5 } else { sigma * 4.0 / 3.0 };
@@ -255,7 +259,7 @@ pub(super) type BlurredSegment<N> = [Segment<N>; 4];
 pub(super) fn between_segment<N: Number>(
     v: &Segment<N>,
     count: usize,
-    node: impl Fn(usize, &mut BlurredSegment<N>),
+    mut node: impl FnMut(usize, &mut BlurredSegment<N>),
 ) -> BlurredSegment<N> {
     let [first, last] = range(v).map(|v| node_below(v, count));
     let [mut lower, mut upper, mut blurred] = [[[N::default(); SEGMENT]; 4]; 3];

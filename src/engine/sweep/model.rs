@@ -1,9 +1,9 @@
 //! The scripts of a sweep as [`PyramidSolver`](super::pyramid::PyramidSolver) runs them, without a device, for
 //! [`gpu_model`](crate::engine::gpu_model).
 
-use super::MAX_RELATIVE_BLUR;
 use super::pyramid::{RELAXATION_SWEEPS, first_level};
 use super::shared::{ITERATIONS, SharedParameters};
+use super::{MAX_RELATIVE_BLUR, outlines};
 use crate::base::{Format, Homography, Settings, Shading};
 use crate::engine::plan::{Level, Plan};
 use crate::engine::script::{Script, sweep};
@@ -59,6 +59,10 @@ pub(crate) fn scripts(plan: &Plan, frames: usize) -> Vec<Script> {
             scripts.push(sweep::half_pairs(plan, level, &frames, hold));
             scripts.push(sweep::step(plan, level, &system, &update));
         }
+    }
+    scripts.push(sweep::begin_outlines(plan));
+    for level in outlines::levels(plan) {
+        scripts.push(sweep::outlines(plan, &outlines::on_level(&shared, plan.size, level)));
     }
     scripts
 }

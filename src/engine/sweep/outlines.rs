@@ -21,13 +21,15 @@ const APART: f64 = 1.5;
 const WIDEST: f64 = 5.66;
 
 /// u, relative to the middle setting, and its standard deviation, with sharp outlines where two layers explain them.
-/// `counts`: whether a pixel counts in two frames. Others have no deviation, and keep it.
+/// `counts`: whether a pixel counts in two frames. Others have no deviation, and keep it. `done` is called after each
+/// level.
 pub(super) fn sharpen(
     plan: &Plan,
     device: &mut SweepDevice,
     shared: &SharedParameters,
     solved: [Field; 2],
     counts: impl Fn(usize) -> bool,
+    done: &mut dyn FnMut(&Level),
 ) -> Result<[Field; 2], Error> {
     let range = shared.settings[shared.settings.len() - 1] - shared.settings[0];
     let [mut u, mut deviation] = solved;
@@ -39,8 +41,9 @@ pub(super) fn sharpen(
     device.run(&sweep::begin_outlines(plan))?;
     device.fill(slot, &u)?;
     device.write_words(Slot::Arguments, &arguments::initial_words(&[], &[]))?;
-    for level in plan.pyramid.iter().take(Edges::COARSEST + 1).rev() {
+    for level in levels(plan) {
         device.run(&sweep::outlines(plan, &on_level(shared, plan.size, level)))?;
+        done(level);
     }
     let sharp = [device.read(slot, plan.size, 0..1)?, device.read(Slot::Stacks, plan.size, 1..2)?];
     for i in 0..u.data.len() {
@@ -53,8 +56,14 @@ pub(super) fn sharpen(
     Ok([u, deviation])
 }
 
+/// The levels of the search, coarse to fine; none without it.
+pub(super) fn levels(plan: &Plan) -> impl Iterator<Item = &Level> {
+    let count = if plan.settings.edges { Edges::COARSEST + 1 } else { 0 };
+    plan.pyramid.iter().take(count).rev()
+}
+
 /// The search on one level.
-fn on_level<'a>(shared: &SharedParameters, finest: [u32; 2], level: &'a Level) -> Outlines<'a> {
+pub(super) fn on_level<'a>(shared: &SharedParameters, finest: [u32; 2], level: &'a Level) -> Outlines<'a> {
     let rate = shared.rate_on(level);
     let frames = spaced(&shared.settings, APART / rate.sqrt());
     let shown = frames.iter().map(|&n| validity::visible(&shared.transforms[n], level));

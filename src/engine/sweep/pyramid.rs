@@ -38,6 +38,8 @@ const UPLOAD: f64 = 0.45;
 const START: f64 = 1100.0;
 /// Iterations on the finest level before it is known how many there are.
 const FINEST: f64 = 1.5;
+/// Time of the search for outlines on a level, relative to that of an iteration there.
+const OUTLINES: f64 = 0.8;
 
 /// Called after each iteration, and before the first when a part of the preparation is done, with the work in pixels of
 /// an iteration, and whether the level or part ends with it.
@@ -48,6 +50,11 @@ pub(super) fn first_level(plan: &Plan) -> usize {
     let longest = |level: &Level| level.size[0].max(level.size[1]);
     let coarsest = plan.pyramid.len() - 1;
     plan.pyramid.iter().position(|level| longest(level) <= START_SIDE).unwrap_or(coarsest)
+}
+
+/// The work of the search for outlines on a level, in pixels of an iteration.
+fn outlines_work(level: &Level) -> u64 {
+    (OUTLINES * level.pixels() as f64) as u64
 }
 
 /// A solver for frames of one size, format and number. u stays on the device between its methods.
@@ -109,9 +116,11 @@ impl PyramidSolver {
         (START / self.frames as f64 * self.plan.pyramid[first_level(&self.plan)].pixels() as f64) as u64
     }
 
-    /// The pixels of the iterations on the finest level, or on a part of it, with T and c held.
+    /// The work on the finest level, or on a part of it, with T and c held, and of the search for outlines, in pixels of
+    /// an iteration.
     pub(super) fn final_work(&self) -> u64 {
-        (FINEST * self.plan.pyramid[0].pixels() as f64) as u64
+        let outlines = outlines::levels(&self.plan).map(outlines_work).sum::<u64>();
+        (FINEST * self.plan.pyramid[0].pixels() as f64) as u64 + outlines
     }
 
     /// Uploads the frames and computes their pyramids.
@@ -191,7 +200,7 @@ impl PyramidSolver {
             let before = self.focus(&level)?;
             self.step(&level, shared, rate)?;
             system = FinalSystem::after_step(layers, &before, &self.focus(&level)?).or(system);
-            done(level.pixels(), n == iterations);
+            done(level.pixels(), n == iterations && !self.plan.settings.edges);
         }
         let focus = self.focus(&level)?;
         let mut end = |n: usize| {
@@ -208,7 +217,9 @@ impl PyramidSolver {
                 let counts = |i: usize| {
                     per_pixel == 0 || validity::is_in_two_frames(&words[per_pixel * i..][..per_pixel], self.frames)
                 };
-                outlines::sharpen(&self.plan, &mut self.device, shared, [focus, deviation], counts)
+                outlines::sharpen(&self.plan, &mut self.device, shared, [focus, deviation], counts, &mut |level| {
+                    done(outlines_work(level), level.index == 0);
+                })
             }
             false => Ok([focus, deviation]),
         }
