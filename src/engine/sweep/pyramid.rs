@@ -36,10 +36,11 @@ const UPLOAD: f64 = 0.45;
 /// Time to estimate the start, relative to that of an iteration on the first level for one frame. It depends little on
 /// the number of frames.
 const START: f64 = 1100.0;
-/// Iterations on the finest level before it is known how many there are.
+/// Time of the iterations on the finest level, one or two, relative to that of one on a coarser level's pixels.
 const FINEST: f64 = 1.5;
-/// Time of the search for outlines on a level, relative to that of an iteration there.
-const OUTLINES: f64 = 0.8;
+/// Time of the search for outlines on a level, relative to that of an iteration on the finest: 0.2 to 0.8 on three real
+/// sweeps. On coarser levels more cells have an edge.
+const OUTLINES: f64 = 0.4;
 
 /// Called after each iteration, and before the first when a part of the preparation is done, with the work in pixels of
 /// an iteration, and whether the level or part ends with it.
@@ -50,11 +51,6 @@ pub(super) fn first_level(plan: &Plan) -> usize {
     let longest = |level: &Level| level.size[0].max(level.size[1]);
     let coarsest = plan.pyramid.len() - 1;
     plan.pyramid.iter().position(|level| longest(level) <= START_SIDE).unwrap_or(coarsest)
-}
-
-/// The work of the search for outlines on a level, in pixels of an iteration.
-fn outlines_work(level: &Level) -> u64 {
-    (OUTLINES * level.pixels() as f64) as u64
 }
 
 /// A solver for frames of one size, format and number. u stays on the device between its methods.
@@ -119,8 +115,16 @@ impl PyramidSolver {
     /// The work on the finest level, or on a part of it, with T and c held, and of the search for outlines, in pixels of
     /// an iteration.
     pub(super) fn final_work(&self) -> u64 {
-        let outlines = outlines::levels(&self.plan).map(outlines_work).sum::<u64>();
-        (FINEST * self.plan.pyramid[0].pixels() as f64) as u64 + outlines
+        self.finest_work() + outlines::levels(&self.plan).count() as u64 * self.outlines_work()
+    }
+
+    fn finest_work(&self) -> u64 {
+        (FINEST * self.plan.pyramid[0].pixels() as f64) as u64
+    }
+
+    /// The work of the search for outlines on a level.
+    fn outlines_work(&self) -> u64 {
+        (OUTLINES * self.plan.pyramid[0].pixels() as f64) as u64
     }
 
     /// Uploads the frames and computes their pyramids.
@@ -200,7 +204,8 @@ impl PyramidSolver {
             let before = self.focus(&level)?;
             self.step(&level, shared, rate)?;
             system = FinalSystem::after_step(layers, &before, &self.focus(&level)?).or(system);
-            done(level.pixels(), n == iterations && !self.plan.settings.edges);
+            let is_last = n == iterations && !self.plan.settings.edges;
+            done(self.finest_work() / iterations as u64, is_last);
         }
         let focus = self.focus(&level)?;
         let mut end = |n: usize| {
@@ -217,8 +222,9 @@ impl PyramidSolver {
                 let counts = |i: usize| {
                     per_pixel == 0 || validity::is_in_two_frames(&words[per_pixel * i..][..per_pixel], self.frames)
                 };
+                let work = self.outlines_work();
                 outlines::sharpen(&self.plan, &mut self.device, shared, [focus, deviation], counts, &mut |level| {
-                    done(outlines_work(level), level.index == 0);
+                    done(work, level.index == 0);
                 })
             }
             false => Ok([focus, deviation]),
