@@ -34,23 +34,33 @@ impl Costs {
         }
     }
 
-    /// Time of a byte on the CPU device, relative to that of an average pass: medians of the heat sink, the metal part
-    /// and the dimple, two threads. The passes over edges compute much for each cell that has one. How many have is
-    /// known only when they run.
+    /// Time of a byte on the CPU device, relative to that of an average pass: medians of the heat sink, the metal part,
+    /// pcb-header, pcb-macro and Cup, two threads. The passes over edges compute much for each cell that has one. How
+    /// many have is known only when they run.
     fn on_host(pass: &str) -> f64 {
         match pass {
             "relax" | "relax_tiles" => 0.1,
             "relax_grid" | "relax_grid_tiles" => 0.2,
-            "shape" | "halve_grid" => 0.4,
-            "convolve" | "subdivide" | "system" | "update" => 0.6,
-            "warp" | "uncertainty_terms" | "total_deviation" | "fuse" | "edge_refine" => 2.0,
-            "linearise" | "uncertainty" | "mask" | "edge_coarsen" => 4.0,
-            "blur_matched_pair" => 8.0,
-            "residual" | "edge_cells" => 12.0,
-            "ambiguity" | "edge_straighten" | "edge_fuse" => 15.0,
-            "shape_windows" | "edge_decide" | "edge_agree" => 19.0,
-            "edge_apply" => 150.0,
-            "edge_costs" => 930.0,
+            "shape" => 0.5,
+            "convolve" | "subdivide" | "system" | "update" | "halve_grid" => 0.6,
+            "uncertainty" => 1.2,
+            "fuse" => 1.7,
+            "edge_coarsen" => 1.9,
+            "prolong" => 2.0,
+            "uncertainty_terms" => 2.3,
+            "warp" | "mask" => 2.6,
+            "linearise" => 3.8,
+            "blur_matched_pair" => 5.0,
+            "shape_windows" => 6.0,
+            "residual" | "edge_fuse" => 7.0,
+            "ambiguity" => 8.0,
+            "edge_cells" => 8.5,
+            "edge_refine" => 10.0,
+            "edge_straighten" => 15.0,
+            "edge_agree" => 20.0,
+            "edge_decide" => 26.0,
+            "edge_apply" => 105.0,
+            "edge_costs" => 500.0,
             _ => 1.0,
         }
     }

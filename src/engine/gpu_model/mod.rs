@@ -203,11 +203,6 @@ fn numbers_of(row: &str) -> [&str; COLUMNS] {
     std::array::from_fn(|_| cells.next().unwrap_or_default())
 }
 
-/// The passes over depth edges.
-fn is_at_edges(work: &Work) -> bool {
-    work.name.0.starts_with("edge_")
-}
-
 /// The rows of a solve: all of it, and depth edges if it has any.
 fn totals(chip: &str, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Compiled>) -> Vec<Totals> {
     let sums = |counts: fn(&Work) -> bool| {
@@ -216,15 +211,15 @@ fn totals(chip: &str, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Com
     };
     let pixels = f64::from(solve.size[0]) * f64::from(solve.size[1]);
     let mut rows = vec![Totals::new(solve.title.clone(), solve.batches(), pixels, &sums(|_| true))];
-    if work.iter().any(is_at_edges) {
-        rows.push(Totals::new(format!("edges of the {}", solve.title), 0, pixels, &sums(is_at_edges)));
+    if work.iter().any(|work| work.is_at_edges) {
+        rows.push(Totals::new(format!("edges of the {}", solve.title), 0, pixels, &sums(|work| work.is_at_edges)));
     }
     rows
 }
 
 /// How much longer a solve takes with depth edges than without.
 fn cost_of_edges(card: &Card, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Compiled>) -> Option<String> {
-    let [all, edges] = [|_: &Work| true, is_at_edges]
+    let [all, edges] = [|_: &Work| true, |work: &Work| work.is_at_edges]
         .map(|counts| Sum::of(card, work.iter().filter(|work| counts(work)), compiled).time);
     let ratio = all / (all - edges);
     (edges > 0.0).then(|| format!("{}, {}: {ratio:.3} times the time without depth edges\n", card.name, solve.title))
@@ -306,7 +301,17 @@ mod tests {
     const CARD: Card = Card { name: "test", chip: "test", simds: 10.0, clock: 1e9, bandwidth: 1e11 };
 
     fn work(waves: f64, bytes: f64, waits: bool) -> Work {
-        Work { name: ("pass", [false; 5]), stage: None, level: 0, waves, bytes, waits, rounds: 1.0, last: None }
+        Work {
+            name: ("pass", [false; 5]),
+            stage: None,
+            level: 0,
+            waves,
+            bytes,
+            waits,
+            is_at_edges: false,
+            rounds: 1.0,
+            last: None,
+        }
     }
 
     #[test]

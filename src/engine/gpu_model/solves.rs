@@ -66,7 +66,7 @@ const PAIRS: [Measured; 4] = [
 ];
 
 /// The share of the work of a pass over depth edges that is needed, measured on the heat sink: 0.8 % of its cells have
-/// an edge, as a sweep of seven frames 1.0 %.
+/// an edge. In its sweep of seven frames 1.0 % have one.
 fn share_at_edges(over: Edges) -> f64 {
     match over {
         Edges::Cells(_) => 0.008,
@@ -80,6 +80,8 @@ pub(super) struct Solve {
     pub(super) title: String,
     pub(super) size: [u32; 2],
     scripts: Vec<Script>,
+    /// The scripts from this one on search for outlines. A pair does so within its only one.
+    search: usize,
     layout: Vec<Allocation>,
     levels: [LevelState; MAX_LEVELS],
 }
@@ -97,6 +99,8 @@ pub(super) struct Work {
     pub(super) waves: f64,
     pub(super) bytes: f64,
     pub(super) waits: bool,
+    /// Whether it belongs to the search for outlines.
+    pub(super) is_at_edges: bool,
     /// The rounds of its loops, as a share of those that the compiler counts.
     pub(super) rounds: f64,
     /// The pass that the last workgroup runs when all others are done, and the rounds of its loops.
@@ -117,14 +121,16 @@ impl Solve {
             (level.iterations, level.warps) = (iterations, warps);
         }
         let title = format!("{}, {}", if registers { "registration" } else { "pair" }, pair.title);
-        Self { title, size: pair.size, scripts: vec![script], layout: plan.pair_layout(), levels }
+        Self { title, size: pair.size, scripts: vec![script], search: 1, layout: plan.pair_layout(), levels }
     }
 
     fn sweep(size: [u32; 2], title: &str) -> Self {
         let plan = sweep::plan(size, Format { channels: Channels::Gray, depth: Depth::U8 });
-        let (scripts, layout) = (sweep::scripts(&plan, FRAMES), plan.sweep_layout(FRAMES as u32));
+        let (mut scripts, outlines) = sweep::scripts(&plan, FRAMES);
+        let (search, layout) = (scripts.len(), plan.sweep_layout(FRAMES as u32));
+        scripts.extend(outlines);
         let title = format!("sweep of {FRAMES}, {title}");
-        Self { title, size, scripts, layout, levels: [LevelState::zeroed(); MAX_LEVELS] }
+        Self { title, size, scripts, search, layout, levels: [LevelState::zeroed(); MAX_LEVELS] }
     }
 
     /// All solves of the model.
@@ -143,7 +149,9 @@ impl Solve {
     /// passes that would warp I2 again. Elsewhere a dispatch that is not needed is executed with no workgroups.
     pub(super) fn work(&self) -> Vec<Work> {
         let mut all = Vec::new();
-        for (script, part) in self.scripts.iter().flat_map(|script| script.parts.iter().map(move |part| (script, part)))
+        let scripts = self.scripts.iter().enumerate();
+        for (script_index, script, part) in
+            scripts.flat_map(|(n, script)| script.parts.iter().map(move |part| (n, script, part)))
         {
             if dispatches(part).next().is_some() && !dispatches(part).any(|dispatch| self.needs(dispatch)) {
                 continue;
@@ -161,7 +169,8 @@ impl Solve {
                 };
                 level = work.level;
                 // A part begins with a barrier.
-                all.push(Work { waits: entry.waits || n == 0, ..work });
+                let is_at_edges = script_index >= self.search || work.name.0.starts_with("edge_");
+                all.push(Work { waits: entry.waits || n == 0, is_at_edges, ..work });
             }
         }
         all
@@ -191,6 +200,7 @@ impl Solve {
             waves: needed * share * groups * f64::from((width * height).div_ceil(WAVE)),
             bytes: needed * bytes(dispatch) * share_of_tiles(dispatch, groups),
             waits: false,
+            is_at_edges: false,
             rounds: rounds(dispatch),
             last: (dispatch.stage.shader.name == "linearise").then(|| {
                 let c: linearise::Constants = bytemuck::pod_read_unaligned(&dispatch.constants);
@@ -211,7 +221,17 @@ impl Solve {
             Action::Dispatch(_) => unreachable!("it copies nothing"),
         };
         let name = (name, [false; 5]);
-        Work { name, stage: None, level, waves: 0.0, bytes: bytes as f64, waits: false, rounds: 1.0, last: None }
+        Work {
+            name,
+            stage: None,
+            level,
+            waves: 0.0,
+            bytes: bytes as f64,
+            waits: false,
+            is_at_edges: false,
+            rounds: 1.0,
+            last: None,
+        }
     }
 }
 
@@ -422,8 +442,8 @@ mod tests {
         let largest = finest.iter().copied().fold(0.0, f64::max) / 40e6;
         assert!((1.0 / 3.0..1.0 / 3.0 + 0.13).contains(&largest), "{largest}");
         assert!(of(&work, "align").all(|work| work.bytes <= 8e6));
-        // Two, three and six frames at most 1.5 px of blur apart, and all pairs of them but that of the first and the
-        // last on the finest level, 6 px apart.
+        // Levels 2, 1 and 0 use 2, 3 and 6 frames, at most 1.5 px of blur apart, and all their pairs. On level 0 the
+        // first and the last frame, 6 px apart, are no pair.
         let pairs = [2, 1, 0].map(|n| of(&work, "edge_costs").filter(|work| work.level == n).count());
         assert_eq!(pairs, [1, 3, 15 - 1]);
     }

@@ -2,7 +2,7 @@
 //!
 //! The CPU reference of `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
 
-use super::segments::{SEGMENT, Segment, first_of, place, range, vectorised};
+use super::segments::{SEGMENT, Segment, first_repeated, place, range, vectorised};
 use super::spline::{self, Jet};
 use super::stack::{self, Blurred, Slopes};
 use super::state::{Registration, margin};
@@ -71,25 +71,6 @@ pub fn read<N: Number>(
     [b1, b2]
 }
 
-/// Both images by the jets of the nodes of their stacks at a pixel, which T has moved by `shift` since I2 was warped.
-#[inline(always)]
-fn sample_jets<N: Number>(
-    v: N,
-    shift: [N; 2],
-    counts: [usize; 2],
-    first: impl Fn(usize) -> Jet<N>,
-    second: impl Fn(usize) -> Jet<N>,
-) -> PairSample<N> {
-    let (i1, i2) = (first(0), second(0).moved(shift));
-    let blurred = if v >= N::default() {
-        [stack::between(v, counts[0], |k| first(k).node()), beyond(i2, v, -0.5)]
-    } else {
-        let b2 = stack::between(-v, counts[1], |k| second(k).moved(shift).node());
-        [beyond(i1, v, 0.5), Blurred { slope: -b2.slope, ..b2 }]
-    };
-    PairSample { i1: i1.value, i2, blurred }
-}
-
 /// The image that is not blurred, extrapolated linearly through V = 0. `factor`: the slope over the Laplacian.
 #[inline(always)]
 fn beyond<R: Real>(jet: Jet<R>, v: R, factor: f64) -> Blurred<R> {
@@ -117,16 +98,16 @@ pub fn heaviside<R: Real>(v: R, epsilon: f64) -> R {
 }
 
 /// Both images at a pixel: I1, J before gain and offset, Î1 and Î2. Gradients are per pixel of I1.
-pub(super) struct PairSample<R = f64> {
-    pub(super) i1: R,
-    pub(super) i2: Jet<R>,
-    pub(super) blurred: [Blurred<R>; 2],
+pub(super) struct PairSample {
+    pub(super) i1: f64,
+    pub(super) i2: Jet,
+    pub(super) blurred: [Blurred; 2],
 }
 
-impl<R: Real> PairSample<R> {
+impl PairSample {
     /// I1, J and its gradient, Î1 and its slope, Î2, its slope and its gradient.
     #[inline(always)]
-    pub(super) fn numbers(self) -> [R; 10] {
+    pub(super) fn numbers(self) -> [f64; 10] {
         let (j, [b1, b2]) = (self.i2, self.blurred);
         [self.i1, j.value, j.dx, j.dy, b1.value, b1.slope, b2.value, b2.slope, b2.dx, b2.dy]
     }
@@ -194,17 +175,7 @@ pub(super) fn sample_segment<N: Number>(
             &size,
             stacks.second.len(),
             #[inline(always)]
-            |k, [value, slope, dx, dy]| {
-                spline::near_segment(
-                    &stacks.second[k],
-                    at,
-                    #[inline(always)]
-                    |n, jet| {
-                        let (jet, by_v) = jet.moved([shift[0][n], shift[1][n]]).node();
-                        (value[n], slope[n], dx[n], dy[n]) = (jet.value, by_v, jet.dx, jet.dy);
-                    },
-                );
-            },
+            |k, node| stack::node_segment(&stacks.second[k], at, shift, node),
         );
         for n in 0..SEGMENT {
             b2[n] = v[n].choose(b2[n], blurred[0][n]);
@@ -252,10 +223,9 @@ impl<N: Number> Samples<'_, N> {
         let (factor, centre, moved) = (factor.into(), centre.map(f64::from), self.warped.map(|t| r.moved_since(t)));
         let [mut d, mut shift] = [[[N::default(); SEGMENT]; 2]; 2];
         for first in (0..size[0]).step_by(SEGMENT) {
-            let (mut v, mut margins) = (first_of(v(first)), [N::default(); SEGMENT]);
-            // As beyond the image, so that no node of the stack is read for them alone.
-            let last = v[(size[0] - first).min(SEGMENT) - 1];
-            v[(size[0] - first).min(SEGMENT)..].fill(last);
+            // So that no node of the stack is read for places beyond the image.
+            let (v, mut margins) =
+                (first_repeated(&v(first)[..(size[0] - first).min(SEGMENT)]), [N::default(); SEGMENT]);
             let numbers = vectorised(
                 #[inline(always)]
                 || {
@@ -276,7 +246,7 @@ impl<N: Number> Samples<'_, N> {
                 let [i1, j, b1, b2] = match &numbers {
                     Some(numbers) => numbers.each_ref().map(|numbers| numbers[n].into()),
                     None => {
-                        let sample = sample_pair(self.lens, r, None, [x, y], self.i1, v, &self.stacks);
+                        let sample = sample_pair(self.lens, r, [x, y], self.i1, v, &self.stacks);
                         let [b1, b2] = sample.blurred;
                         [sample.i1, sample.i2.value, b1.value, b2.value]
                     }
@@ -287,24 +257,17 @@ impl<N: Number> Samples<'_, N> {
     }
 }
 
-/// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1,
-/// `moved` how T has moved since I2 was warped onto I1's pixels, if it was.
+/// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1.
 #[inline(always)]
 pub(super) fn sample_pair<N: Number>(
     (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
     r: &Registration,
-    moved: Option<&Registration>,
     [x, y]: [usize; 2],
     i1: &Raster<N>,
     v: f64,
     stacks: &Stacks<N>,
 ) -> PairSample {
     let (factor, centre) = (factor.into(), centre.map(f64::from));
-    if let Some(moved) = moved {
-        let shift = moved.displacement(x, y, factor, centre);
-        let [first, second] = [stacks.first, stacks.second].map(|stack| move |k: usize| spline::near(&stack[k], x, y));
-        return sample_jets(v, shift, [stacks.first.len(), stacks.second.len()], first, second);
-    }
     let (p, d) = ([x as f64, y as f64], r.displacement(x, y, factor, centre));
     let mut i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
     [i2.dx, i2.dy] = r.in_first([i2.dx, i2.dy]);

@@ -80,7 +80,7 @@ impl Pass for Bindings {
 /// Cells around with an outline of the same order, with the cell itself, without which an outline does not count. Of
 /// a long edge the last cell goes, as five are around it.
 const LEAST_AROUND: usize = shader::LEAST_AROUND as usize;
-// The cells of a row of a workgroup, and those around whose outlines are counted, have a bit of a word each.
+// The shader keeps a row of cells in the bits of a word: those of the workgroup, and 2 `AROUND` on either side.
 const _: () = assert!(WORKGROUP[0] as usize / edge::SIDE + 4 * shader::AROUND as usize <= u32::BITS as usize);
 
 /// V, its standard deviation, and the sides, from those before. On a coarser level: V of the near side, the deviation

@@ -164,7 +164,7 @@ pub fn cpu_reference<N: Number>(
                 continue;
             }
             let blurred = match slopes(variant) {
-                Slopes::Laplacian => stack::read_near(stack, v, [x, y], [0.0; 2]),
+                Slopes::Laplacian => stack::read_near(stack, v, [x, y]),
                 Slopes::Layers => stack::read(stack, Slopes::Layers, v, x as f64, y as f64),
             };
             let (n, slope) = (1.0 + grain / (grain + v), -grain / (grain + v).powi(2));

@@ -210,7 +210,7 @@ impl Rig {
         });
     }
 
-    /// The pipeline of a variant, compiled once. Other tests compile theirs meanwhile.
+    /// The pipeline of a variant. No lock is held while it is compiled: two tests at once may both compile it.
     fn pipeline(&self, stage: &Stage, variant: Variant) -> Arc<Pipeline> {
         let key = (stage.shader.name, stage.workgroup, variant);
         let compiled = self.pipelines.lock().unwrap().get(&key).cloned();

@@ -271,7 +271,7 @@ fn cpu_reference<N: Number>(
                                     continue;
                                 }
                                 let (lens, at, v) = ((c.mean, c.factor, c.centre), [xs.start + n, y], pixels[V][n]);
-                                let numbers = sample_pair(lens, r, None, at, i1, v.into(), stacks).numbers();
+                                let numbers = sample_pair(lens, r, at, i1, v.into(), stacks).numbers();
                                 for k in 0..numbers.len() {
                                     pixels[FIRST + k][n] = N::of(numbers[k]);
                                 }

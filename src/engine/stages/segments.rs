@@ -47,6 +47,15 @@ pub(super) fn first_of<N: Number>(numbers: &[N]) -> Segment<N> {
     segment
 }
 
+/// The first numbers of a slice that has some. Where it has fewer than a segment, the last is repeated.
+#[inline(always)]
+pub(super) fn first_repeated<N: Number>(numbers: &[N]) -> Segment<N> {
+    let (mut segment, count) = (first_of(numbers), numbers.len().min(SEGMENT));
+    let last = segment[count - 1];
+    segment[count..].fill(last);
+    segment
+}
+
 /// The n-th pixel after the first, as a number.
 #[inline(always)]
 pub(super) fn place<N: Number>(first: usize, n: usize) -> N {

@@ -16,7 +16,7 @@ use super::blur::Stacks;
 use super::mask::{self, Masks};
 use super::noise::{self, Noise};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::segments::{SEGMENT, Segment, first_of, place, range, vectorised};
+use super::segments::{SEGMENT, Segment, first_repeated, place, range, vectorised};
 use super::stack::{self, BlurredSegment};
 use super::state::{DoubleState, margin};
 use super::{Number, Raster, spline};
@@ -139,11 +139,12 @@ fn of_window<N: Number>(
     let (size, factor, centre) = ([v.width, v.height], f64::from(c.factor), c.centre.map(f64::from));
     let (mut m, mut means) = ([[0.0; TERMS]; TERMS], Means::default());
     let (mut above, whole) = (None, (SIDE * SIDE) as f64);
+    // The values less that of one pixel: their squares in single precision would be those of the mean.
+    let around = N::of(stacks.second[0].get(corner[0] + SIDE / 2, corner[1] + SIDE / 2));
     for y in corner[1]..corner[1] + SIDE {
         let (at, none) = ([corner[0], y], N::default());
-        let mut v = first_of(&v.row(y)[at[0]..]);
-        let last = v[SIDE - 1];
-        v[SIDE..].fill(last);
+        // So that no node is read for places beyond the window.
+        let v = first_repeated(&v.row(y)[at[0]..][..SIDE]);
         let [mut dx, mut dy, mut shift_x, mut shift_y, mut shares, mut margins] = [[none; SEGMENT]; 6];
         let (terms, sums) = vectorised(
             #[inline(always)]
@@ -158,19 +159,19 @@ fn of_window<N: Number>(
                     sums[1] += v[n].choose(N::of(1.0), none).into();
                     sums[2] += noise::interpolated([dx[n], dy[n]]).into();
                 }
-                let terms = terms(state, stacks, at, [&shift_x, &shift_y], &v);
-                // As many as `estimate` reads.
+                if (0..SIDE).any(|n| !(margins[n] >= none && shares[n] >= N::of(COUNTED))) {
+                    return None;
+                }
+                let terms = terms(state, (stacks, around), at, [&shift_x, &shift_y], &v);
+                // `estimate` reads no others.
                 for i in 0..TERMS {
                     for j in i..TERMS {
                         m[i][j] += product(&terms[i], &terms[j]);
                     }
                 }
-                (terms, sums)
+                Some((terms, sums))
             },
-        );
-        if (0..SIDE).any(|n| margins[n] < none || shares[n] < N::of(COUNTED)) {
-            return None;
-        }
+        )?;
         means.variance += sums[0] / whole;
         means.first += sums[1] / whole;
         means.between += sums[2] / whole;
@@ -183,10 +184,13 @@ fn of_window<N: Number>(
     Some(estimate(m, &means, state.registration.gain, &c.noise))
 }
 
-/// The sum of the products of the pixels of a row of a window.
+/// Partial sums of a row, which are added at its end.
+const LANES: usize = 8;
+const _: () = assert!(SIDE.is_multiple_of(LANES) && SIDE <= SEGMENT);
+
+/// The sum of a times b over the pixels of a row of a window.
 #[inline(always)]
 fn product<N: Number>(a: &Segment<N>, b: &Segment<N>) -> f64 {
-    const LANES: usize = 8;
     let mut lanes = [N::default(); LANES];
     for first in (0..SIDE).step_by(LANES) {
         for n in 0..LANES {
@@ -195,14 +199,12 @@ fn product<N: Number>(a: &Segment<N>, b: &Segment<N>) -> f64 {
     }
     lanes.into_iter().map(Into::into).sum()
 }
-const _: () = assert!(SIDE.is_multiple_of(8) && SIDE <= SEGMENT);
-
 /// The terms at the pixels of the segment from (x, y) to the right: derivatives of S, and S. T has moved the pixels by
-/// `shift` since I2 was warped.
+/// `shift` since I2 was warped. `around` is subtracted from the term of the gain, as that of the offset allows.
 #[inline(always)]
 fn terms<N: Number>(
     state: &DoubleState,
-    stacks: &Stacks<N>,
+    (stacks, around): (&Stacks<N>, N),
     at: [usize; 2],
     shift: [&Segment<N>; 2],
     v: &Segment<N>,
@@ -232,7 +234,7 @@ fn terms<N: Number>(
         }
         let ([value, slope, dx, dy], departure) = sharper(stacks.first, at, [&none; 2], &size);
         for n in 0..SEGMENT {
-            (terms[0][n], terms[1][n], terms[2][n], terms[4][n]) = (slope[n], dx[n], dy[n], value[n]);
+            (terms[0][n], terms[1][n], terms[2][n], terms[4][n]) = (slope[n], dx[n], dy[n], value[n] - around);
             (terms[SHAPE][n], terms[LEFT][n]) = (departure[n], value[n] - (gain * j[n] + offset));
         }
     }
@@ -243,7 +245,7 @@ fn terms<N: Number>(
         let ([value, slope, dx, dy], departure) = sharper(stacks.second, at, shift, &size);
         for n in 0..SEGMENT {
             let (departs, s) = (-gain * departure[n], i1[n] - (gain * value[n] + offset));
-            let numbers = [-slope[n], dx[n], dy[n], one, value[n], departs, s];
+            let numbers = [-slope[n], dx[n], dy[n], one, value[n] - around, departs, s];
             for (term, number) in terms.iter_mut().zip(numbers) {
                 term[n] = v[n].choose(term[n], number);
             }
@@ -255,7 +257,7 @@ fn terms<N: Number>(
     terms
 }
 
-/// An image blurred by `size`, and the departure there, between two nodes.
+/// An image blurred by `size`, |V| of each pixel, and the departure of a disk there, both interpolated between nodes.
 #[inline(always)]
 fn sharper<N: Number>(
     stack: &[Raster<N>],
@@ -268,17 +270,9 @@ fn sharper<N: Number>(
         size,
         stack.len(),
         #[inline(always)]
-        |k, [value, slope, dx, dy]| {
-            spline::near_segment(
-                &stack[k],
-                at,
-                #[inline(always)]
-                |n, jet| {
-                    let (jet, by_v) = jet.moved([shift[0][n], shift[1][n]]).node();
-                    (value[n], slope[n], dx[n], dy[n]) = (jet.value, by_v, jet.dx, jet.dy);
-                },
-            );
-            values[k] = *value;
+        |k, node| {
+            stack::node_segment(&stack[k], at, shift, node);
+            values[k] = node[0];
         },
     );
     // Departures need one more node on either side of those that V is between.

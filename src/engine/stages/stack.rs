@@ -178,7 +178,7 @@ pub(crate) fn bytes(count: u32, is_packed: bool) -> u64 {
 pub(crate) struct White(f64);
 
 impl White {
-    /// That of photographs whose largest intensity is this. `None` if a variant does not pack its stacks.
+    /// The unit for photographs with this largest intensity; `None` if the variant does not pack its stacks.
     pub(crate) fn of(variant: Variant, largest: f64) -> Option<Self> {
         is_packed(variant).then_some(Self(largest.max(shaders::stacks::LEAST_WHITE)))
     }
@@ -238,15 +238,15 @@ pub fn read<N: Number>(stack: &[Raster<N>], slopes: Slopes, v: f64, x: f64, y: f
     between(v, stack.len() / slopes.layers(), |k| node(stack, slopes, k, x, y))
 }
 
-/// A Gaussian's blur stack at a small shift from pixel (x, y), to [first order](Jet::moved).
-pub fn read_near<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> Blurred {
-    between(v, stack.len(), |k| spline::near(&stack[k], x, y).moved(shift).node())
+/// A Gaussian's blur stack at pixel (x, y).
+pub fn read_near<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2]) -> Blurred {
+    between(v, stack.len(), |k| spline::near(&stack[k], x, y).node())
 }
 
 /// Cubic Hermite interpolation between the two nodes around v >= 0.
 #[inline(always)]
-pub(super) fn between<N: Number>(v: N, count: usize, node: impl Fn(usize) -> (Jet<N>, N)) -> Blurred<N> {
-    let k = node_below(v.into(), count);
+fn between(v: f64, count: usize, node: impl Fn(usize) -> (Jet, f64)) -> Blurred {
+    let k = node_below(v, count);
     between_nodes(v, k, node(k), node(k + 1))
 }
 
@@ -254,7 +254,8 @@ pub(super) fn between<N: Number>(v: N, count: usize, node: impl Fn(usize) -> (Je
 /// along x and y.
 pub(super) type BlurredSegment<N> = [Segment<N>; 4];
 
-/// [`between`] for a segment of pixels. `node` sets a node of the stack.
+/// The blur stack at the variances of a segment of pixels. `node` sets a node of the stack: from the first to the one
+/// after the last that is needed, each once, in order.
 #[inline(always)]
 pub(super) fn between_segment<N: Number>(
     v: &Segment<N>,
@@ -279,6 +280,25 @@ pub(super) fn between_segment<N: Number>(
         std::mem::swap(&mut lower, &mut upper);
     }
     blurred
+}
+
+/// Sets a node of a Gaussian's stack at the pixels of the segment from (x, y) to the right, moved by small shifts.
+#[inline(always)]
+pub(super) fn node_segment<N: Number>(
+    node: &Raster<N>,
+    at: [usize; 2],
+    shift: [&Segment<N>; 2],
+    [value, slope, dx, dy]: &mut BlurredSegment<N>,
+) {
+    spline::near_segment(
+        node,
+        at,
+        #[inline(always)]
+        |n, jet| {
+            let (jet, by_v) = jet.moved([shift[0][n], shift[1][n]]).node();
+            (value[n], slope[n], dx[n], dy[n]) = (jet.value, by_v, jet.dx, jet.dy);
+        },
+    );
 }
 
 /// A pixel of a node.

@@ -139,8 +139,8 @@ impl JointSolver {
         Ok(Self { settings, size, timeout, whole: PyramidSolver::new(engine, plan, frames)?, parts })
     }
 
-    /// Solves a sweep; `report` is called after each iteration. The share that is left at the end is for the fusion of
-    /// the frames.
+    /// Solves a sweep; `report` is called after each iteration and each level of the search for outlines. The share that
+    /// is left at the end is for the fusion of the frames.
     ///
     /// # Errors
     /// [`Error::Cancelled`], [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
@@ -255,7 +255,7 @@ fn counter<'a>(work: &[u64], after: f64, report: &'a mut dyn FnMut(Progress)) ->
     move |pixels, ends_level| {
         worked += pixels;
         if ends_level {
-            // The finest level may have had fewer or more iterations than were counted.
+            // Corrects rounding; and if the pyramid has one level, it has one iteration less than was counted.
             worked = ends.get(done).copied().unwrap_or(worked);
             done += 1;
         }

@@ -21,10 +21,10 @@ pub(crate) fn plan([width, height]: [u32; 2], format: Format) -> Plan {
     Plan::new(width, height, [format; 2], &settings).unwrap().shaped_for_gpu()
 }
 
-/// The scripts of a sweep of `frames` frames at even settings, of a plane that is in focus in the first frame on the
+/// The scripts of a sweep, and those of its search for outlines: `frames` frames at even settings, of a plane that is in focus in the first frame on the
 /// left and in the last one on the right. In each iteration the T of every frame but the reference moves, as long as it
 /// is not held: an upper bound.
-pub(crate) fn scripts(plan: &Plan, frames: usize) -> Vec<Script> {
+pub(crate) fn scripts(plan: &Plan, frames: usize) -> (Vec<Script>, Vec<Script>) {
     let last = (frames - 1) as f64;
     let shared = SharedParameters {
         settings: (0..frames).map(|n| n as f64).collect(),
@@ -60,9 +60,9 @@ pub(crate) fn scripts(plan: &Plan, frames: usize) -> Vec<Script> {
             scripts.push(sweep::step(plan, level, &system, &update));
         }
     }
-    scripts.push(sweep::begin_outlines(plan));
+    let mut search = vec![sweep::begin_outlines(plan)];
     for level in outlines::levels(plan) {
-        scripts.push(sweep::outlines(plan, &outlines::on_level(&shared, plan.size, level)));
+        search.push(sweep::outlines(plan, &outlines::on_level(&shared, plan.size, level)));
     }
-    scripts
+    (scripts, search)
 }

@@ -46,14 +46,14 @@ impl PartSolver {
         self.solver.set_limits(limits);
     }
 
-    /// The pixels of all iterations of each part.
+    /// The work on each part, with the search for outlines, in pixels of an iteration.
     pub(super) fn work(&self) -> impl Iterator<Item = u64> {
         std::iter::repeat_n(self.solver.final_work(), self.grid.count())
     }
 
     /// Solves all parts from u at half the size; returns u relative to the middle setting and its standard deviation,
     /// and the median of the parts' median deviations before outlines move. `done` is called after each iteration of a
-    /// part.
+    /// part, and each level of its search for outlines.
     pub(super) fn solve(
         &mut self,
         frames: &[Frame],

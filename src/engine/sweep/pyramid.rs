@@ -36,14 +36,14 @@ const UPLOAD: f64 = 0.45;
 /// Time to estimate the start, relative to that of an iteration on the first level for one frame. It depends little on
 /// the number of frames.
 const START: f64 = 1100.0;
-/// Time of the iterations on the finest level, one or two, relative to that of one on a coarser level's pixels.
+/// Time per pixel of all iterations on the finest level, one or two, relative to one iteration on a coarser level.
 const FINEST: f64 = 1.5;
-/// Time of the search for outlines on a level, relative to that of an iteration on the finest: 0.2 to 0.8 on three real
-/// sweeps. On coarser levels more cells have an edge.
+/// The same of the search for outlines on a level, per pixel of the finest: 0.2 to 0.8 on three real sweeps. Coarser
+/// levels have fewer cells, but more of them have an edge.
 const OUTLINES: f64 = 0.4;
 
-/// Called after each iteration, and before the first when a part of the preparation is done, with the work in pixels of
-/// an iteration, and whether the level or part ends with it.
+/// Called after each finished part of the preparation, each iteration, and each level of the search for outlines, with
+/// the work since the last call, in pixels of an iteration, and whether the level or part ends with it.
 pub(super) type IterationDone<'a> = dyn FnMut(u64, bool) + 'a;
 
 /// The level where a solve starts.
