@@ -301,17 +301,7 @@ mod tests {
     const CARD: Card = Card { name: "test", chip: "test", simds: 10.0, clock: 1e9, bandwidth: 1e11 };
 
     fn work(waves: f64, bytes: f64, waits: bool) -> Work {
-        Work {
-            name: ("pass", [false; 5]),
-            stage: None,
-            level: 0,
-            waves,
-            bytes,
-            waits,
-            is_at_edges: false,
-            rounds: 1.0,
-            last: None,
-        }
+        Work { name: ("pass", [false; 5]), waves, bytes, waits, rounds: 1.0, ..Work::default() }
     }
 
     #[test]

@@ -90,6 +90,7 @@ pub(super) struct Solve {
 pub(super) type Name = (&'static str, Variant);
 
 /// An entry of a script as the GPU executes it.
+#[derive(Default)]
 pub(super) struct Work {
     pub(super) name: Name,
     /// `None` for copies.
@@ -199,14 +200,13 @@ impl Solve {
             level: dispatch.place.level,
             waves: needed * share * groups * f64::from((width * height).div_ceil(WAVE)),
             bytes: needed * bytes(dispatch) * share_of_tiles(dispatch, groups),
-            waits: false,
-            is_at_edges: false,
             rounds: rounds(dispatch),
             last: (dispatch.stage.shader.name == "linearise").then(|| {
                 let c: linearise::Constants = bytemuck::pod_read_unaligned(&dispatch.constants);
                 let rows = c.step_constants().rows;
                 (&update_transform::STAGE, dispatch.variant, rounds_of_step(rows, dispatch.variant))
             }),
+            ..Work::default()
         }
     }
 
@@ -221,17 +221,7 @@ impl Solve {
             Action::Dispatch(_) => unreachable!("it copies nothing"),
         };
         let name = (name, [false; 5]);
-        Work {
-            name,
-            stage: None,
-            level,
-            waves: 0.0,
-            bytes: bytes as f64,
-            waits: false,
-            is_at_edges: false,
-            rounds: 1.0,
-            last: None,
-        }
+        Work { name, level, bytes: bytes as f64, rounds: 1.0, ..Work::default() }
     }
 }
 

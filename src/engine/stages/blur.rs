@@ -201,6 +201,8 @@ pub(super) struct Samples<'a, N> {
 /// A pixel of [`Samples`].
 pub(super) struct Sample {
     pub(super) x: usize,
+    /// Its displacement by T, px.
+    pub(super) d: [f64; 2],
     pub(super) v: f64,
     /// I1, and J before gain and offset.
     pub(super) sharp: [f64; 2],
@@ -242,7 +244,7 @@ impl<N: Number> Samples<'_, N> {
                 },
             );
             for n in (0..SEGMENT.min(size[0] - first)).step_by(step).filter(|&n| margins[n] >= N::default()) {
-                let (x, v) = (first + n, v[n].into());
+                let (x, v, d) = (first + n, v[n].into(), d.map(|d| d[n].into()));
                 let [i1, j, b1, b2] = match &numbers {
                     Some(numbers) => numbers.each_ref().map(|numbers| numbers[n].into()),
                     None => {
@@ -251,7 +253,7 @@ impl<N: Number> Samples<'_, N> {
                         [sample.i1, sample.i2.value, b1.value, b2.value]
                     }
                 };
-                visit(Sample { x, v, sharp: [i1, j], blurred: [b1, b2] });
+                visit(Sample { x, d, v, sharp: [i1, j], blurred: [b1, b2] });
             }
         }
     }

@@ -78,12 +78,11 @@ fn cpu_reference<N: Number>(
     masks: Option<&Masks<N>>,
 ) -> [Raster<N>; LAYERS as usize] {
     let size = uncertainty_terms::size([c.width, c.height]).map(|side| side as usize);
-    let displacement = |[x, y]: [usize; 2]| samples.r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
     let mut pair = [(); LAYERS as usize].map(|()| Raster::zeros(size[0], size[1]));
     rows::map(pair.each_mut().map(Rows::from), |y, mut rows| {
         let of_pixel = |x: usize| &v.row(2 * y)[x..];
-        samples.visit_row(2 * y, 2, of_pixel, |Sample { x, v, sharp: [_, j], blurred: [b1, b2] }| {
-            let share = mask::counts(masks, [x, 2 * y], displacement([x, 2 * y]));
+        samples.visit_row(2 * y, 2, of_pixel, |Sample { x, d, v, sharp: [_, j], blurred: [b1, b2] }| {
+            let share = mask::counts(masks, [x, 2 * y], d);
             let [first, second] = if v >= 0.0 { [b1, j] } else { [samples.i1.get(x, 2 * y), b2] };
             let numbers = [share * first, share * second, share];
             rows.iter_mut().zip(numbers).for_each(|(row, number)| row[x / 2] = N::of(number));

@@ -61,7 +61,7 @@ fn cpu_reference<N: Number>(c: &Constants, samples: &Samples<N>, v: &Raster<N>) 
     let (mut squared, r) = (Raster::zeros(width as usize, height as usize), samples.r);
     squared.fill_rows(|y, row| {
         let v = |x: usize| &v.row(2 * y)[x..];
-        samples.visit_row(2 * y, 2, v, |Sample { x, v, sharp: [i1, j], blurred: [b1, b2] }| {
+        samples.visit_row(2 * y, 2, v, |Sample { x, v, sharp: [i1, j], blurred: [b1, b2], .. }| {
             let (s1, s2) = (b1 - (r.gain * j + r.offset), r.gain * b2 + r.offset - i1);
             let h = heaviside(v, c.epsilon.into());
             row[x / 2] = N::of(h * s1 * s1 + (1.0 - h) * s2 * s2);

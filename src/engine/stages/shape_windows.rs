@@ -199,6 +199,7 @@ fn product<N: Number>(a: &Segment<N>, b: &Segment<N>) -> f64 {
     }
     lanes.into_iter().map(Into::into).sum()
 }
+
 /// The terms at the pixels of the segment from (x, y) to the right: derivatives of S, and S. T has moved the pixels by
 /// `shift` since I2 was warped. `around` is subtracted from the term of the gain, as that of the offset allows.
 #[inline(always)]

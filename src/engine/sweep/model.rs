@@ -21,9 +21,9 @@ pub(crate) fn plan([width, height]: [u32; 2], format: Format) -> Plan {
     Plan::new(width, height, [format; 2], &settings).unwrap().shaped_for_gpu()
 }
 
-/// The scripts of a sweep, and those of its search for outlines: `frames` frames at even settings, of a plane that is in focus in the first frame on the
-/// left and in the last one on the right. In each iteration the T of every frame but the reference moves, as long as it
-/// is not held: an upper bound.
+/// The scripts of a sweep, and those of its search for outlines. It has `frames` frames at even settings, and shows a
+/// plane that is in focus in the first frame on the left and in the last one on the right. In each iteration the T of
+/// every frame but the reference moves, as long as it is not held: an upper bound.
 pub(crate) fn scripts(plan: &Plan, frames: usize) -> (Vec<Script>, Vec<Script>) {
     let last = (frames - 1) as f64;
     let shared = SharedParameters {
