@@ -298,7 +298,7 @@ fn shards_together_solve_the_whole_batch() {
 
 #[test]
 fn all_devices_share_a_batch() {
-    let desk = desk(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]);
+    let desk = desk(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]).on_vulkan();
     desk.write("shots/b_2.png", "not a picture");
     // A driver that is installed twice gives two devices.
     let drivers = std::env::var("VK_DRIVER_FILES").unwrap();

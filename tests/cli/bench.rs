@@ -92,7 +92,7 @@ fn check_run(run: &Value) {
 
 #[test]
 fn the_report_and_the_trace_are_complete() {
-    let desk = Desk::new();
+    let desk = Desk::new().on_vulkan();
     let methods = ["--methods", "unified,appearance", "--json", "-o", "made/a.json", "--trace", "t.json"];
     let report = printed(&measure(&desk, &methods));
     assert_eq!(desk.json("made/a.json"), report);
@@ -142,7 +142,7 @@ fn the_text_report_is_a_table_with_ratios_to_an_earlier_report() {
 
 #[test]
 fn an_unsupported_size_is_reported_and_the_others_are_measured() {
-    let desk = Desk::new();
+    let desk = Desk::new().on_vulkan();
     let output = measure(&desk, &["--sizes", "400000x400000,64x64,8x8", "--json"]);
     assert_refused(&output, 1, &["400000x400000", "too large", "8x8", "too small"]);
     let report = printed(&output);

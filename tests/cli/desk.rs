@@ -12,12 +12,22 @@ use tempfile::TempDir;
 /// A temporary folder. The program runs in it and keeps its cache in the subfolder `cache`.
 ///
 /// Names of files are relative to the folder.
-pub struct Desk(TempDir);
+pub struct Desk {
+    folder: TempDir,
+    /// Whether the program runs on Vulkan, under validation if the environment asks for it.
+    is_vulkan: bool,
+}
 
 impl Desk {
-    /// Returns an empty folder.
+    /// Returns an empty folder. The program runs on the CPU device in it, unless the environment or its arguments name
+    /// another: on lavapipe, compiling pipelines under validation takes ten times as long as a small pair.
     pub fn new() -> Self {
-        Self(TempDir::new().unwrap())
+        Self { folder: TempDir::new().unwrap(), is_vulkan: false }
+    }
+
+    /// Has the program run on Vulkan, under validation if the environment asks for it.
+    pub fn on_vulkan(self) -> Self {
+        Self { is_vulkan: true, ..self }
     }
 
     /// Returns a folder with the pair `i1.png`, `i2.png` of 80x64 px and its scene in `scene`.
@@ -31,17 +41,21 @@ impl Desk {
     }
 
     pub fn folder(&self) -> &Path {
-        self.0.path()
+        self.folder.path()
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
+        self.folder.path().join(name)
     }
 
     /// Returns the program as a process to be started and controlled.
     pub fn process(&self, arguments: &[&str]) -> std::process::Command {
         let mut process = std::process::Command::new(assert_cmd::cargo::cargo_bin("parfocal"));
         process.current_dir(self.folder()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
+        if !self.is_vulkan {
+            process.env_remove("PARFOCAL_VALIDATE");
+            process.env("PARFOCAL_DEVICE", std::env::var("PARFOCAL_DEVICE").unwrap_or("cpu".into()));
+        }
         process
     }
 

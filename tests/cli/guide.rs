@@ -65,10 +65,8 @@ fn run(line: &str, folder: &Path, cache: &Path) {
     assert!(!line.contains(['\'', '"', '$', '|', '*', '#']), "{line}: uses shell syntax other than words and > FILE");
     let words: Vec<&str> = words.collect();
     let mut command = Command::cargo_bin("parfocal").unwrap();
-    command.current_dir(folder).env("PARFOCAL_CACHE_DIR", cache).args(&words);
-    if std::env::var_os("PARFOCAL_VALIDATE").is_none() {
-        command.env("PARFOCAL_VALIDATE", "1");
-    }
+    command.current_dir(folder).env("PARFOCAL_CACHE_DIR", cache).env("PARFOCAL_DEVICE", "cpu").args(&words);
+    command.env_remove("PARFOCAL_VALIDATE");
     let output = command.output().unwrap();
     if let Some(file) = into {
         fs::write(folder.join(file), &output.stdout).unwrap();

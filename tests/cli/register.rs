@@ -43,7 +43,7 @@ fn assert_displaced(report: &Value) {
 
 #[test]
 fn every_method_registers_and_solve_holds_its_transform() {
-    let desk = desk();
+    let desk = desk().on_vulkan();
     let (file, out) = ("made/t.json", "out");
     for method in ["unified", "appearance", "sift"] {
         let report = solve_or_register(&desk, "register", &["--method", method, "-o", file]);

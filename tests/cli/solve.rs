@@ -1,4 +1,4 @@
-//! `parfocal solve` on a device: its files, its output, and its errors without a device.
+//! `parfocal solve` on Vulkan: its files, its output, and its errors without a device.
 
 use std::fs;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ const RESULTS: [&str; 6] =
 
 /// Returns a folder with a pair that differs in blur and a photograph of constant grey.
 fn desk() -> Desk {
-    let desk = Desk::new();
+    let desk = Desk::new().on_vulkan();
     for (name, contrast) in [("near.png", 90.0), ("far.png", 70.0), ("grey.png", 0.0)] {
         let value = |x: u32, y: u32| (128.0 + contrast / 3.0 * waves(x, y)) as u8;
         let image = image::RgbImage::from_fn(96, 64, |x, y| image::Rgb([value(x, y), value(x, y), value(x, y) / 2]));

@@ -121,7 +121,7 @@ fn a_terminated_program_leaves_no_partial_files() {
 
 #[test]
 fn images_too_large_for_the_device_are_not_decoded() {
-    let desk = Desk::with_pair();
+    let desk = Desk::with_pair().on_vulkan();
     let mut bytes = Vec::new();
     let wide = image::GrayImage::new(60_000, 300);
     wide.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();

@@ -15,11 +15,15 @@ use parfocal::{
     internals::baseline, transform::Homography,
 };
 
-/// An engine that fails the test on any validation message. Tests share one engine, and so its messages.
+/// An engine that fails the test on any validation message. Tests share one engine for each device, and so its messages.
 pub struct TestEngine(Arc<Engine>);
 
-/// The shared engine. It is opened once, because opening a device under validation takes as long as most tests.
+/// The shared engine on Vulkan. It is opened once, because opening a device under validation takes as long as most
+/// tests.
 static SHARED: LazyLock<Arc<Engine>> = LazyLock::new(open);
+
+/// The shared engine on the CPU device.
+static SHARED_CPU: LazyLock<Arc<Engine>> = LazyLock::new(|| Arc::new(Engine::new(&cpu_options()).unwrap()));
 
 fn open() -> Arc<Engine> {
     Arc::new(Engine::new(&options()).unwrap())
@@ -30,6 +34,11 @@ impl TestEngine {
     /// `PARFOCAL_VALIDATE` is 0. A missing device or layer fails the test.
     pub fn new() -> Self {
         Self(SHARED.clone())
+    }
+
+    /// Returns the shared engine on the CPU device, for tests of results that are the same on all devices.
+    pub fn on_cpu() -> Self {
+        Self(SHARED_CPU.clone())
     }
 
     /// Opens a separate engine, for a test that poisons it or needs a second one.
@@ -60,6 +69,11 @@ pub fn options() -> EngineOptions {
         timed: true,
         ..EngineOptions::default()
     }
+}
+
+/// Returns the engine options of tests on the CPU device.
+pub fn cpu_options() -> EngineOptions {
+    EngineOptions { device: Some("cpu".into()), validation: false, ..options() }
 }
 
 impl Deref for TestEngine {

@@ -14,10 +14,10 @@ use parfocal::{
 };
 
 use crate::common::scene::{pair, slanted};
-use crate::common::{TestEngine, options};
+use crate::common::{TestEngine, cpu_options};
 
 fn cpu() -> Engine {
-    Engine::new(&EngineOptions { device: Some("cpu".into()), validation: false, ..options() }).unwrap()
+    Engine::new(&cpu_options()).unwrap()
 }
 
 /// The root mean square difference of numbers that are finite in both, and the share that is finite in one only.

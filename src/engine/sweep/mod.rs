@@ -435,6 +435,24 @@ mod tests {
     }
 
     #[test]
+    fn progress_rises_with_and_without_outlines_and_in_parts() {
+        let options = EngineOptions { device: Some("cpu".into()), validation: false, ..testing::options() };
+        let engine = Engine::new(&options).unwrap();
+        for (edges, memory, size) in
+            [(true, MEMORY, [168, 126]), (false, MEMORY, [168, 126]), (true, 16 << 20, [520, 390])]
+        {
+            let (sweep, mut reports) = (sweep(size[0], size[1]), Vec::new());
+            let mut solver = solver(&engine, &sweep, memory, &Settings { edges, ..Settings::default() });
+            let (input, cancel) = (input(&sweep, None), CancellationToken::default());
+            solver.solve(&sweep.frames, &input, &cancel, &mut |progress| reports.push(progress)).unwrap();
+            let shares: Vec<f64> = reports.iter().map(|p| p.share).collect();
+            assert!(shares.is_sorted() && shares[0] > 0.0, "{shares:?}");
+            let last = reports[reports.len() - 1];
+            assert!(last.done == last.total && (0.8..1.0).contains(&last.share), "{last:?}, edges {edges}, {size:?}");
+        }
+    }
+
+    #[test]
     fn a_sweep_has_one_time_limit() {
         let sweep = sweep(168, 126);
         let solve = |options: &EngineOptions| {
