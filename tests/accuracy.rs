@@ -34,7 +34,7 @@ fn plane_error(solution: &Solution) -> f64 {
 #[test]
 fn slanted_plane_without_noise() {
     let [i1, i2] = slanted_plane(0.0);
-    let solution = TestEngine::on_cpu().solve([&i1, &i2], &Settings::default());
+    let solution = TestEngine::on_any().solve([&i1, &i2], &Settings::default());
     assert_transform(&solution.transform, plane_truth(), [0.005, 0.0005, 0.005]);
     assert!(plane_error(&solution) <= 0.03);
     assert!(solution.converged, "{:?}", solution.warnings);
@@ -43,7 +43,7 @@ fn slanted_plane_without_noise() {
 #[test]
 fn slanted_plane_with_noise() {
     let [i1, i2] = slanted_plane(0.003);
-    let solution = TestEngine::on_cpu().solve([&i1, &i2], &Settings::default());
+    let solution = TestEngine::on_any().solve([&i1, &i2], &Settings::default());
     assert_transform(&solution.transform, plane_truth(), [0.01, 0.002, 0.008]);
     assert!(plane_error(&solution) <= 0.08);
 }
@@ -53,7 +53,7 @@ fn slanted_plane_under_another_exposure() {
     for noise in [0.0, 0.003] {
         let [i1, i2] = slanted_plane(noise);
         let i2 = exposed(&i2, 0.9, 0.05);
-        let solution = TestEngine::on_cpu().solve([&i1, &i2], &Settings::default());
+        let solution = TestEngine::on_any().solve([&i1, &i2], &Settings::default());
         let bounds = if noise == 0.0 { [0.005, 0.0005, 0.005] } else { [0.01, 0.002, 0.008] };
         assert_transform(&solution.transform, plane_truth(), bounds);
         assert!(plane_error(&solution) <= if noise == 0.0 { 0.03 } else { 0.08 });
@@ -67,7 +67,7 @@ fn slanted_plane_under_another_exposure() {
 #[test]
 fn cup_displaced() {
     let Some([near, far]) = real_pair("cup", ["breakfast_near.png", "breakfast_far.png"]) else { return };
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let undisplaced = engine.solve([&near, &far], &stored());
     let by = Similarity::new(1.8, 2.3, 0.2, 1.01);
     let solution = engine.solve([&near, &displaced(&far, &by)], &stored());
@@ -87,7 +87,7 @@ fn stored() -> Settings {
 /// size.
 fn check_real(folder: &str, names: [&str; 2], half_size: [f64; 4]) -> Option<Solution> {
     let [i1, i2] = real_pair(folder, names)?;
-    let solution = TestEngine::on_cpu().solve([&i1, &i2], &stored());
+    let solution = TestEngine::on_any().solve([&i1, &i2], &stored());
     let [tx, ty, degrees, percent] = half_size;
     let expected = Similarity::new(2.0 * tx, 2.0 * ty, degrees, 1.0 + percent / 100.0);
     let distance = solution.transform.corner_distance(expected, solution.width, solution.height);
@@ -123,7 +123,7 @@ fn dimple() {
     let names = ["image05.jpg", "image07.jpg", "image09.jpg"];
     let pairs = [[0, 2], [0, 1], [1, 2]].map(|[a, b]| real_pair("dimple", [names[a], names[b]]));
     let [Some(whole), Some(first), Some(second)] = pairs else { return };
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let found = [whole, first, second].map(|[i1, i2]| engine.solve([&i1, &i2], &stored()));
     let through_middle = found[2].transform.after(&found[1].transform);
     let distance = found[0].transform.corner_distance(through_middle, found[0].width, found[0].height);
@@ -137,7 +137,7 @@ fn dimple() {
 #[test]
 fn leaves_have_the_right_sign() {
     let Some([i1, i2]) = real_pair("leaves", ["02sm.png", "04sm.png"]) else { return };
-    let solution = TestEngine::on_cpu().solve([&i1, &i2], &stored());
+    let solution = TestEngine::on_any().solve([&i1, &i2], &stored());
     let valid: Vec<f32> = solution.relative_blur.iter().copied().filter(|v| !v.is_nan()).collect();
     let negative = valid.iter().filter(|v| **v < 0.0).count() as f64 / valid.len() as f64;
     println!("V negative over {:.1} % of the valid pixels, gain {:.4}", 100.0 * negative, solution.photometric.gain);
@@ -147,7 +147,7 @@ fn leaves_have_the_right_sign() {
 #[test]
 fn far_apart_at_two_megapixels() {
     let [i1, i2] = real_pair("heatsink", ["frame_15.png", "frame_30.png"]).unwrap();
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let quick = Settings { outer_iterations: 8, ..stored() };
     let near = engine.solve([&i1, &i2], &quick);
     let by = Similarity::new(24.0, -18.0, 0.5, 1.08);

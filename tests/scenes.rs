@@ -35,7 +35,7 @@ fn solve_under(engine: &TestEngine, scene: &Scene, kernel: Kernel, bounds: [f64;
 
 #[test]
 fn every_symmetric_preset_is_registered() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     // Most of the error of V is at jumps and steep slopes, where the solver smooths V.
     for (preset, rms) in
         [(Preset::Plane, 0.02), (Preset::Cylinders, 0.3), (Preset::Steps, 0.25), (Preset::Relief, 0.12)]
@@ -48,7 +48,7 @@ fn every_symmetric_preset_is_registered() {
 /// The model of the solver is exact if V is uniform. The remaining error is that of the renderer and the solver.
 #[test]
 fn uniform_blur_is_registered_to_a_thousandth_of_a_pixel() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     for variance in [1.0, 4.0] {
         let name = format!("uniform {variance} px²");
         let scene = Scene { name, shape: Shape::Uniform { variance }, ..Preset::Plane.scene() };
@@ -61,7 +61,7 @@ fn uniform_blur_is_registered_to_a_thousandth_of_a_pixel() {
 /// case (section 3 of `docs/method.md`).
 #[test]
 fn asymmetric_blur_is_registered() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     for (preset, rms) in [(Preset::HalfGaussianTexture, 0.05), (Preset::HalfGaussianDots, 0.1)] {
         for (sigma, corner) in [(1.0, 0.02), (1.5, 0.02), (2.5, 0.02)] {
             let name = format!("{} σ {sigma}", preset.name());
@@ -75,7 +75,7 @@ fn asymmetric_blur_is_registered() {
 /// rotates by 1°, so a centroid that did not rotate would cause an error of 0.04 px.
 #[test]
 fn either_image_can_be_the_blurred_one() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     for (kernel, model) in
         [(scene::Kernel::Pillbox, Kernel::Pillbox), (scene::Kernel::HalfGaussian, Kernel::HalfGaussian)]
     {
@@ -97,5 +97,5 @@ fn either_image_can_be_the_blurred_one() {
 #[test]
 fn a_slanted_plane_is_registered_with_a_pillbox_kernel() {
     let scene = Scene { kernel: scene::Kernel::Pillbox, ..Preset::Plane.scene() };
-    solve_under(&TestEngine::on_cpu(), &scene, Kernel::Pillbox, [0.01, 0.0006, 0.003, 0.25]);
+    solve_under(&TestEngine::on_any(), &scene, Kernel::Pillbox, [0.01, 0.0006, 0.003, 0.25]);
 }

@@ -120,6 +120,11 @@ impl Deadline {
         self.end.map_or(Duration::MAX, |end| end.saturating_duration_since(Instant::now()))
     }
 
+    /// Returns [`Error::Timeout`] of a solve on `device` once the deadline has passed.
+    pub(crate) fn check(&self, device: &str) -> Result<(), Error> {
+        if self.left().is_zero() { Err(self.error(device)) } else { Ok(()) }
+    }
+
     /// The error of a solve on `device` that takes longer.
     pub(crate) fn error(&self, device: &str) -> Error {
         Error::Timeout { device: device.to_string(), seconds: self.limit.as_secs() }

@@ -68,7 +68,7 @@ use crate::engine::vulkan::{Device, ExternalDevice, HostMemory, Instance, Shared
 #[derive(Clone, Debug)]
 pub struct EngineOptions {
     /// Index, part of the name (case ignored), or UUID of the device. "cpu" is the processor, "vulkan" the most capable
-    /// Vulkan device. `None`: the most capable GPU, or the processor if there is none; with validation as "vulkan".
+    /// Vulkan device. `None`: the most capable GPU, or the processor if there is none; with validation the same as "vulkan".
     pub device: Option<String>,
     /// Whether to turn on core and synchronization validation. Needs the Khronos validation layer.
     pub validation: bool,
@@ -76,8 +76,8 @@ pub struct EngineOptions {
     /// The processor checks the limit between passes. A focus sweep has one limit for all of its work; a pair that is
     /// solved in parts has one for each part.
     pub timeout: Duration,
-    /// Bytes of the device that a pair may use; `None`: all that it has.
-    /// [`PairSolver::solve`](crate::PairSolver::solve) solves larger photographs in parts.
+    /// Bytes of the device that a pair or a sweep may use; `None`: all that it has, 4 GiB for a sweep.
+    /// [`PairSolver::solve`](crate::PairSolver::solve) and sweeps solve larger photographs in parts.
     pub memory: Option<u64>,
     /// Finds the start of T for [`Method::Sift`](crate::settings::Method::Sift). `None`: that method is refused.
     pub key_points: Option<KeyPoints>,
@@ -250,8 +250,11 @@ pub(crate) fn open(options: &EngineOptions) -> Result<AnyDevice, Error> {
         let devices = instance.physical_devices()?;
         Ok((instance, devices))
     });
+    // Without Vulkan the list of devices begins with the processor.
+    let is_first = options.device.as_deref() == Some("0") && !options.validation;
     let (instance, mut devices) = match listed {
         Err(_) if may_be_cpu => return cpu(0),
+        Err(Error::NoLoader(_) | Error::NoDevice(_)) if is_first => return cpu(0),
         listed => listed?,
     };
     let infos: Vec<DeviceInfo> = devices.iter().map(|d| d.info.clone()).collect();

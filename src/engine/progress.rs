@@ -1,8 +1,8 @@
 //! The progress of a solve: the share of its work that is done.
 //!
-//! Work is the compulsory traffic of the dispatches, and for passes whose time does not follow their traffic a multiple
-//! of it. How many iterations a level will need is not known before: a few more than its first part has, then as many
-//! as the level before.
+//! Work is the compulsory traffic of the dispatches, times a measured weight of their pass. How many iterations a level
+//! will take is not known before. The coarsest is expected to run [`EXPECTED`] optional parts, any other as many as the
+//! level before it.
 
 use super::script::{self, Action, Script};
 use super::stages::state::State;
@@ -82,7 +82,7 @@ impl Costs {
 
 /// A part of the script.
 struct Part {
-    /// The level that it belongs to, as a number in order.
+    /// The level that it belongs to, counted from the coarsest.
     level: usize,
     /// The iteration before which it is skipped if the level has settled.
     optional: Option<Iteration>,
@@ -98,8 +98,8 @@ struct Iteration {
 }
 
 impl Iteration {
-    /// Whether the level had not settled before it, by a state from then or from later: batches of parts end at once. A
-    /// state that is not known is that of a level that goes on.
+    /// Whether the level had not settled before it, by a state from then or from later: the host sees a batch of parts
+    /// only when all of it is done. True without a state.
     fn runs(self, state: Option<&State>) -> bool {
         state.is_none_or(|state| {
             let level = &state.levels[self.level];
@@ -238,12 +238,5 @@ mod tests {
             // One for each level that starts, for each optional part that runs, and for the results.
             assert!(by_parts.len() > ran.iter().sum(), "{by_parts:?}");
         }
-    }
-
-    #[test]
-    fn the_work_before_the_finest_level_is_a_small_share() {
-        let shares = shares(&[5, 3, 3, 3], false);
-        let before = shares.iter().filter(|share| **share < 0.5).count();
-        assert!(before > 5, "{shares:?}");
     }
 }

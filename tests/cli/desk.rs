@@ -52,10 +52,7 @@ impl Desk {
     pub fn process(&self, arguments: &[&str]) -> std::process::Command {
         let mut process = std::process::Command::new(assert_cmd::cargo::cargo_bin("parfocal"));
         process.current_dir(self.folder()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        if !self.is_vulkan {
-            process.env_remove("PARFOCAL_VALIDATE");
-            process.env("PARFOCAL_DEVICE", std::env::var("PARFOCAL_DEVICE").unwrap_or("cpu".into()));
-        }
+        choose_device(&mut process, self.is_vulkan);
         process
     }
 
@@ -146,6 +143,17 @@ impl Desk {
     #[track_caller]
     pub fn report(&self, out: &str) -> Value {
         self.json(&format!("{out}/report.json"))
+    }
+}
+
+/// Has the program run on Vulkan, or on the CPU device without validation, unless `PARFOCAL_DEVICE` names a device.
+pub fn choose_device(process: &mut std::process::Command, is_vulkan: bool) {
+    if std::env::var_os("PARFOCAL_DEVICE").is_some() {
+        return;
+    }
+    process.env("PARFOCAL_DEVICE", if is_vulkan { "vulkan" } else { "cpu" });
+    if !is_vulkan {
+        process.env_remove("PARFOCAL_VALIDATE");
     }
 }
 

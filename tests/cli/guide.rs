@@ -3,9 +3,12 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
-use assert_cmd::Command;
+use assert_cmd::cargo::cargo_bin;
 use tempfile::TempDir;
+
+use crate::desk::choose_device;
 
 /// Marks the next block as slow. `tools/demo` runs its commands instead of this test.
 const SLOW: &str = "<!-- slow: run by tools/demo -->";
@@ -64,9 +67,9 @@ fn run(line: &str, folder: &Path, cache: &Path) {
     assert_eq!(words.next(), Some("parfocal"), "{line}: sh blocks may hold only parfocal commands");
     assert!(!line.contains(['\'', '"', '$', '|', '*', '#']), "{line}: uses shell syntax other than words and > FILE");
     let words: Vec<&str> = words.collect();
-    let mut command = Command::cargo_bin("parfocal").unwrap();
-    command.current_dir(folder).env("PARFOCAL_CACHE_DIR", cache).env("PARFOCAL_DEVICE", "cpu").args(&words);
-    command.env_remove("PARFOCAL_VALIDATE");
+    let mut command = Command::new(cargo_bin("parfocal"));
+    command.current_dir(folder).env("PARFOCAL_CACHE_DIR", cache).args(&words);
+    choose_device(&mut command, false);
     let output = command.output().unwrap();
     if let Some(file) = into {
         fs::write(folder.join(file), &output.stdout).unwrap();

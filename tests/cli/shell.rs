@@ -104,6 +104,9 @@ fn without_a_driver_the_list_holds_the_processor() {
     let devices: serde_json::Value = serde_json::from_slice(&run(&["devices", "--json"]).get_output().stdout).unwrap();
     assert_eq!((devices.as_array().unwrap().len(), devices[0]["name"].as_str()), (1, Some("cpu")), "{devices}");
     run(&["devices", "-q"]).stdout("cpu\n");
+    // Its index in the list opens it.
+    run(&["simulate", "plane", "--size", "80x64", "-o", "scene"]);
+    run(&["register", "scene/i1.png", "scene/i2.png", "--device", "0"]);
 }
 
 #[test]

@@ -16,17 +16,17 @@ use parfocal::{
 };
 
 /// An engine that fails the test on any validation message. Tests share one engine for each device, and so its messages.
-pub struct TestEngine(Arc<Engine>);
+pub struct TestEngine(Engine);
 
 /// The shared engine on Vulkan. It is opened once, because opening a device under validation takes as long as most
 /// tests.
-static SHARED: LazyLock<Arc<Engine>> = LazyLock::new(open);
+static SHARED: LazyLock<Engine> = LazyLock::new(open);
 
 /// The shared engine on the CPU device.
-static SHARED_CPU: LazyLock<Arc<Engine>> = LazyLock::new(|| Arc::new(Engine::new(&cpu_options()).unwrap()));
+static SHARED_CPU: LazyLock<Engine> = LazyLock::new(|| Engine::new(&cpu_options()).unwrap());
 
-fn open() -> Arc<Engine> {
-    Arc::new(Engine::new(&options()).unwrap())
+fn open() -> Engine {
+    Engine::new(&options()).unwrap()
 }
 
 impl TestEngine {
@@ -36,9 +36,11 @@ impl TestEngine {
         Self(SHARED.clone())
     }
 
-    /// Returns the shared engine on the CPU device, for tests of results that are the same on all devices.
-    pub fn on_cpu() -> Self {
-        Self(SHARED_CPU.clone())
+    /// Returns the shared engine for tests of results that are the same on all devices: on the device that
+    /// `PARFOCAL_DEVICE` names, else on the CPU device, which is the fastest where there is no GPU.
+    pub fn on_any() -> Self {
+        let shared = if std::env::var_os("PARFOCAL_DEVICE").is_some() { &SHARED } else { &SHARED_CPU };
+        Self(Engine::clone(shared))
     }
 
     /// Opens a separate engine, for a test that poisons it or needs a second one.

@@ -29,7 +29,7 @@ fn noisy(noise: [f64; 2]) -> Exposures {
 
 #[test]
 fn photographs_of_one_focus_setting_show_no_difference_whichever_is_noisy() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     for (size, seed) in [([96, 64], 1), ([160, 128], 2), ([224, 160], 3)] {
         for noise in [[0.003, 0.003], [0.0, 0.03], [0.04, 0.01]] {
             let solution = solve(&engine, size, |_| [0.3, 0.3], noisy(noise), seed);
@@ -43,7 +43,7 @@ fn photographs_of_one_focus_setting_show_no_difference_whichever_is_noisy() {
 
 #[test]
 fn a_small_difference_of_blur_is_one() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     for (size, seed) in [([96, 64], 4), ([160, 128], 5)] {
         for noise in [[0.02, 0.02], [0.003, 0.01]] {
             let half = |[x, _]: [f64; 2]| [0.3, if x < 0.5 * f64::from(size[0]) { 0.3 } else { 1.3 }];
@@ -66,7 +66,7 @@ fn a_small_difference_of_blur_is_one() {
 
 #[test]
 fn a_camera_that_moved_during_one_exposure_is_noticed_with_its_direction() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     for (size, seed, degrees) in [([128, 96], 1, 0.0), ([160, 128], 2, 35.0), ([224, 160], 3, 90.0)] {
         let (sin, cos) = f64::to_radians(degrees).sin_cos();
         for (length, noise) in [(6.0, 0.003), (9.0, 0.02)] {
@@ -91,7 +91,7 @@ fn a_camera_that_moved_during_one_exposure_is_noticed_with_its_direction() {
 
 #[test]
 fn pictures_whose_brightness_or_noise_stands_for_blur_do_not_determine_v() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let transform = Similarity::new(1.3, -0.9, 0.15, 1.01);
     let full = |size: [u32; 2], n: f64| n * TAU / f64::from(size[0]);
     for (size, seed, period) in [([128, 96], 1, 12.0), ([160, 128], 2, 16.0), ([224, 160], 3, 20.0)] {
@@ -136,7 +136,7 @@ fn compressed(frame: &Frame, quality: Option<u8>) -> Frame {
 
 #[test]
 fn a_photograph_compressed_until_its_blocks_show_is_named() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     for (size, seed) in [([128, 96], 1), ([168, 128], 2), ([224, 160], 3)] {
         let transform = Similarity::new(1.3, -0.9, 0.15, 1.01);
         let pair = pair_by(noisy([0.003; 2]), size, transform, slanted(size[0]), seed);

@@ -62,7 +62,7 @@ fn clipped_pixels_carry_no_weight() {
     let white = |on: bool| on.then_some(1.0);
     let i1 = stored(&i1, |x, y| white(disks(3, 0)(x, y)));
     let i2 = stored(&i2, |x, y| white(disks(3, 6)(x, y)));
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let near = |x: u32, y: u32| disks(9, 0)(x, y) || disks(9, 6)(x, y);
     let weighted = engine.solve([&i1, &i2], &Settings::default());
     let unweighted = engine.solve([&i1, &i2], &Settings { white_level: Some(1e5), ..Settings::default() });
@@ -79,7 +79,7 @@ fn the_white_level_can_be_set() {
     let grey = |on: bool| on.then_some(0.9);
     let i1 = stored(&i1, |x, y| grey(disks(3, 0)(x, y)));
     let i2 = stored(&i2, |x, y| grey(disks(3, 6)(x, y)));
-    let solution = TestEngine::on_cpu()
+    let solution = TestEngine::on_any()
         .solve([&i1, &i2], &Settings { white_level: Some((0.9 * 65535.0f64).round()), ..Settings::default() });
     assert!(corner(&solution) < 0.1, "{}", corner(&solution));
 }
@@ -98,7 +98,7 @@ fn pixels_excluded_by_a_mask_do_not_affect_the_registration() {
     let i2 = Frame::gray(SIZE[0], SIZE[1], mixed.collect()).unwrap();
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if left_out(i % SIZE[0], i / SIZE[0]) { 0.0 } else { 1.0 });
     let mask = Mask::from_image(&Frame::gray(SIZE[0], SIZE[1], picture.collect()).unwrap());
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
     let whole = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
     let options = SolveOptions { mask: Some(mask), ..SolveOptions::default() };
@@ -125,7 +125,7 @@ fn a_small_mask_does_not_cause_an_overlap_warning() {
     let [i1, i2] = clean_pair();
     let inside = |i: u32| (64..78).contains(&(i % SIZE[0])) && (60..74).contains(&(i / SIZE[0]));
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if inside(i) { 1.0 } else { 0.0 }).collect();
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let start =
         Settings { start: transform().into(), method: parfocal::settings::Method::Aligned, ..Settings::default() };
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &start).unwrap();
@@ -148,7 +148,7 @@ fn masks_agree_with_the_reference() {
     let i2 = stored(&i2, |x, y| white(disks(3, 6)(x, y)));
     let picture = (0..size[0] * size[1]).map(|i| if i % size[0] < 30 { 0.0 } else { 1.0 }).collect();
     let mask = Mask::from_image(&Frame::gray(size[0], size[1], picture).unwrap());
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let rms = |f: &[f32], e: &[f64]| {
         let squares = f.iter().zip(e).map(|(f, e)| (f64::from(*f) - e).powi(2)).filter(|s| !s.is_nan());
         let squares: Vec<f64> = squares.collect();

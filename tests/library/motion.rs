@@ -49,7 +49,7 @@ fn solve(engine: &TestEngine, truth: Homography, motion: Motion) -> (Solution, [
 
 /// Checks that a homography recovers the map, and that a solve with a similarity reports the richer model.
 fn check_homography(truth: Homography, [corner, v]: [f64; 2]) {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let (solution, errors) = solve(&engine, truth, Motion::Homography);
     assert!(errors[0] <= corner && errors[1] <= v, "{errors:?}, {:?}", solution.transform);
     assert!(solution.converged, "{:?}", solution.warnings);
@@ -75,7 +75,7 @@ fn a_homography_registers_a_tilted_stage() {
 
 #[test]
 fn an_affine_map_registers_a_sheared_pair() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let truth = Homography::from_matrix([[1.006, 0.004, 0.8], [-0.002, 0.997, -0.4], [0.0, 0.0, 1.0]]).unwrap();
     let (solution, [corner, v]) = solve(&engine, truth, Motion::Affine);
     assert!(corner <= 0.03 && v <= 0.1, "{:?}", solution.transform);
@@ -86,7 +86,7 @@ fn an_affine_map_registers_a_sheared_pair() {
 
 #[test]
 fn a_homography_recovers_a_similarity_and_reports_that_it_suffices() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let truth = Similarity::new(1.3, -0.9, 0.15, 1.01);
     let (plain, [own, _]) = solve(&engine, truth.into(), Motion::Similarity);
     assert_eq!(plain.other_motion, None);
@@ -98,7 +98,7 @@ fn a_homography_recovers_a_similarity_and_reports_that_it_suffices() {
 
 #[test]
 fn a_translation_registers_a_shift() {
-    let engine = TestEngine::on_cpu();
+    let engine = TestEngine::on_any();
     let truth = Similarity::new(1.3, -0.9, 0.0, 1.0);
     let (solution, [corner, _]) = solve(&engine, truth.into(), Motion::Translation);
     assert!(corner <= 0.01, "{:?}", solution.transform);
@@ -111,7 +111,7 @@ fn a_translation_registers_a_shift() {
 /// Errors of the corners in standard deviations, over seeds of texture and noise.
 #[test]
 fn errors_of_t_are_as_large_as_its_standard_deviation_says() {
-    let (engine, truth, size) = (TestEngine::on_cpu(), Similarity::new(1.3, -0.9, 0.15, 1.01), [192, 160]);
+    let (engine, truth, size) = (TestEngine::on_any(), Similarity::new(1.3, -0.9, 0.15, 1.01), [192, 160]);
     for noise in [0.003, 0.01, 0.03] {
         let ratio = |seed| {
             let solution =
@@ -135,7 +135,7 @@ fn errors_of_t_are_as_large_as_its_standard_deviation_says() {
 
 #[test]
 fn stripes_do_not_determine_the_displacement_along_them() {
-    let (engine, truth, size) = (TestEngine::on_cpu(), Similarity::new(1.3, -0.9, 0.0, 1.0), [160, 128]);
+    let (engine, truth, size) = (TestEngine::on_any(), Similarity::new(1.3, -0.9, 0.0, 1.0), [160, 128]);
     let mut lost = 0;
     for (seed, degrees) in [(1, 0.0), (2, 35.0), (3, 90.0), (4, 140.0)] {
         let stripes = Radiance::stripes(seed, degrees);

@@ -48,7 +48,7 @@ fn solve(settings: &[f64], noise: f64) -> Sweep {
         positions: Positions::Settings(settings.to_vec()),
         reference: Some(REFERENCE),
     };
-    let mut solver = SweepSolver::for_frames(&TestEngine::on_cpu(), &frames, &options).unwrap();
+    let mut solver = SweepSolver::for_frames(&TestEngine::on_any(), &frames, &options).unwrap();
     solver.solve(&frames, &SolveOptions::default()).unwrap()
 }
 

@@ -164,7 +164,8 @@ pub(crate) struct EngineArguments {
     #[arg(long, value_name = "SECONDS", help_heading = DEVICE, default_value_t = EngineOptions::default().timeout.as_secs(),
           value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
-    /// Device memory for a pair, MiB (64 to 16777216); larger pairs are solved in parts [default: all]
+    /// Device memory for a pair or a sweep, MiB (64 to 16777216); larger ones are solved in parts [default: all; sweeps
+    /// 4096]
     #[arg(long, value_name = "MIB", help_heading = DEVICE, value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
     /// Measure each pass, for the times in the report; slows the solve down

@@ -31,7 +31,8 @@ pub(in crate::engine) struct CpuPair {
     /// The script of the other kind of pair, once composed.
     other: Option<Script>,
     results: Vec<f32>,
-    /// When each dispatch of the latest run began, and when the last ended; empty if solves do not read times.
+    /// When each dispatch of the latest run began, and when the last ended; empty if solves do not read times. Of
+    /// dispatches that run together the first takes all of their time.
     moments: Vec<Instant>,
     cancelled: Arc<AtomicBool>,
 }
@@ -102,11 +103,10 @@ impl PairMemory for CpuPair {
                 if self.shared.reading != Reading::Never && matches!(entry.action, Action::Dispatch(_)) {
                     self.moments.push(Instant::now());
                 }
-                match deadline.left().is_zero() {
-                    _ if self.cancelled.load(Ordering::SeqCst) => Err(Error::Cancelled),
-                    true => Err(deadline.error(&self.device.info.name)),
-                    false => Ok(()),
+                if self.cancelled.load(Ordering::SeqCst) {
+                    return Err(Error::Cancelled);
                 }
+                deadline.check(&self.device.info.name)
             };
             run(&part.entries, &mut self.memory, &mut proceed)?;
             let state = self.memory.state_in(Slot::State).into();

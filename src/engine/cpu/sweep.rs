@@ -33,8 +33,7 @@ impl CpuSweep {
     pub(in crate::engine) fn upload(&mut self, n: usize, frame: &Frame, deadline: Deadline) -> Result<(), Error> {
         self.memory.upload_photograph(0, frame.clone());
         let name = &self.device.info.name;
-        let mut proceed = |_: &_| if deadline.left().is_zero() { Err(deadline.error(name)) } else { Ok(()) };
-        run(&self.upload.parts[n].entries, &mut self.memory, &mut proceed)
+        run(&self.upload.parts[n].entries, &mut self.memory, &mut |_| deadline.check(name))
     }
 
     /// Runs a script. `floats` partial sums are set to zero first.
@@ -47,10 +46,7 @@ impl CpuSweep {
     ) -> Result<(), Error> {
         self.memory.clear_numbers(Slot::Partials, floats);
         let name = &self.device.info.name;
-        let mut proceed = |_: &_| match deadline.left().is_zero() {
-            true => Err(deadline.error(name)),
-            false => cancel.check(),
-        };
+        let mut proceed = |_: &_| deadline.check(name).and_then(|()| cancel.check());
         run(script.entries(), &mut self.memory, &mut proceed)
     }
 

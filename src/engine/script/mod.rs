@@ -1,7 +1,7 @@
 //! A solve as data: its dispatches and copies in order, and which of them wait for those before.
 //!
-//! [`compose`] composes the script of a pair. Two executors run it: [`record`](super::record) on a device, and
-//! [`reference`](super::reference) by the CPU references of the stages.
+//! [`compose`] composes the script of a pair. Two executors run it: [`record`](super::record) on a Vulkan device,
+//! and [`cpu`](super::cpu) by the CPU references of the stages.
 
 mod compose;
 mod filters;
@@ -27,8 +27,8 @@ pub(crate) struct Script {
     pub(crate) parts: Vec<Part>,
     /// The number of parts until the registration is known.
     pub(crate) registered: usize,
-    /// The indirect arguments before the solve. Scripts with and without masks share their buffer, so that they are the
-    /// same for a plan.
+    /// The indirect arguments before the solve. Scripts with and without masks share one buffer, so both must have the
+    /// same arguments.
     pub(crate) arguments: Vec<u32>,
     /// The lists of tiles that passes of a sweep run over.
     pub(crate) tiles: Vec<u32>,

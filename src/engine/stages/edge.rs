@@ -2,8 +2,16 @@
 //!
 //! The numbers of a cell are in layers of the results beyond V, its deviation and the residual. Each cell has 16
 //! numbers in a layer, at its own pixels. The CPU reference of `glsl/include/edge.glsl`.
+//!
+//! - Layer `EDGES`: 0 whether the cell has an edge; 1, 2 its place; 3, 4 its normal; 5, 6 V of the near and the far side;
+//!   7, 8 their deviations; 9 [`TOTAL`]; 10 to 15 place, normal and V of the straightened edge.
+//! - Layer `DECISIONS`, in two places in turn (`edge_agree::place`): 0, 1 the saving over V as it is, by order; 2, 3
+//!   whether the displacement is within the range, by order; 4 the lead of order 0 over order 1; 5 how many cells
+//!   continue the edge.
+//!
+//! Order 0 has the near side in front, order 1 the far side.
 
-use super::{Number, Raster};
+use super::{Number, Raster, pixels};
 use crate::engine::shaders::edge;
 
 /// Side of a cell, pixels.
@@ -18,8 +26,8 @@ pub(crate) const EDGES: usize = edge::EDGES as usize;
 pub(crate) const OUTLINES: [usize; 2] = [edge::OUTLINES as usize, edge::REVERSED_OUTLINES as usize];
 /// The layer of the decisions.
 pub(crate) const DECISIONS: usize = edge::DECISIONS as usize;
-/// The layer of the side of each pixel near an accepted outline beyond which V has the other sign: |V| of what is in
-/// front, positive in front and negative behind. 0 elsewhere.
+/// The layer that tells `edge_fuse` which surface a pixel shows, near accepted outlines where V changes sign: |V| of the
+/// surface in front, positive on it and negative behind it. 0 elsewhere.
 pub(crate) const SIDES: usize = edge::SIDES as usize;
 /// The layer of the standard deviation of V on a coarser level than the finest.
 pub(crate) const COARSE_DEVIATION: usize = edge::COARSE_DEVIATION as usize;
@@ -32,6 +40,7 @@ pub(crate) const COARSE_SHARE: usize = edge::COARSE_SHARE as usize;
 pub(crate) const COARSE_NEAR: usize = edge::COARSE_NEAR as usize;
 /// The layer of a pixel's distance from where V was halfway, towards the near side, pixels of the coarser level.
 pub(crate) const COARSE_TOWARDS_NEAR: usize = edge::COARSE_TOWARDS_NEAR as usize;
+
 /// The layer of the standard deviation of V, on the finest level or on a coarser one.
 pub(super) fn deviation_layer(finest: bool) -> usize {
     if finest { 1 } else { COARSE_DEVIATION }
@@ -52,6 +61,12 @@ pub(crate) const TOTAL: usize = edge::TOTAL as usize;
 /// The number of the place on the straightened edge, of the normal and of V of either side there, in the layer of the
 /// edges.
 pub(super) const STRAIGHT: usize = edge::STRAIGHT as usize;
+
+/// The compulsory traffic of a pass over the cells at edges, bytes: a number of each cell read. What is read and written
+/// at edges depends on the scene.
+pub(super) fn traffic([width, height]: [u32; 2]) -> u64 {
+    4 * pixels(width, height) / (SIDE * SIDE) as u64
+}
 
 /// Columns and rows of cells of an image.
 pub(crate) fn cells([width, height]: [u32; 2]) -> [u32; 2] {

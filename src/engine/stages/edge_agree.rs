@@ -1,13 +1,13 @@
-//! Averages what speaks for an outline along the edge, so that an edge is moved as a whole or stays. Section 7 of
+//! Averages the evidence for an outline along the edge, so that an edge is moved as a whole or stays. Section 7 of
 //! `docs/method.md`.
 
 use super::edge::{self, DECISIONS, EDGES, Edge};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, Raster, pixels};
+use super::{Number, Raster};
 use crate::engine::shaders::edge_agree as shader;
 use crate::engine::vulkan::Variant;
 
-/// Numbers that speak for an outline, of a cell.
+/// Numbers of the evidence for an outline, of a cell.
 pub(crate) const NUMBERS: usize = shader::SPEAKING as usize;
 /// How often they are averaged. From one pass to the next they alternate between two places.
 pub(crate) const PASSES: u32 = 3;
@@ -39,9 +39,8 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: a number of each cell read. What is read at edges depends on the scene.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+        edge::traffic([c.width, c.height])
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {

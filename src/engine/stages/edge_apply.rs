@@ -1,4 +1,4 @@
-//! V and its standard deviation at the depth edges whose outlines two layers explain. Section 7 of `docs/method.md`.
+//! Replaces V and its standard deviation at accepted outlines by those of two layers. Section 7 of `docs/method.md`.
 //!
 //! With the probability p that a pixel shows the near side, from the distributions of the cells around it,
 //! `V = s V_near + (1 - s) V_far` and `σ = √(p (1 - s)² + (1 - p) s²) |V_near - V_far| + p σ_near + (1 - p) σ_far`. s
@@ -14,7 +14,7 @@ use super::edge::{
 };
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
-use super::{Number, Raster, WORKGROUP, pixels};
+use super::{Number, Raster, WORKGROUP};
 use crate::engine::shaders::edge_apply as shader;
 use crate::engine::vulkan::Variant;
 
@@ -43,9 +43,8 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: a number of each cell read. What is read and written at edges depends on the scene.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+        edge::traffic([c.width, c.height])
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {

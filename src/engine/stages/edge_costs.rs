@@ -17,7 +17,7 @@ use super::edge::{self, BACKWARD, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_CO
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::segments::vectorised;
 use super::state::{DoubleState, from_centre};
-use super::{Number, Raster, pixels};
+use super::{Number, Raster};
 use crate::base::workers;
 use crate::engine::arguments::Edges;
 use crate::engine::plan::Level;
@@ -88,9 +88,8 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: a number of each cell read. What is read at edges depends on the scene.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+        edge::traffic([c.width, c.height])
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {

@@ -1,15 +1,15 @@
-//! The distribution of the outline's place in both orders, and what speaks for it. Section 7 of `docs/method.md`.
+//! The distribution of an outline's displacement in both orders, and the evidence for the outline. Section 7 of `docs/method.md`.
 //!
 //! The costs E of a cell are averaged with those of its neighbours on the same edge. With a temperature τ the
 //! distribution of the displacement is proportional to `exp(-E/τ)`. Stored is its sum up to each displacement.
 //!
-//! What speaks for an outline: the cost of V as it is less the least cost, in both orders; whether the mean
+//! The evidence for an outline: the cost of V as it is less the least cost, in both orders; whether the mean
 //! displacement is within the range, for both; the least cost of the other order less that of this one; and how many
 //! cells within two continue the edge.
 
 use super::edge::{self, BEFORE, COSTS, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, REVERSED_COSTS, TOTAL};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, Raster, pixels};
+use super::{Number, Raster};
 use crate::engine::shaders::edge_decide as shader;
 use crate::engine::vulkan::Variant;
 
@@ -31,9 +31,8 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: a number of each cell read. What is read at edges depends on the scene.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+        edge::traffic([c.width, c.height])
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {

@@ -10,7 +10,7 @@
 
 use super::edge::{self, EDGES, Edge, STRAIGHT};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, Raster, pixels};
+use super::{Number, Raster};
 use crate::engine::shaders::edge_straighten as shader;
 use crate::engine::vulkan::Variant;
 
@@ -32,9 +32,8 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: a number of each cell read. What is read at edges depends on the scene.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        4 * pixels(c.width, c.height) / (edge::SIDE * edge::SIDE) as u64
+        edge::traffic([c.width, c.height])
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {

@@ -123,7 +123,7 @@ impl<N: Number> Memory<N> {
         memory
     }
 
-    /// A photograph; I1 for slots of other kinds.
+    /// A photograph. A binding of any other slot than that of I2 gives I1.
     pub(crate) fn photograph<Q>(&self, from: impl Readable<Q>) -> &Frame {
         let image = usize::from(from.slot() == Slot::Photograph { image: 1 });
         self.photographs[image].as_ref().expect("photographs are uploaded before a pass reads them")

@@ -102,7 +102,7 @@ impl JointSolver {
         frames: usize,
         settings: &Settings,
     ) -> Result<Self, Error> {
-        Self::within(MEMORY, engine, size, format, frames, settings)
+        Self::within(MEMORY.min(engine.memory()), engine, size, format, frames, settings)
     }
 
     /// The same within `memory` bytes of the device.
@@ -242,8 +242,8 @@ impl JointSolver {
     }
 }
 
-/// Reports the progress over levels and parts of this work, in pixels of their iterations, when some of it is done.
-/// `after`: what the caller will do with the results.
+/// Returns a function that reports progress when some work is done. `work`: of each level or part, in pixels times
+/// iterations; `after`: what the caller does with the results, in the same unit.
 fn counter<'a>(work: &[u64], after: f64, report: &'a mut dyn FnMut(Progress)) -> impl FnMut(u64, bool) + use<'a> {
     let add = |sum: &mut u64, work: &u64| {
         *sum += work;

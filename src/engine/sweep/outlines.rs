@@ -13,8 +13,7 @@ use crate::engine::script::sweep::{self, Outlines};
 use crate::engine::slot::Slot;
 use crate::engine::stages::{Field, edge_cells, edge_coarsen, edge_costs};
 
-/// The largest distance of the frames used, px of blur, where frames are so dense: those between them are hardly
-/// sharper.
+/// Frames closer than this to the one used before are left out, px of blur: they are hardly sharper.
 const APART: f64 = 1.5;
 /// The largest distance of two frames, px of blur: √2 + √18. Of frames that are farther apart no edge with at most 4
 /// px² of blur in all has at most 16 px² of V on both sides.
