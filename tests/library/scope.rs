@@ -21,7 +21,7 @@ fn settings() -> Settings {
 }
 
 fn solve(scope: &SolveOptions, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
-    PairSolver::new(&TestEngine::new(), settings).unwrap().solve([i1, i2], scope).unwrap()
+    PairSolver::new(&TestEngine::on_any(), settings).unwrap().solve([i1, i2], scope).unwrap()
 }
 
 fn v_rms(solution: &Solution) -> f64 {
@@ -54,7 +54,7 @@ fn a_region_has_the_solution_of_the_whole_frame() {
     let held = Settings { start: transform().into(), method: parfocal::settings::Method::Aligned, ..settings() };
     assert!(corner(&solve(&scope, [&i1, &i2], &held)) < 1e-3, "the start was not applied to the whole frame");
     let outside = SolveOptions { region: Some(Region { x: 200, ..region }), ..SolveOptions::default() };
-    let mut solver = PairSolver::new(&TestEngine::new(), &settings()).unwrap();
+    let mut solver = PairSolver::new(&TestEngine::on_any(), &settings()).unwrap();
     let refused = solver.solve([&i1, &i2], &outside).unwrap_err();
     assert!(refused.to_string().contains("200,90,150,110"), "{refused}");
 }
@@ -121,7 +121,7 @@ fn a_flat_reference_is_subtracted() {
     let center = (restored.height / 2 * restored.width + restored.width / 8) as usize;
     assert!((restored.relative_blur[center] - solution.relative_blur[center]).abs() > 2.0);
     let small = FieldCurvature::of_flat_target([30, 28], &vec![1.0; 840], &vec![0.1; 840]).unwrap();
-    let mut solver = PairSolver::new(&TestEngine::new(), &settings()).unwrap();
+    let mut solver = PairSolver::new(&TestEngine::on_any(), &settings()).unwrap();
     let refused = solver.solve([&i1, &i2], &SolveOptions { flat: Some(small), ..SolveOptions::default() });
     assert!(refused.unwrap_err().to_string().contains("30x28"));
 }
