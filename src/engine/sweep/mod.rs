@@ -416,6 +416,19 @@ mod tests {
     }
 
     #[test]
+    fn a_sweep_obeys_the_memory_of_the_engine() {
+        let is_in_parts = |memory| {
+            let device = Some("cpu".into());
+            let options = EngineOptions { device, validation: false, memory, ..testing::options() };
+            let engine = Engine::new(&options).unwrap();
+            let format = Format { channels: Channels::Gray, depth: Depth::F32 };
+            let solver = JointSolver::new(&engine, [520, 390], format, FRAMES, &Settings::default()).unwrap();
+            solver.parts.is_some()
+        };
+        assert_eq!([None, Some(16 << 20)].map(is_in_parts), [false, true]);
+    }
+
+    #[test]
     fn register_gives_the_registration_of_solve() {
         let (sweep, engine) = (sweep(168, 126), Engine::new(&testing::options()).unwrap());
         let mut solver = solver(&engine, &sweep, MEMORY, &Settings::default());
