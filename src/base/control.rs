@@ -81,8 +81,8 @@ impl fmt::Debug for CancellationToken {
     }
 }
 
-/// The progress of a solve, after a few iterations of a pair, an iteration or a level of the search for
-/// outlines of a sweep, or a part of a large pair.
+/// The progress of a solve, after a few iterations of a pair, a part of a large pair, or an iteration or a level of the
+/// search for outlines of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     /// Levels done, or parts of a large pair. By the method appearance levels of the registration count too.

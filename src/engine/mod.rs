@@ -68,7 +68,7 @@ use crate::engine::vulkan::{Device, ExternalDevice, HostMemory, Instance, Shared
 #[derive(Clone, Debug)]
 pub struct EngineOptions {
     /// Index, part of the name (case ignored), or UUID of the device. "cpu" is the processor, "vulkan" the most capable
-    /// Vulkan device. `None`: the most capable GPU, or the processor if there is none; with validation the same as "vulkan".
+    /// Vulkan device. `None`: the most capable GPU, or the processor if there is none; with validation as "vulkan".
     pub device: Option<String>,
     /// Whether to turn on core and synchronization validation. Needs the Khronos validation layer.
     pub validation: bool,

@@ -148,7 +148,7 @@ fn masks_agree_with_the_reference() {
     let i2 = stored(&i2, |x, y| white(disks(3, 6)(x, y)));
     let picture = (0..size[0] * size[1]).map(|i| if i % size[0] < 30 { 0.0 } else { 1.0 }).collect();
     let mask = Mask::from_image(&Frame::gray(size[0], size[1], picture).unwrap());
-    let engine = TestEngine::on_any();
+    let engine = TestEngine::new();
     let rms = |f: &[f32], e: &[f64]| {
         let squares = f.iter().zip(e).map(|(f, e)| (f64::from(*f) - e).powi(2)).filter(|s| !s.is_nan());
         let squares: Vec<f64> = squares.collect();

@@ -1,4 +1,5 @@
-//! The distribution of an outline's displacement in both orders, and the evidence for the outline. Section 7 of `docs/method.md`.
+//! Computes the distribution of an outline's displacement and the evidence for the outline, in both orders.
+//! Section 7 of `docs/method.md`.
 //!
 //! The costs E of a cell are averaged with those of its neighbours on the same edge. With a temperature τ the
 //! distribution of the displacement is proportional to `exp(-E/τ)`. Stored is its sum up to each displacement.
