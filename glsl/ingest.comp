@@ -1,5 +1,5 @@
 #version 460
-// Converts samples of a photograph to one channel in [0, 1], and measures white. CPU reference:
+// Converts samples of a photograph to one channel, in units, and measures white. CPU reference:
 // src/engine/stages/ingest.rs.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -13,6 +13,7 @@ layout(binding = 1, r32f) uniform writeonly image2DArray image;
 layout(binding = 2, std430) buffer StateBuffer { State state; };
 layout(constant_id = 2) const bool SRGB = false;    // decodes the sRGB curve
 layout(constant_id = 3) const bool MEASURES = false; // raises white to the largest magnitude
+layout(constant_id = 5) const bool IN_UNITS = false;
 layout(push_constant) uniform Constants {
     uint width, height, channels, bytes;
     float red, green, blue;
@@ -22,29 +23,13 @@ uint sample_word(uint n) {
     return samples[n];
 }
 
-float sample_value(uint i) {
-    float value = stored(i, bytes);
-    if (!SRGB) return value;
-    return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4);
-}
-
-float intensity(uvec2 x) {
-    uint first = (x.y * width + x.x) * channels;
-    float value = 0.0;
-    // A loop, since software devices execute both sides of a branch.
-    for (uint c = 0; c < channels; c++) {
-        float weight = channels == 1 ? 1.0 : c == 0 ? red : c == 1 ? green : blue;
-        value += weight * sample_value(first + c);
-    }
-    return value;
-}
-
 shared uint largest;
 
 void main() {
     uvec2 x = gl_GlobalInvocationID.xy;
     bool exists = x.x < width && x.y < height;
-    float value = exists ? intensity(x) : 0.0;
+    float value = exists ? intensity(x.y * width + x.x, channels, bytes, vec3(red, green, blue), SRGB) : 0.0;
+    if (IN_UNITS) value *= reciprocal(state.unit);
     if (exists) imageStore(image, ivec3(x, 0), vec4(value));
     if (!MEASURES) return;
     if (gl_LocalInvocationIndex == 0) largest = 0u;

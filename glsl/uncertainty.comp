@@ -51,5 +51,5 @@ void main() {
     const float NONE = uintBitsToFloat(0x7fc00000u);
     imageStore(result, ivec3(x, 0), vec4(valid ? v : NONE));
     imageStore(result, ivec3(x, 1), vec4(valid ? deviation : NONE));
-    imageStore(result, ivec3(x, 2), vec4(valid ? sqrt(max(mean.w, 0.0)) : NONE));
+    imageStore(result, ivec3(x, 2), vec4(valid ? state.unit * sqrt(max(mean.w, 0.0)) : NONE));
 }

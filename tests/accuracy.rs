@@ -7,7 +7,7 @@ use common::scene::{displaced, exposed, pair, slanted};
 use common::{TestEngine, assert_transform, blur_error, real_pair};
 use parfocal::{
     Frame, Settings, Solution,
-    settings::Decode,
+    settings::{Decode, Method, Photometric},
     transform::{Homography, Similarity},
 };
 
@@ -62,6 +62,43 @@ fn slanted_plane_under_another_exposure() {
             assert!((solution.photometric.offset + 0.05 / 0.9).abs() < 1e-3, "{:?}", solution.photometric);
         }
     }
+}
+
+/// A sixteenth of the light changes no bit of what has no intensity in it: a camera of 12 bits fills that much of
+/// samples of 16. At other factors the unit of intensities is off by up to 2.
+#[test]
+fn the_same_scene_with_less_light_has_the_same_relative_blur() {
+    let [i1, i2] = slanted_plane(0.003);
+    let i2 = exposed(&i2, 0.9, 0.05);
+    let of = |light: f64, settings: &Settings| {
+        let [i1, i2] = [&i1, &i2].map(|frame| exposed(frame, light, 0.0));
+        TestEngine::on_any().solve([&i1, &i2], settings)
+    };
+    let bits = |values: &[f32], factor: f32| values.iter().map(|v| (factor * v).to_bits()).collect::<Vec<_>>();
+    let stated = Photometric { gain: 1.0 / 0.9, offset: -0.05 / 0.9 };
+    let held = |light: f64| {
+        let start_photometric = Photometric { offset: light * stated.offset, ..stated };
+        Settings {
+            method: Method::Aligned,
+            photometric: false,
+            start: plane_truth().into(),
+            start_photometric,
+            ..Settings::default()
+        }
+    };
+    let found = [1.0, 1.0 / 16.0].map(|light| of(light, &Settings::default()));
+    for [bright, dim] in [found, [1.0, 1.0 / 16.0].map(|light| of(light, &held(light)))] {
+        assert!(plane_error(&bright) <= 0.08);
+        assert!(bits(&dim.relative_blur, 1.0) == bits(&bright.relative_blur, 1.0));
+        assert!(bits(&dim.uncertainty, 1.0) == bits(&bright.uncertainty, 1.0));
+        assert!(bits(&dim.residual, 16.0) == bits(&bright.residual, 1.0));
+        assert!(bits(&dim.fused, 16.0) == bits(&bright.fused, 1.0));
+        assert_eq!(dim.transform, bright.transform);
+        assert_eq!(dim.photometric.gain, bright.photometric.gain);
+        assert_eq!((16.0 * dim.photometric.offset, 16.0 * dim.noise), (bright.photometric.offset, bright.noise));
+    }
+    assert!(plane_error(&of(0.07, &Settings::default())) <= 0.08);
+    assert!(plane_error(&of(3000.0, &Settings::default())) <= 0.08);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-// One channel of I1 and of J, which is I2 on I1's pixels with the exposure of I1. After spline.glsl and state.glsl,
+// One channel of I1 and of J, which is I2 on I1's pixels with the exposure of I1, as stored: offset times unit. After spline.glsl and state.glsl,
 // with the images and constants of fuse.comp.
 
 float unit_of_coefficients() { return 1.0; }
@@ -15,5 +15,5 @@ vec2 photographs_at(ivec2 x) {
     if (!inside(x, d, size, 0.0, 1.0)) return vec2(first);
     place(x, d, size, i, f);
     float shading = shading_at(state.applied_shading, (vec2(x) + d - centre) / centre);
-    return vec2(first, r.gain * shading * spline_at(2, 0, size, i, f).value + r.offset);
+    return vec2(first, r.gain * shading * spline_at(2, 0, size, i, f).value + state.unit * r.offset);
 }

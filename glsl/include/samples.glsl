@@ -11,3 +11,15 @@ float stored(uint i, uint bytes) {
          : bytes == 2 ? float(word >> shift & 0xffffu) / 65535.0
          : uintBitsToFloat(word);
 }
+
+// The intensity of a pixel: the sum of its channels by their weights, from samples as stored, or decoded from sRGB.
+float intensity(uint pixel, uint channels, uint bytes, vec3 weights, bool decodes) {
+    float sum = 0.0;
+    // A loop, since software devices execute both sides of a branch.
+    for (uint c = 0; c < channels; c++) {
+        float weight = channels == 1 ? 1.0 : weights[c], value = stored(pixel * channels + c, bytes);
+        if (decodes) value = value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4);
+        sum += weight * value;
+    }
+    return sum;
+}

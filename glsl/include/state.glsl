@@ -37,12 +37,16 @@ struct State {
     uint at_limit;     // pixels with data that it left at the limit of |V|
     uint clipped[2];   // clipped pixels of I1 and I2 that no mask excludes
     uint finished;     // workgroups of the current dispatch that have stored their sums
+    float unit;        // of intensities, a power of two
     uint white;        // bits of the largest intensity of both photographs: those of positive floats have their order
     Registration warped;   // T when I2 was last warped onto I1's pixels
     float shading[TERMS];
     float applied_shading[TERMS];   // the shading that I2 was last multiplied by
     LevelState levels[MAX_LEVELS];
 };
+
+// The reciprocal of a power of two, exactly: devices round quotients.
+float reciprocal(float power) { return intBitsToFloat((254 << 23) - floatBitsToInt(power)); }
 
 // Beyond the horizon, where 1 + g·p falls to zero, T has no image. A pixel near or beyond it is mapped far outside.
 const float HORIZON = 0.1;

@@ -237,6 +237,7 @@ impl FrameInFlight {
         self.cancel.check()?;
         let [width, height] = self.shared.plan.size;
         let state = self.state(Slot::EndState)?;
+        let unit = f64::from(state.unit);
         let settings = &self.shared.plan.settings;
         let mut findings = Findings {
             width,
@@ -244,7 +245,7 @@ impl FrameInFlight {
             photograph: [width, height],
             fused_channels: self.shared.plan.fused_channels(),
             transform: state.registration().transform,
-            photometric: state.registration().photometric(),
+            photometric: state.registration().in_intensities(unit).photometric(),
             shading: state.applied_shading(),
             solved: Region { x: 0, y: 0, width, height },
             regularization: state.alpha.into(),
@@ -252,7 +253,7 @@ impl FrameInFlight {
             scale_deviation: state.scale_deviation.into(),
             levels: self.levels(&state, Slot::EndEnergies)?,
             unsettled_fraction: f64::from(state.levels[0].moving.min(1.0)),
-            noise: f64::from(state.spread).max(settings.data_eta / linearise::BROAD),
+            noise: unit * f64::from(state.spread).max(settings.data_eta / linearise::BROAD),
             timings: self.timings()?,
             ..Findings::default()
         };
@@ -287,11 +288,12 @@ impl FrameInFlight {
     pub(super) fn registered(&self) -> Result<Registered, Error> {
         self.cancel.check()?;
         let (plan, state) = (&self.shared.plan, self.state(Slot::RegisteredState)?);
+        let unit = f64::from(state.unit);
         let mut registered = Registered {
             width: plan.size[0],
             height: plan.size[1],
             transform: state.registration().transform,
-            photometric: state.registration().photometric(),
+            photometric: state.registration().in_intensities(unit).photometric(),
             shading: state.applied_shading(),
             other_motion: None,
             levels: self.levels(&state, Slot::RegisteredEnergies)?,

@@ -8,7 +8,7 @@ use parfocal::{
 };
 
 use crate::common::TestEngine;
-use crate::common::scene::{Random, pair};
+use crate::common::scene::{Random, exposed, pair};
 
 const SIZE: [u32; 2] = [288, 224];
 /// Blur rate c, px² per squared focus setting.
@@ -41,15 +41,21 @@ fn gain(n: usize) -> f64 {
 }
 
 fn solve(settings: &[f64], noise: f64) -> Sweep {
-    let frames: Vec<Frame> =
-        (0..FRAMES).map(|n| frame(settings[n], transform(n), gain(n), noise, 20 + n as u64)).collect();
+    solve_frames(settings, &frames(settings, noise))
+}
+
+fn frames(settings: &[f64], noise: f64) -> Vec<Frame> {
+    (0..FRAMES).map(|n| frame(settings[n], transform(n), gain(n), noise, 20 + n as u64)).collect()
+}
+
+fn solve_frames(settings: &[f64], frames: &[Frame]) -> Sweep {
     let options = SweepOptions {
         settings: Settings::default(),
         positions: Positions::Settings(settings.to_vec()),
         reference: Some(REFERENCE),
     };
-    let mut solver = SweepSolver::for_frames(&TestEngine::on_any(), &frames, &options).unwrap();
-    solver.solve(&frames, &SolveOptions::default()).unwrap()
+    let mut solver = SweepSolver::for_frames(&TestEngine::on_any(), frames, &options).unwrap();
+    solver.solve(frames, &SolveOptions::default()).unwrap()
 }
 
 /// Returns the median of |u - truth| in focus settings, and the shares within one and two standard deviations. The
@@ -101,4 +107,16 @@ fn descending_settings_are_solved() {
     let sweep = solve(&settings, 0.005);
     let [error, ..] = errors_inside(&sweep);
     assert!(error < 0.06, "{error}");
+}
+
+/// A sixteenth of the light changes no bit.
+#[test]
+fn a_sweep_with_less_light_has_the_same_focus() {
+    let settings: Vec<f64> = (0..FRAMES).map(|n| n as f64).collect();
+    let frames = frames(&settings, 0.005);
+    let dim: Vec<Frame> = frames.iter().map(|frame| exposed(frame, 1.0 / 16.0, 0.0)).collect();
+    let [bright, dim] = [&frames, &dim].map(|frames| solve_frames(&settings, frames));
+    let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert!(bits(&dim.focus) == bits(&bright.focus) && bits(&dim.uncertainty) == bits(&bright.uncertainty));
+    assert_eq!((dim.blur_rate, &dim.transforms), (bright.blur_rate, &bright.transforms));
 }

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::{Action, CpuReference, Dispatch, Entry, Hazards, Part, Script};
-use crate::base::color::LUMINANCE;
 use crate::engine::arguments::{self, Grid, Over, Place};
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
@@ -34,12 +33,12 @@ const FILTERS_AN_ITERATION: u64 = 5;
 pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     let mut s = Composer::new(plan, masked);
     s.reset();
+    s.place = Place::level(0);
+    BOTH.into_iter().filter(|&image| plan.unpacks(image)).for_each(|image| s.unpack(image));
+    s.unit(BOTH);
     for image in BOTH {
         s.place = Place::level(0);
-        if plan.unpacks(image) {
-            s.unpack(image);
-        }
-        s.ingest(image, LUMINANCE, plan.packs_stacks());
+        s.luminance(image, plan.packs_stacks());
         if masked {
             s.mask(image);
         }

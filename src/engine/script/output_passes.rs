@@ -99,11 +99,9 @@ impl Composer<'_> {
     /// One channel of the fused image, equation 37. Its photographs replace the luminance.
     pub(super) fn fuse(&mut self, channel: u32) {
         let (plan, finest) = (self.plan, &self.plan.pyramid[0]);
-        let mut weights = [0.0; 3];
-        weights[channel as usize] = 1.0;
         for image in BOTH {
             // A grey photograph beside a colored one uses its only channel for all three.
-            self.ingest(image, weights, false);
+            self.channel(image, channel);
         }
         self.spline2(finest);
         let bindings = fuse::Bindings {

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::compose::Composer;
 use super::filters::Layers;
+use crate::base::color::LUMINANCE;
 use crate::base::{Decode, RegistrationStep};
 use crate::engine::arguments::{Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
@@ -14,7 +15,7 @@ use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::{
     NO_VARIANT, appearance, blur_matched_pair, cascade, coarsest_grids, exposure, grid, halve_grid, ingest, linearise,
     mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles, relax_level, relax_tiles, shape,
-    shape_median, shape_windows, sums, system, system_tiles, uncertainty_terms, unpack, update, update_transform,
+    shape_median, shape_windows, sums, system, system_tiles, uncertainty_terms, unit, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -64,8 +65,28 @@ impl Composer<'_> {
         self.over(constants.invocations(), bindings, &constants, unpack::variant(format));
     }
 
-    /// Puts a weighted sum of the channels of a photograph onto the finest level. `measures`: also raises white.
-    pub(super) fn ingest(&mut self, image: usize, weights: [f32; 3], measures: bool) {
+    /// Chooses the unit of intensities by two photographs, which may be one.
+    pub(super) fn unit(&mut self, images: [usize; 2]) {
+        let [first, second] = images.map(|image| slot::samples(image).read());
+        let bindings = unit::Bindings { first, second, state: slot::STATE.update() };
+        let constants = unit::Constants::new(self.plan.size, images.map(|image| self.plan.formats[image]), LUMINANCE);
+        let variant = unit::variant(self.plan.settings.decode);
+        self.dispatch(bindings, &constants, variant, Grid::Direct([1; 3]));
+    }
+
+    /// Puts the luminance of a photograph, in units, onto the finest level. `measures`: also raises white.
+    pub(super) fn luminance(&mut self, image: usize, measures: bool) {
+        self.ingest(image, LUMINANCE, [measures, true]);
+    }
+
+    /// Puts a channel of a photograph, as stored, onto the finest level.
+    pub(super) fn channel(&mut self, image: usize, channel: u32) {
+        let mut weights = [0.0; 3];
+        weights[channel as usize] = 1.0;
+        self.ingest(image, weights, [false; 2]);
+    }
+
+    fn ingest(&mut self, image: usize, weights: [f32; 3], [measures, in_units]: [bool; 2]) {
         let bindings = ingest::Bindings {
             samples: slot::samples(image).read(),
             image: slot::luminance(image, 0).write(),
@@ -74,7 +95,7 @@ impl Composer<'_> {
         let ([width, height], format) = (self.plan.size, self.plan.formats[image]);
         let (channels, bytes) = (format.channels.count(), format.depth.bytes());
         let constants = ingest::Constants { width, height, channels, bytes, weights };
-        let variant = ingest::variant(self.plan.settings.decode == Decode::Srgb, measures);
+        let variant = ingest::variant([self.plan.settings.decode == Decode::Srgb, measures, in_units]);
         self.over(self.plan.size, bindings, &constants, variant);
     }
 

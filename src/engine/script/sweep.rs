@@ -3,7 +3,6 @@
 use super::Script;
 use super::compose::Composer;
 use super::outlines::Search;
-use crate::base::color::LUMINANCE;
 use crate::engine::arguments::Place;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Slot};
@@ -21,10 +20,13 @@ fn script(plan: &Plan, level: usize, fill: impl FnOnce(&mut Composer)) -> Script
 pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
     script(plan, 0, |s| {
         for layer in 0..frames {
+            // That of the first frame: exposures of a sweep differ little.
             if layer > 0 {
                 s.next_part();
+            } else {
+                s.unit([0; 2]);
             }
-            s.ingest(0, LUMINANCE, false);
+            s.luminance(0, false);
             let [width, height] = plan.size;
             let bindings = copy::Bindings { from: slot::luminance(0, 0).read(), to: slot::frames(0).write() };
             s.over(plan.size, bindings, &copy::Constants { width, height, layer }, NO_VARIANT);

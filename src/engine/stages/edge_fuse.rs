@@ -47,7 +47,7 @@ impl Pass for Bindings {
         let (state, layer) = (memory.state(self.state), c.layer as usize);
         let fused = cpu_reference(
             c,
-            (&state.registration, &state.applied_shading),
+            (&state.registration.in_intensities(state.unit), &state.applied_shading),
             [memory.layer(self.channel1, 0), memory.layer(self.spline2, 0)],
             memory.layer(self.v, 0),
             [memory.layer(self.results, SIDES), memory.layer(self.results, layer)],
@@ -138,7 +138,7 @@ mod tests {
             (results[SIDES], results[LAYER]) = (sides, fused);
             let photometric = Photometric { gain: 0.9, offset: 0.02 };
             let mut state = State::new(&Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &photometric));
-            state.applied_shading[0] = 0.1;
+            (state.applied_shading[0], state.unit) = (0.1, 2.0);
             let [channel1, spline2, v] =
                 [&channel1, &spline2, &v].map(|field| Input::Image(std::slice::from_ref(field)));
             let inputs = [channel1, spline2, v, Input::Image(&results), Input::State(&state)];

@@ -47,7 +47,7 @@ impl Pass for Bindings {
         let fused = cpu_reference(
             reused,
             c,
-            (&state.registration, &state.applied_shading),
+            (&state.registration.in_intensities(state.unit), &state.applied_shading),
             memory.layer(self.channel1, 0),
             memory.layer(self.spline2, 0),
             memory.layer(self.v, 0),
@@ -116,7 +116,7 @@ mod tests {
             let fields = [1, 2, 3].map(|seed| [random_field(width as usize, height as usize, seed)]);
             let photometric = Photometric { gain: 0.9, offset: 0.02 };
             let mut state = State::new(&Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &photometric));
-            state.applied_shading[0] = 0.1;
+            (state.applied_shading[0], state.unit) = (0.1, 2.0);
             let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
             let c = Constants { width, height, layer: 1, centre, epsilon: 0.1 };
             let [channel1, spline2, v] = fields.each_ref().map(|field| Input::Image(field));

@@ -398,6 +398,7 @@ impl Trial {
                         state.spread,
                         state.scale_deviation,
                         state.correlated,
+                        state.unit,
                         state.white,
                     ];
                     let shading = [state.shading, state.applied_shading].map(|s| s.coefficients.to_vec()).concat();

@@ -1,5 +1,5 @@
-//! Converts samples of a photograph to one channel in [0, 1]: Rec. 601 luminance or one of the colors. Measures white,
-//! the largest magnitude of both photographs, where blur stacks are packed.
+//! Converts samples of a photograph to one channel: Rec. 601 luminance in [units](super::unit), or one of the colors as
+//! stored. Measures white, the largest magnitude of both photographs, where blur stacks are packed.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, Raster, pixels};
@@ -22,11 +22,12 @@ push_constants! {
 
 const SRGB: usize = 0;
 const MEASURES: usize = 1;
+const IN_UNITS: usize = 3;
 
-/// The variant that decodes the sRGB curve, and the one that raises white to the largest magnitude.
-pub(crate) fn variant(decodes: bool, measures: bool) -> Variant {
+/// The variant that decodes the sRGB curve, that raises white to the largest magnitude, and whose results are in units.
+pub(crate) fn variant([decodes, measures, in_units]: [bool; 3]) -> Variant {
     let mut variant = [false; 5];
-    (variant[SRGB], variant[MEASURES]) = (decodes, measures);
+    (variant[SRGB], variant[MEASURES], variant[IN_UNITS]) = (decodes, measures, in_units);
     variant
 }
 
@@ -35,7 +36,7 @@ bindings! {
     samples: Reads<Samples>,
     /// Luminance or a channel.
     image: Writes<Plane>,
-    /// State, with white.
+    /// State, with unit and white.
     state: Updates<State>,
 }
 
@@ -47,7 +48,11 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let decode = if variant[SRGB] { Decode::Srgb } else { Decode::None };
-        let image = cpu_reference::<N>(memory.photograph(self.samples), decode, c.weights);
+        let mut image = cpu_reference::<N>(memory.photograph(self.samples), decode, c.weights);
+        if variant[IN_UNITS] {
+            let unit = N::of(memory.state(self.state).unit);
+            image.data.iter_mut().for_each(|value| *value = *value / unit);
+        }
         if variant[MEASURES] {
             let white = &mut memory.state_mut(self.state).white;
             *white = image.data.iter().fold(*white, |most, &value| most.max(value.into().abs()));
@@ -65,14 +70,21 @@ pub fn stored(frame: &Frame, i: usize) -> f64 {
     }
 }
 
-/// The weighted sum of a frame's channels.
+/// The weighted sum of a pixel's channels.
+pub(super) fn intensity(frame: &Frame, pixel: usize, decode: Decode, weights: [f32; 3]) -> f64 {
+    let decoded = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored };
+    let channels = frame.format().channels.count() as usize;
+    let channel = |c: usize| decoded(stored(frame, pixel * channels + c));
+    if channels == 1 { channel(0) } else { weights.iter().enumerate().map(|(c, &w)| f64::from(w) * channel(c)).sum() }
+}
+
+/// The weighted sums of a frame's channels.
 pub fn cpu_reference<N: Number>(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Raster<N> {
     let decoded = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored };
     let (channels, width) = (frame.format().channels.count() as usize, frame.width() as usize);
-    let weights: Vec<f64> = if channels == 1 { vec![1.0] } else { weights.map(f64::from).to_vec() };
     // A table for each channel saves the power of the curve and the products.
-    let table = |weight: &f64| -> [f64; 256] { std::array::from_fn(|v| weight * decoded(v as f64 / 255.0)) };
-    let tables: Vec<_> = weights.iter().map(table).collect();
+    let table = |weight: f64| -> [f64; 256] { std::array::from_fn(|v| weight * decoded(v as f64 / 255.0)) };
+    let tables: Vec<_> = if channels == 1 { vec![table(1.0)] } else { weights.map(|w| table(w.into())).to_vec() };
     Raster::from_fn(width, frame.height() as usize, |x, y| {
         let first = (y * width + x) * channels;
         match (frame.samples(), &tables[..]) {
@@ -81,7 +93,7 @@ pub fn cpu_reference<N: Number>(frame: &Frame, decode: Decode, weights: [f32; 3]
                 let [r, g, b] = [s[first], s[first + 1], s[first + 2]].map(usize::from);
                 red[r] + green[g] + blue[b]
             }
-            _ => weights.iter().enumerate().map(|(c, weight)| weight * decoded(stored(frame, first + c))).sum(),
+            _ => intensity(frame, y * width + x, decode, weights),
         }
     })
 }
@@ -105,9 +117,9 @@ mod tests {
         };
         // White of the other photograph is less, or more.
         for (white, measures) in [(0.0, false), (0.1, true), (3.0, true)] {
-            let state = State { white, ..State::new(&DoubleState::default().registration) };
+            let state = State { white, unit: 0.25, ..State::new(&DoubleState::default().registration) };
             let inputs = [Input::Photograph(frame), Input::Unread, Input::State(&state)];
-            let variant = variant(decode == Decode::Srgb, measures);
+            let variant = variant([decode == Decode::Srgb, measures, white < 1.0]);
             let trial = Trial::run::<Bindings>(&inputs, &constants, variant, STAGE.groups(size));
             // 2e-6: single precision, and the device's `pow`.
             trial.assert_within(2e-6);

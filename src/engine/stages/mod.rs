@@ -65,6 +65,7 @@ pub mod system_tiles;
 pub mod total_deviation;
 pub mod uncertainty;
 pub mod uncertainty_terms;
+pub mod unit;
 pub mod unpack;
 pub mod update;
 pub mod update_transform;

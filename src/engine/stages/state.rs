@@ -47,6 +47,8 @@ pub struct State {
     pub clipped: [u32; 2],
     /// Workgroups of the current dispatch that have stored their sums; 0 between dispatches.
     pub finished: u32,
+    /// The [unit of intensities](super::unit) in those of the photographs, a power of two.
+    pub unit: f32,
     /// The largest intensity of both photographs; 0 unless blur stacks are packed.
     pub white: f32,
     /// T when I2 was last warped onto I1's pixels.
@@ -143,6 +145,8 @@ pub struct DoubleState {
     pub moving: [f64; 3],
     /// Clipped pixels of I1 and I2 that no mask excludes.
     pub clipped: [u32; 2],
+    /// The [unit of intensities](super::unit) in those of the photographs, a power of two.
+    pub unit: f64,
     /// The largest intensity of both photographs; 0 unless blur stacks are packed.
     pub white: f64,
     /// By level, finest first.
@@ -189,6 +193,7 @@ impl DoubleState {
             variance: 0.0,
             moving: [0.0; 3],
             clipped: [0; 2],
+            unit: 1.0,
             white: 0.0,
             levels: [DoubleLevel::default(); MAX_LEVELS],
         }
@@ -204,10 +209,10 @@ impl Default for DoubleState {
 impl State {
     /// The state before a solve that estimates α.
     pub fn new(start: &Registration) -> Self {
-        Self { registration: start.into(), alpha: FIRST_ALPHA as f32, ..Self::zeroed() }
+        Self { registration: start.into(), alpha: FIRST_ALPHA as f32, unit: 1.0, ..Self::zeroed() }
     }
 
-    /// T, gain and offset.
+    /// T, gain and offset; the offset in units.
     pub fn registration(&self) -> Registration {
         self.registration.into()
     }
@@ -241,6 +246,7 @@ impl From<&DoubleState> for State {
             at_limit,
             clipped: double.clipped,
             finished: 0,
+            unit: double.unit as f32,
             white: double.white as f32,
             warped: (&double.warped).into(),
             shading: double.shading.coefficients.map(|c| c as f32),
@@ -272,6 +278,7 @@ impl From<&State> for DoubleState {
             variance: single.variance.into(),
             moving: [single.moving, single.moving_far, single.at_limit].map(f64::from),
             clipped: single.clipped,
+            unit: single.unit.into(),
             white: single.white.into(),
             levels: std::array::from_fn(level),
         }
@@ -311,6 +318,11 @@ impl Registration {
     /// Gain and offset.
     pub fn photometric(&self) -> Photometric {
         Photometric { gain: self.gain, offset: self.offset }
+    }
+
+    /// The same with its offset, stated in this unit, in the intensities of the photographs.
+    pub fn in_intensities(&self, unit: f64) -> Self {
+        Self { offset: unit * self.offset, ..*self }
     }
 
     /// T after a small step.

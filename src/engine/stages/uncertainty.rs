@@ -27,7 +27,7 @@
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::segments::{SEGMENT, first_of};
-use super::state::{Registration, margin};
+use super::state::{DoubleState, margin};
 use super::uncertainty_terms::{self, WINDOW, at_pixels};
 use super::{Number, Raster, pixels};
 use crate::base::Settings;
@@ -122,27 +122,25 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let r = memory.state(self.state).registration;
         let mask = memory.mask_bytes().filter(|_| variant == MASKED);
         if let Some(terms) = memory.layers(self.terms).first_chunk() {
-            let spread = memory.state(self.state).spread;
-            let results = cpu_reference(c, &r, spread, memory.layer(self.v, 0), terms, mask);
+            let results = cpu_reference(c, memory.state(self.state), memory.layer(self.v, 0), terms, mask);
             results.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.results, n, field));
         }
     }
 }
 
-/// V, its standard deviation and the residual, from the averaged terms. `spread` is the noise of S, `mask` has a byte
-/// per pixel, 0 where there are no results.
+/// V, its standard deviation and the residual in the intensities of the photographs, from the averaged terms. `mask` has
+/// a byte per pixel, 0 where there are no results.
 pub fn cpu_reference<N: Number>(
     c: &Constants,
-    r: &Registration,
-    spread: f64,
+    state: &DoubleState,
     v: &Raster<N>,
     terms: &[Raster<N>; uncertainty_terms::LAYERS],
     mask: Option<&[u8]>,
 ) -> [Raster<N>; 3] {
     let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
+    let DoubleState { registration: r, spread, unit, .. } = state;
     let (spread, largest) = (spread.max(f64::from(c.eta) / BROAD), f64::from(c.largest));
     let [eta, features, bending, pixels, at_limit] =
         [c.eta, c.features, c.bending, c.pixels, c.at_limit].map(f64::from);
@@ -165,7 +163,7 @@ pub fn cpu_reference<N: Number>(
                 let is_other = (residual > unexplained_from) & (deviation > CERTAIN);
                 let is_known = (curvature > 0.0) & (v.abs() < at_limit) & !is_other;
                 let deviation = if is_known { deviation.min(largest) } else { largest };
-                let of_pixel = [v, deviation, residual.max(0.0).sqrt()];
+                let of_pixel = [v, deviation, unit * residual.max(0.0).sqrt()];
                 for k in 0..3 {
                     numbers[k][n] = N::of(if is_inside { of_pixel[k] } else { f64::NAN });
                 }
@@ -183,7 +181,7 @@ pub fn cpu_reference<N: Number>(
 mod tests {
     use super::super::Field;
     use super::super::harness::{Input, Trial, random_field};
-    use super::super::state::State;
+    use super::super::state::{Registration, State};
     use super::*;
     use crate::base::{Frame, Mask, Photometric, Similarity};
     use crate::engine::stages::NO_VARIANT;
@@ -201,7 +199,8 @@ mod tests {
                 (4..8).for_each(|x| terms[0].data[y * half[0] as usize + x] = 0.0);
             }
             let transform = Similarity::new(2.2, -1.0, 0.5, 1.03);
-            let state = State { spread: 0.1, ..State::new(&Registration::new(transform, &Photometric::IDENTITY)) };
+            let state =
+                State { spread: 0.1, unit: 0.25, ..State::new(&Registration::new(transform, &Photometric::IDENTITY)) };
             let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
             let c = Constants { at_limit: 0.9, ..Constants::new(size, centre, &Settings::default()) };
             let picture = (0..width * height).map(|n| if n % 7 == 3 { 0.0 } else { 1.0 }).collect();
@@ -226,16 +225,16 @@ mod tests {
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         let terms = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(0.0), flat(s * s)];
         let c = Constants::new([32, 32], [15.5; 2], &Settings { max_relative_blur: 25.0, ..Settings::default() });
-        let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
-        let [_, deviation, residual] = cpu_reference(&c, &r, s, &Field::zeros(32, 32), &terms, None);
+        let state = DoubleState { spread: s, unit: 2.0, ..DoubleState::default() };
+        let [_, deviation, residual] = cpu_reference(&c, &state, &Field::zeros(32, 32), &terms, None);
         let actual = deviation.get(16, 16);
-        assert!((residual.get(16, 16) / s - 1.0).abs() < 1e-9);
+        assert!((residual.get(16, 16) / (2.0 * s) - 1.0).abs() < 1e-9, "in the intensities of the photographs");
         let expected = s / (g * f64::from(WINDOW_PIXELS).sqrt());
         assert!((actual / expected - 1.0).abs() < 1e-9, "{actual} {expected}");
         // V at its limit is a bound, whatever the residuals.
         let bound = Field::from_fn(32, 32, |_, _| -2.0);
         let c = Constants { at_limit: at_limit(2.0), ..c };
-        let [v, deviation, _] = cpu_reference(&c, &r, s, &bound, &terms, None);
+        let [v, deviation, _] = cpu_reference(&c, &state, &bound, &terms, None);
         assert_eq!((v.get(16, 16), deviation.get(16, 16)), (-2.0, f64::from(LARGEST)));
     }
 
@@ -243,12 +242,12 @@ mod tests {
     #[test]
     fn residuals_beyond_noise_are_averaged_over_features_only() {
         let (g, noise, c) = (0.05, 0.004, Constants::new([32, 32], [15.5; 2], &Settings::default()));
-        let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
+        let state = DoubleState { spread: noise, ..DoubleState::default() };
         for s in [0.01, 0.02, 0.035] {
             let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
             let norm = f64::hypot(s, f64::from(c.eta));
             let terms = [flat(g * g / norm), flat((g * s / norm).powi(2)), flat(0.0), flat(0.0), flat(s * s)];
-            let actual = cpu_reference(&c, &r, noise, &Field::zeros(32, 32), &terms, None)[1].get(16, 16);
+            let actual = cpu_reference(&c, &state, &Field::zeros(32, 32), &terms, None)[1].get(16, 16);
             let beyond: f64 = s * s - 9.0 * noise * noise;
             let by_chance = s * s / f64::from(WINDOW_PIXELS);
             let expected = (by_chance + beyond.max(0.0) * f64::from(FEATURE / WINDOW_PIXELS)).sqrt() / g;
@@ -259,7 +258,7 @@ mod tests {
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         let norm = f64::hypot(s, f64::from(c.eta));
         let terms = [flat(g * g / norm), flat((g * s / norm).powi(2)), flat(0.0), flat(0.0), flat(s * s)];
-        let deviation = cpu_reference(&c, &r, noise, &Field::zeros(32, 32), &terms, None)[1].get(16, 16);
+        let deviation = cpu_reference(&c, &state, &Field::zeros(32, 32), &terms, None)[1].get(16, 16);
         assert_eq!(deviation, f64::from(LARGEST));
     }
 }

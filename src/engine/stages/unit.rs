@@ -1,0 +1,153 @@
+//! Chooses the unit of intensities, in which a solve computes, by samples of both photographs.
+//!
+//! Where residuals stop to count by their squares, how much smoothness weighs, and below what intensity light is dark
+//! are numbers of intensities. They suit photographs whose brightest parts are near 1. The same scene with less light,
+//! or 12 bits of a camera in samples of 16, must give the same V. So all intensities are divided by the unit: the least
+//! power of two that at most a hundredth of the pixels exceeds. The few that may exceed it are highlights of metal, or
+//! lamps in floats.
+//!
+//! A power of two changes no digit of an intensity. A photograph that uses its range has the unit 1: it is as if there
+//! were none.
+
+use super::pass::{Memory, Pass, bindings, push_constants};
+use super::state::DoubleState;
+use super::{Number, ingest};
+use crate::base::{Decode, Format, Frame};
+use crate::engine::shaders::unit::{ALONG_X, ALONG_Y, BRIGHTER, DIMMEST, OCTAVES, PLACES, ROUNDING};
+use crate::engine::vulkan::Variant;
+
+push_constants! {
+    /// Width, pixels.
+    width: u32,
+    /// Height, pixels.
+    height: u32,
+    /// 1 or 3 interleaved channels, of either photograph.
+    channels: [u32; 2],
+    /// 1, 2 or 4 bytes per sample, of either photograph.
+    bytes: [u32; 2],
+    /// Weights of red, green and blue; unused for one channel.
+    weights: [f32; 3],
+}
+
+impl Constants {
+    /// The constants for photographs of a size and these formats.
+    pub(crate) fn new([width, height]: [u32; 2], formats: [Format; 2], weights: [f32; 3]) -> Self {
+        let (channels, bytes) = (formats.map(|f| f.channels.count()), formats.map(|f| f.depth.bytes()));
+        Self { width, height, channels, bytes, weights }
+    }
+}
+
+/// The variant that decodes the sRGB curve.
+pub(crate) fn variant(decode: Decode) -> Variant {
+    [decode == Decode::Srgb, false, false, false, false]
+}
+
+bindings! {
+    UNIT:
+    first: Reads<Samples>,
+    second: Reads<Samples>,
+    /// State, with the unit and the offset, which is restated in units.
+    state: Updates<State>,
+}
+
+impl Pass for Bindings {
+    /// Compulsory traffic: the samples of the places.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        u64::from(PLACES) * [0, 1].map(|n| u64::from(c.channels[n] * c.bytes[n])).iter().sum::<u64>()
+    }
+
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
+        let decode = if variant[0] { Decode::Srgb } else { Decode::None };
+        let frames = [memory.photograph(self.first), memory.photograph(self.second)];
+        let unit = cpu_reference(frames, decode, c.weights);
+        let DoubleState { registration, unit: of_state, .. } = memory.state_mut(self.state);
+        *of_state = unit;
+        registration.offset /= unit;
+    }
+}
+
+/// The unit of two photographs.
+pub fn cpu_reference(frames: [&Frame; 2], decode: Decode, weights: [f32; 3]) -> f64 {
+    let mut counts = [0_u32; OCTAVES as usize];
+    for frame in frames {
+        for n in 0..PLACES {
+            let scaled = |along: u32, side: u32| ((u64::from(n.wrapping_mul(along)) * u64::from(side)) >> 32) as usize;
+            let pixel = scaled(ALONG_Y, frame.height()) * frame.width() as usize + scaled(ALONG_X, frame.width());
+            counts[octave(ingest::intensity(frame, pixel, decode, weights).abs())] += 1;
+        }
+    }
+    let (mut brighter, most) = (0, BRIGHTER * 2.0 * f64::from(PLACES));
+    let exceeds = |&n: &usize| {
+        brighter += counts[n];
+        f64::from(brighter) > most
+    };
+    let chosen = (1..counts.len()).rev().find(exceeds).unwrap_or(0);
+    2_f64.powi(chosen as i32 - DIMMEST as i32)
+}
+
+/// The octave of a magnitude: the least power of two that it does not exceed, over the least unit.
+fn octave(magnitude: f64) -> usize {
+    let bits = (magnitude as f32).to_bits().saturating_sub(ROUNDING);
+    ((bits >> 23) + DIMMEST).saturating_sub(126).min(OCTAVES - 1) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Input, Trial, frames, random};
+    use super::super::state::{Registration, State};
+    use super::*;
+    use crate::base::color::LUMINANCE;
+    use crate::base::{Homography, Photometric};
+
+    /// The unit of a grey photograph, by the CPU reference.
+    fn unit_of(width: u32, samples: Vec<f32>) -> f64 {
+        let frame = Frame::gray(width, samples.len() as u32 / width, samples).unwrap();
+        cpu_reference([&frame; 2], Decode::None, LUMINANCE)
+    }
+
+    #[test]
+    fn matches_the_cpu_reference_for_every_format() {
+        for frame in frames() {
+            for (decode, weights) in [(Decode::None, LUMINANCE), (Decode::Srgb, [0.0, 1.0, 0.0])] {
+                let start = Registration::new(Homography::IDENTITY, &Photometric { gain: 1.0, offset: 0.25 });
+                let state = State::new(&start);
+                let size = [frame.width(), frame.height()];
+                let constants = Constants::new(size, [frame.format(); 2], weights);
+                let photograph = Input::Photograph(&frame);
+                let inputs = [photograph.clone(), photograph, Input::State(&state)];
+                let trial = Trial::run::<Bindings>(&inputs, &constants, variant(decode), [1; 3]);
+                trial.assert_within(0.0);
+                let state = &trial.states(2)[0];
+                assert_eq!(state.registration.offset * state.unit, 0.25);
+            }
+        }
+    }
+
+    #[test]
+    fn it_is_the_octave_of_all_but_a_hundredth_of_the_pixels() {
+        let values = |brightest: f64| random(160 * 90, 3).into_iter().map(move |v| (brightest * v) as f32);
+        for (brightest, unit) in
+            [(1.0, 1.0), (0.7, 1.0), (0.3, 0.5), (3.0, 4.0), (65535.0, 65536.0), (1e-3, 1.0 / 512.0)]
+        {
+            assert_eq!(unit_of(160, values(brightest).collect()), unit, "{brightest}");
+            // Lamps, half a hundredth of the frame.
+            let lamps = values(brightest).enumerate().map(|(n, v)| if n % 200 == 0 { 1e5 } else { v });
+            assert_eq!(unit_of(160, lamps.collect()), unit, "{brightest} with lamps");
+        }
+        assert_eq!(unit_of(64, vec![1.0; 4096]), 1.0, "white, but for rounding");
+        assert_eq!(unit_of(64, vec![0.0; 4096]), 2_f64.powi(-30), "black");
+        assert_eq!(unit_of(64, vec![-0.6; 4096]), 1.0, "magnitudes");
+    }
+
+    /// The places fill the frame: each cell of 32 by 32 has at least one.
+    #[test]
+    fn a_dim_frame_with_one_bright_corner_is_measured_in_full() {
+        let side = 256;
+        let bright = |share: f64| {
+            let edge = (share.sqrt() * f64::from(side)) as u32;
+            (0..side * side).map(|n| if n % side < edge && n / side < edge { 0.9 } else { 0.01 }).collect::<Vec<f32>>()
+        };
+        assert_eq!(unit_of(side, bright(0.02)), 1.0);
+        assert_eq!(unit_of(side, bright(0.005)), 1.0 / 64.0);
+    }
+}
