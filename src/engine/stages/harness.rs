@@ -26,6 +26,12 @@ pub(crate) fn options() -> EngineOptions {
     }
 }
 
+/// The device that PARFOCAL_DEVICE names, or the CPU device: for results that are the same on all devices.
+pub(crate) fn on_any() -> EngineOptions {
+    let device = std::env::var("PARFOCAL_DEVICE").unwrap_or_else(|_| "cpu".into());
+    EngineOptions { validation: device != "cpu" && options().validation, device: Some(device), ..options() }
+}
+
 /// The environment variable that names the file in which `tools/trust` collects figures.
 const NOTES: &str = "PARFOCAL_TRUST";
 

@@ -397,7 +397,7 @@ mod tests {
     use crate::lab::scene::{Preset, Scene, SweepScene};
 
     fn solve(frames: &[Frame]) -> Result<Sweep, Error> {
-        let engine = Engine::new(&testing::options())?;
+        let engine = Engine::new(&testing::on_any())?;
         SweepSolver::new(&engine, &SweepOptions::default())?.solve(frames, &SolveOptions::default())
     }
 

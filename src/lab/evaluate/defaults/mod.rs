@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn outlines_lie_where_those_of_the_scene_do_in_either_order() {
-        let engine = Engine::new(&testing::options()).unwrap();
+        let engine = Engine::new(&testing::on_any()).unwrap();
         for (seed, noise, nearer_first) in [(1, 0.003, true), (2, 0.01, false), (3, 0.003, false)] {
             let mut scene = Scene { width: 256, height: 256, seed, noise, ..Preset::Card.scene() };
             if let (Shape::Layers { lens, .. }, false) = (&mut scene.shape, nearer_first) {
