@@ -48,11 +48,9 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let decode = if variant[SRGB] { Decode::Srgb } else { Decode::None };
-        let mut image = cpu_reference::<N>(memory.photograph(self.samples), decode, c.weights);
-        if variant[IN_UNITS] {
-            let unit = N::of(memory.state(self.state).unit);
-            image.data.iter_mut().for_each(|value| *value = *value / unit);
-        }
+        let reused = memory.take_layer(self.image, 0);
+        let unit = if variant[IN_UNITS] { memory.state(self.state).unit } else { 1.0 };
+        let image = in_units(reused, memory.photograph(self.samples), decode, c.weights, unit);
         if variant[MEASURES] {
             let white = &mut memory.state_mut(self.state).white;
             *white = image.data.iter().fold(*white, |most, &value| most.max(value.into().abs()));
@@ -80,22 +78,35 @@ pub(super) fn intensity(frame: &Frame, pixel: usize, decode: Decode, weights: [f
 
 /// The weighted sums of a frame's channels.
 pub fn cpu_reference<N: Number>(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Raster<N> {
-    let decoded = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored };
+    in_units(Raster::default(), frame, decode, weights, 1.0)
+}
+
+/// The same in units, in the memory of a raster.
+fn in_units<N: Number>(reused: Raster<N>, frame: &Frame, decode: Decode, weights: [f32; 3], unit: f64) -> Raster<N> {
+    let scaled = |stored: f64| (if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }) / unit;
     let (channels, width) = (frame.format().channels.count() as usize, frame.width() as usize);
     // A table for each channel saves the power of the curve and the products.
-    let table = |weight: f64| -> [f64; 256] { std::array::from_fn(|v| weight * decoded(v as f64 / 255.0)) };
+    let table = |weight: f64| -> [f64; 256] { std::array::from_fn(|v| weight * scaled(v as f64 / 255.0)) };
     let tables: Vec<_> = if channels == 1 { vec![table(1.0)] } else { weights.map(|w| table(w.into())).to_vec() };
-    Raster::from_fn(width, frame.height() as usize, |x, y| {
-        let first = (y * width + x) * channels;
+    let mut image = reused.of_size([width, frame.height() as usize]);
+    image.fill_rows(|y, row| {
+        let first = y * width * channels;
         match (frame.samples(), &tables[..]) {
-            (Samples::U8(s), [table]) => table[usize::from(s[first])],
+            (Samples::U8(s), [table]) => each(row, s[first..].iter().map(|&v| table[usize::from(v)])),
             (Samples::U8(s), [red, green, blue]) => {
-                let [r, g, b] = [s[first], s[first + 1], s[first + 2]].map(usize::from);
-                red[r] + green[g] + blue[b]
+                let sum = |v: &[u8]| red[usize::from(v[0])] + green[usize::from(v[1])] + blue[usize::from(v[2])];
+                each(row, s[first..].chunks_exact(3).map(sum));
             }
-            _ => intensity(frame, y * width + x, decode, weights),
+            (Samples::U16(s), [_]) => each(row, s[first..].iter().map(|&v| scaled(f64::from(v) / 65535.0))),
+            (Samples::F32(s), [_]) => each(row, s[first..].iter().map(|&v| scaled(v.into()))),
+            _ => each(row, (y * width..).map(|pixel| intensity(frame, pixel, decode, weights) / unit)),
         }
-    })
+    });
+    image
+}
+
+fn each<N: Number>(row: &mut [N], values: impl Iterator<Item = f64>) {
+    row.iter_mut().zip(values).for_each(|(to, value)| *to = N::of(value));
 }
 
 #[cfg(test)]
