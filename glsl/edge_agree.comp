@@ -1,5 +1,5 @@
 #version 460
-// Averages what speaks for an outline along the edge, so that an edge is moved as a whole. A workgroup for each cell
+// Averages the evidence for an outline along the edge, so that an edge is moved as a whole. A workgroup for each cell
 // with an edge. CPU reference: src/engine/stages/edge_agree.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
@@ -15,8 +15,8 @@ layout(push_constant) uniform Constants {
 #include "edge.glsl"
 #include "edge_list.glsl"
 
-// What speaks for an outline; behind it the weight.
-const int SPEAKING = 6, NUMBERS = SPEAKING + 1;
+// Numbers of the evidence for an outline; behind them the weight.
+const int EVIDENCE = 6, NUMBERS = EVIDENCE + 1;
 const int AROUND = 5;                // cells in each direction
 
 #include "edge_around.glsl"
@@ -29,12 +29,12 @@ void main() {
         ivec2 other = cell_around(cell, lane);
         Edge neighbour = edge_of(is_inside(other) ? other : cell);
         float weight = is_inside(other) && neighbour.exists ? agreement(edge_of(cell), neighbour) : 0.0;
-        for (int n = 0; n < SPEAKING; n++) {
+        for (int n = 0; n < EVIDENCE; n++) {
             terms[lane][n] = weight == 0.0 ? 0.0 : weight * number_of(other, DECISIONS, from + n);
         }
-        terms[lane][SPEAKING] = weight;
+        terms[lane][EVIDENCE] = weight;
     }
     add_terms(lane);
-    if (lane >= SPEAKING) return;
-    imageStore(results, place_of(cell, DECISIONS, to + lane), vec4(sum_of(lane) / sum_of(SPEAKING)));
+    if (lane >= EVIDENCE) return;
+    imageStore(results, place_of(cell, DECISIONS, to + lane), vec4(sum_of(lane) / sum_of(EVIDENCE)));
 }

@@ -12,7 +12,7 @@ layout(push_constant) uniform Constants {
     int width, height;
     int decided;                     // first number of the decisions
     float spread;                    // σ² of the weights of cells along the edge, px²
-    // What must speak for an outline over V as it is where residuals are independent, in units of cost per cell.
+    // By how much an outline must cost less than V as it is where residuals are independent, per cell.
     float least_saving;
     // Not 0 on a coarser level than the finest, where V of both sides is kept, and by which share each counts.
     int coarse;
@@ -22,14 +22,14 @@ layout(push_constant) uniform Constants {
 
 // Cells in each direction that an outline is taken from, and in which cells with an outline are counted.
 const int AROUND = 4;
-// What must speak for an outline over V as it is where all residuals are correlated with their neighbours.
+// The same where all residuals are correlated with their neighbours.
 const float CORRELATED = 8.0;
 // More cells than this, with the cell itself, must continue the edge: five lie within two cells on a straight one.
 const float LEAST_LENGTH = 4.5;
 // Cells around with an outline of the same order, with the cell itself, without which an outline does not count.
 const int LEAST_AROUND = 6;
-// What must speak for an outline over the other order, in units of cost per cell; and the share of cells whose outline
-// is well within the displacements.
+// By how much an outline must cost less than the other order, per cell; and the share of cells whose outline is well
+// within the displacements.
 const float ORDER = 3.0, WITHIN = 0.9;
 // The farthest pixels that change, px from where V was halfway, and from where on they change less.
 const float FARTHEST = 13.0, FADING = 9.0;
@@ -37,14 +37,14 @@ const float FARTHEST = 13.0, FADING = 9.0;
 const float AWAY = 16.0;
 
 // Cells of the workgroup and those around whose outlines are counted.
-const int COLUMNS = int(gl_WorkGroupSize.x) / SIDE + 4 * AROUND, LINES = int(gl_WorkGroupSize.y) / SIDE + 4 * AROUND;
+const int COLUMNS = int(gl_WorkGroupSize.x) / CELL + 4 * AROUND, LINES = int(gl_WorkGroupSize.y) / CELL + 4 * AROUND;
 // A bit for each cell, by row: whether an outline is accepted with the near side in front, and with the far side; and
 // whether enough are around it.
 shared uint accepted[LINES][2], kept[LINES][2];
 
 // 0: V stays; 1: the near side is in front; 2: the far side is.
 int order_of(ivec2 cell) {
-    if (any(lessThan(cell, ivec2(0))) || any(greaterThanEqual(cell, ivec2(width, height) / SIDE))) return 0;
+    if (any(lessThan(cell, ivec2(0))) || any(greaterThanEqual(cell, ivec2(width, height) / CELL))) return 0;
     if (number_of(cell, EDGES, 0) == 0.0) return 0;
     float margin = number_of(cell, DECISIONS, decided + 4);
     int reversed = margin < 0.0 ? 1 : 0;
@@ -70,7 +70,7 @@ float in_front(ivec2 cell, int outlines, float inside) {
 
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
-    ivec2 corner = ivec2(gl_WorkGroupID.xy * gl_WorkGroupSize.xy) / SIDE - 2 * AROUND;
+    ivec2 corner = ivec2(gl_WorkGroupID.xy * gl_WorkGroupSize.xy) / CELL - 2 * AROUND;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     if (gl_LocalInvocationIndex < 2 * LINES) {
         accepted[gl_LocalInvocationIndex / 2][gl_LocalInvocationIndex % 2] = 0;
@@ -91,7 +91,7 @@ void main() {
     }
     barrier();
     if (x.x >= width || x.y >= height) return;
-    ivec2 own = x / SIDE - corner;
+    ivec2 own = x / CELL - corner;
     float sum = 0.0, nearest = 1e30;
     vec4 levels = vec4(0.0);
     float near_share = 0.0, near_in_front = 0.0, towards_near = 0.0;

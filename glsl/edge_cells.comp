@@ -78,8 +78,8 @@ vec3 level(vec2 place, vec2 normal, float halfway, float side) {
 }
 
 void main() {
-    ivec2 cell = ivec2(gl_GlobalInvocationID.xy), corner = SIDE * cell;
-    if (any(greaterThanEqual(cell, ivec2(width, height) / SIDE))) return;
+    ivec2 cell = ivec2(gl_GlobalInvocationID.xy), corner = CELL * cell;
+    if (any(greaterThanEqual(cell, ivec2(width, height) / CELL))) return;
     imageStore(results, place_of(cell, EDGES, 0), vec4(0.0));
     // Ranges of V, of every other pixel.
     float high = -1e30, low = 1e30, inner_high = -1e30, inner_low = 1e30, least = 1e30;
@@ -101,8 +101,8 @@ void main() {
     // The point of the cell nearest to where V is halfway.
     float halfway = 0.5 * (high + low), best = 1.5;
     vec2 place, normal = vec2(0.0);
-    for (int n = 0; n < SIDE * SIDE; n++) {
-        ivec2 x = corner + ivec2(n % SIDE, n / SIDE);
+    for (int n = 0; n < CELL * CELL; n++) {
+        ivec2 x = corner + ivec2(n % CELL, n / CELL);
         vec3 above = vec3(v_at(x + ivec2(-1, -1)), v_at(x + ivec2(0, -1)), v_at(x + ivec2(1, -1)));
         vec3 here = vec3(v_at(x + ivec2(-1, 0)), v_at(x), v_at(x + ivec2(1, 0)));
         vec3 below = vec3(v_at(x + ivec2(-1, 1)), v_at(x + ivec2(0, 1)), v_at(x + ivec2(1, 1)));
@@ -118,7 +118,7 @@ void main() {
         }
     }
     // Each piece of an edge belongs to one cell.
-    if (normal == vec2(0.0) || ivec2(floor((place + 0.5) / float(SIDE))) != cell) return;
+    if (normal == vec2(0.0) || ivec2(floor((place + 0.5) / float(CELL))) != cell) return;
     if (any(lessThan(place, vec2(left, top))) || any(greaterThan(place, vec2(right, bottom)))) return;
     vec3 near = level(place, normal, halfway, 1.0), far = level(place, normal, halfway, -1.0);
     if (near.x == 0.0 || far.x == 0.0) return;

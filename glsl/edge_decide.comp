@@ -1,6 +1,6 @@
 #version 460
-// The distribution of the outline's place in both orders, from the costs of the cells along the edge, and what speaks
-// for it. A workgroup for each cell with an edge. CPU reference: src/engine/stages/edge_decide.rs.
+// The distribution of the outline's place in both orders, from the costs of the cells along the edge, and the
+// evidence for it. A workgroup for each cell with an edge. CPU reference: src/engine/stages/edge_decide.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray results;
@@ -30,7 +30,7 @@ shared vec3 neighbours[NEIGHBOURS];
 shared float parts[2][PARTS][COSTS_OF_CELL], densities[2][DISPLACEMENTS];
 
 void main() {
-    ivec2 cell = listed_cell(), count = ivec2(width, height) / SIDE;
+    ivec2 cell = listed_cell(), count = ivec2(width, height) / CELL;
     if (cell.x < 0) return;
     int lane = int(gl_LocalInvocationID.x), order = int(gl_LocalInvocationID.y);
     if (order == 0 && lane < NEIGHBOURS) {

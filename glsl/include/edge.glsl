@@ -1,7 +1,7 @@
 // Cells of 4 x 4 px at depth edges. Their numbers are in layers of `results` beyond V, its deviation and the residual:
 // each cell has 16 floats in a layer, at its own pixels. CPU reference: src/engine/stages/edge.rs.
 
-const int SIDE = 4;                  // of a cell, pixels
+const int CELL = 4;                  // the side of a cell, pixels
 // Layers: costs of the outlines with the near side in front, and with the far side in front; the edges; the
 // distributions of the outline's place in both orders; the decisions. SIDES, per pixel near an accepted outline across
 // which V changes sign: |V| of the front, positive in front, negative behind; 0 elsewhere. It stays for the fused
@@ -29,7 +29,7 @@ const int STRAIGHT = 10;
 const int ROW_BIT = 16, ALONG_X = 32768, COUNT_PLACE = 6;
 
 ivec3 place_of(ivec2 cell, int layer, int n) {
-    return ivec3(SIDE * cell + ivec2(n % SIDE, n / SIDE), layer);
+    return ivec3(CELL * cell + ivec2(n % CELL, n / CELL), layer);
 }
 
 float number_of(ivec2 cell, int layer, int n) {

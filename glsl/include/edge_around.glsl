@@ -10,7 +10,7 @@ shared float terms[NEIGHBOURS][NUMBERS], rows[SIDE_AROUND][NUMBERS];
 ivec2 cell_around(ivec2 cell, int lane) { return cell + ivec2(lane % SIDE_AROUND, lane / SIDE_AROUND) - AROUND; }
 
 bool is_inside(ivec2 cell) {
-    return all(greaterThanEqual(cell, ivec2(0))) && all(lessThan(cell, ivec2(width, height) / SIDE));
+    return all(greaterThanEqual(cell, ivec2(0))) && all(lessThan(cell, ivec2(width, height) / CELL));
 }
 
 // Adds the terms that the invocations have written.

@@ -15,7 +15,7 @@ use super::{Number, Raster, pixels};
 use crate::engine::shaders::edge;
 
 /// Side of a cell, pixels.
-pub(crate) const SIDE: usize = edge::SIDE as usize;
+pub(crate) const CELL: usize = edge::CELL as usize;
 /// The layer of the costs with the near side in front, and of the cost of V as it is in that order, behind them.
 pub(crate) const COSTS: usize = edge::COSTS as usize;
 /// The layer of the same with the far side in front.
@@ -65,12 +65,12 @@ pub(super) const STRAIGHT: usize = edge::STRAIGHT as usize;
 /// The compulsory traffic of a pass over the cells at edges, bytes: a number of each cell read. What is read and written
 /// at edges depends on the scene.
 pub(super) fn traffic([width, height]: [u32; 2]) -> u64 {
-    4 * pixels(width, height) / (SIDE * SIDE) as u64
+    4 * pixels(width, height) / (CELL * CELL) as u64
 }
 
 /// Columns and rows of cells of an image.
 pub(crate) fn cells([width, height]: [u32; 2]) -> [u32; 2] {
-    [width / edge::SIDE, height / edge::SIDE]
+    [width / edge::CELL, height / edge::CELL]
 }
 
 /// All cells of an image, row by row.
@@ -107,13 +107,13 @@ pub(super) fn cells_around(
 
 /// The n-th number of a cell in a layer.
 pub(super) fn number<N: Number>(layer: &Raster<N>, [x, y]: [usize; 2], n: usize) -> f64 {
-    layer.get(SIDE * x + n % SIDE, SIDE * y + n / SIDE)
+    layer.get(CELL * x + n % CELL, CELL * y + n / CELL)
 }
 
 /// Sets the numbers of a cell in a layer, from the `first` on.
 pub(super) fn set<N: Number>(layer: &mut Raster<N>, [x, y]: [usize; 2], first: usize, numbers: &[f64]) {
     for (n, number) in (first..).zip(numbers) {
-        layer.data[(SIDE * y + n / SIDE) * layer.width + SIDE * x + n % SIDE] = N::of(*number);
+        layer.data[(CELL * y + n / CELL) * layer.width + CELL * x + n % CELL] = N::of(*number);
     }
 }
 

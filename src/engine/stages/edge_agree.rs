@@ -8,13 +8,13 @@ use crate::engine::shaders::edge_agree as shader;
 use crate::engine::vulkan::Variant;
 
 /// Numbers of the evidence for an outline, of a cell.
-pub(crate) const NUMBERS: usize = shader::SPEAKING as usize;
+pub(crate) const NUMBERS: usize = shader::EVIDENCE as usize;
 /// How often they are averaged. From one pass to the next they alternate between two places.
 pub(crate) const PASSES: u32 = 3;
 
 /// The first number of the decisions after n passes.
 pub(crate) fn place(n: u32) -> u32 {
-    shader::SPEAKING * (n % 2)
+    shader::EVIDENCE * (n % 2)
 }
 
 push_constants! {

@@ -80,7 +80,7 @@ impl Pass for Bindings {
 /// a long edge the last cell goes, as five are around it.
 const LEAST_AROUND: usize = shader::LEAST_AROUND as usize;
 // The shader keeps a row of cells in the bits of a word: those of the workgroup, and 2 `AROUND` on either side.
-const _: () = assert!(WORKGROUP[0] as usize / edge::SIDE + 4 * shader::AROUND as usize <= u32::BITS as usize);
+const _: () = assert!(WORKGROUP[0] as usize / edge::CELL + 4 * shader::AROUND as usize <= u32::BITS as usize);
 
 /// V, its standard deviation, and the sides, from those before. On a coarser level: V of the near side, the deviation
 /// of the sides, V of the far side, how much V may change, the probability of the near side, and the distance towards
@@ -116,7 +116,7 @@ pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
         let (mut nearest, mut near_in_front, mut towards_near) = (f64::MAX, 0.0, 0.0);
         for &(cell, (edge, order)) in accepted {
             // Columns and rows of pixels beyond the last cell have their own cells.
-            if cell[0] + around < x / edge::SIDE || cell[1] + around < y / edge::SIDE {
+            if cell[0] + around < x / edge::CELL || cell[1] + around < y / edge::CELL {
                 continue;
             }
             let apart = [x as f64 - edge.place[0], y as f64 - edge.place[1]];
@@ -164,13 +164,13 @@ pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
         }
     };
     rows::map(results.each_mut().map(Rows::from), |y, mut rows| {
-        let row = (y / edge::SIDE).min(columns_and_rows[1] - 1);
+        let row = (y / edge::CELL).min(columns_and_rows[1] - 1);
         for column in (0..columns).filter(|column| is_near[row * columns + column]) {
             let around = edge::cells_around([column, row], around, size);
             let accepted: Vec<_> =
                 around.filter_map(|cell| Some((cell, accepted[cell[1] * columns + cell[0]].as_ref()?))).collect();
-            let end = if column + 1 == columns { rows[0].len() } else { edge::SIDE * (column + 1) };
-            (edge::SIDE * column..end).for_each(|x| mixed([x, y], &accepted, rows.each_mut().map(|row| &mut row[x])));
+            let end = if column + 1 == columns { rows[0].len() } else { edge::CELL * (column + 1) };
+            (edge::CELL * column..end).for_each(|x| mixed([x, y], &accepted, rows.each_mut().map(|row| &mut row[x])));
         }
     });
     results
@@ -246,7 +246,7 @@ mod tests {
         }
     }
 
-    /// Whether V changes if the cells below `rows` have these decisions, and others speak for no outline.
+    /// Whether V changes if the cells below `rows` have these decisions, and others have no evidence.
     fn changes(rows: usize, decisions: [f64; 6], correlated: f64) -> bool {
         let (size, c) = ([67, 81], Constants { width: 67, height: 81, ..CONSTANTS });
         let mut results = layers(size, [4.0, -3.0], DECISIONS);
@@ -259,13 +259,13 @@ mod tests {
     }
 
     #[test]
-    fn what_speaks_for_no_outline_changes_nothing() {
-        let speaking = [7.0, 0.0, 1.0, 0.0, 9.0, 9.0];
-        assert!(changes(20, speaking, 0.0));
+    fn too_little_evidence_changes_nothing() {
+        let evidence = [7.0, 0.0, 1.0, 0.0, 9.0, 9.0];
+        assert!(changes(20, evidence, 0.0));
         assert!(!changes(20, [7.0, 0.0, 1.0, 0.0, shader::ORDER - 0.1, 9.0], 0.0));
         assert!(!changes(20, [7.0, 0.0, 1.0, 0.0, 9.0, shader::LEAST_LENGTH - 0.1], 0.0));
-        // 8 must speak for an outline.
-        assert!(!changes(20, speaking, 1.0));
+        // With correlated residuals an outline must cost 8 less.
+        assert!(!changes(20, evidence, 1.0));
     }
 
     #[test]
@@ -275,7 +275,7 @@ mod tests {
         let count = |rows| edge::all_cells([67, 81]).filter(|cell| is_below(rows, *cell)).count();
         let few = (0..20).rev().find(|rows| count(*rows) < LEAST_AROUND).unwrap();
         assert!(count(few) > 3, "{few}");
-        let speaking = [7.0, 0.0, 1.0, 0.0, 9.0, 9.0];
-        assert_eq!([few, 20].map(|rows| changes(rows, speaking, 0.0)), [false, true]);
+        let evidence = [7.0, 0.0, 1.0, 0.0, 9.0, 9.0];
+        assert_eq!([few, 20].map(|rows| changes(rows, evidence, 0.0)), [false, true]);
     }
 }

@@ -5,7 +5,7 @@
 //! along the normal, from 4 px on, beyond the pixels over which the solve passes from one side to the other. Pixels
 //! with a large deviation count little: in the blurred light of a near surface V is not measured, farther on it is.
 
-use super::edge::{self, EDGES, Edge, SIDE, between, deviation_layer};
+use super::edge::{self, CELL, EDGES, Edge, between, deviation_layer};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, Raster, edge_apply, edge_costs, pixels};
 use crate::base::workers;
@@ -26,7 +26,7 @@ const HALF_WEIGHT: f32 = 2.0;
 /// The widest jump of u in a sweep, px of blur. Of the frames with at most 4 px² in all at a jump of D px, the two
 /// nearest to each other are D - 2.8 px apart, so that |V| is D (D - 2.8), which must not exceed
 /// [`edge_costs::LARGEST`].
-const WIDEST: f64 = 5.6;
+const WIDEST_JUMP: f64 = 5.6;
 /// The least deviation of u at a jump of a sweep, as a share of it. Where a near surface's blur makes u pass from one
 /// side to the other it is 0.08 and more (card, bars and blocks, 11 frames), on the steepest slopes of three
 /// generated reliefs of 41 frames up to 0.04.
@@ -91,7 +91,7 @@ impl Constants {
     /// Those of a sweep on a level with c px² by squared settings.
     pub(crate) fn of_sweep(level: usize, size: [u32; 2], rate: f64, shown: [f32; 4]) -> Self {
         let pair = Self::of_pair(level, size, 0, [0; 2]);
-        let [least_jump, widest] = [least_blur(level).sqrt(), WIDEST].map(|jump| (jump / rate.sqrt()) as f32);
+        let [least_jump, widest] = [least_blur(level).sqrt(), WIDEST_JUMP].map(|jump| (jump / rate.sqrt()) as f32);
         Self {
             least_jump,
             half_weight: 2.0 * least_jump,
@@ -121,7 +121,7 @@ bindings! {
 impl Pass for Bindings {
     /// Compulsory traffic: V and its deviation read, a number per cell written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        8 * pixels(c.width, c.height) + 4 * pixels(c.width, c.height) / (SIDE * SIDE) as u64
+        8 * pixels(c.width, c.height) + 4 * pixels(c.width, c.height) / (CELL * CELL) as u64
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
@@ -144,7 +144,7 @@ pub(crate) fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, deviation: 
     let [columns, rows] = edge::cells([c.width, c.height]).map(|side| side as usize);
     // Of each cell and `AROUND` more on either side of all.
     let ranges = workers::map(rows + 2 * AROUND, |y| {
-        let range = |x| Range::of_cell(v, deviation, [x, y].map(|n| (SIDE * n) as isize - (SIDE * AROUND) as isize));
+        let range = |x| Range::of_cell(v, deviation, [x, y].map(|n| (CELL * n) as isize - (CELL * AROUND) as isize));
         (0..columns + 2 * AROUND).map(range).collect::<Vec<_>>()
     });
     let around = |[x, y]: [usize; 2], reach: usize| {
@@ -196,7 +196,7 @@ fn edge_of<N: Number>(
     cell: [usize; 2],
     [Range { v: outer, deviation: least }, Range { v: inner, .. }]: [Range; 2],
 ) -> Option<Edge> {
-    let corner = cell.map(|c| (SIDE * c) as isize);
+    let corner = cell.map(|c| (CELL * c) as isize);
     let (jump, range) = (inner[1] - inner[0], outer[1] - outer[0]);
     let least_jump = f64::from(c.least_jump);
     if !(jump > least_jump && jump > shader::STEEP * range && jump > shader::CERTAIN * least) {
@@ -204,8 +204,8 @@ fn edge_of<N: Number>(
     }
     let halfway = 0.5 * (outer[0] + outer[1]);
     let (mut best, mut found) = (1.5, None);
-    for n in 0..(SIDE * SIDE) as isize {
-        let [x, y] = [corner[0] + n % SIDE as isize, corner[1] + n / SIDE as isize];
+    for n in 0..(CELL * CELL) as isize {
+        let [x, y] = [corner[0] + n % CELL as isize, corner[1] + n / CELL as isize];
         let at = |i: isize, j: isize| v.clamped(x + i, y + j);
         let column = |i: isize| at(i, -1) + 2.0 * at(i, 0) + at(i, 1);
         let row = |j: isize| at(-1, j) + 2.0 * at(0, j) + at(1, j);
@@ -223,7 +223,7 @@ fn edge_of<N: Number>(
     }
     let (place, normal): ([f64; 2], _) = found?;
     // Each piece of an edge belongs to one cell.
-    if place.map(|p| ((p + 0.5) / SIDE as f64).floor()) != cell.map(|c| c as f64) {
+    if place.map(|p| ((p + 0.5) / CELL as f64).floor()) != cell.map(|c| c as f64) {
         return None;
     }
     let [left, top, right, bottom] = c.shown.map(f64::from);

@@ -114,7 +114,7 @@ mod tests {
             let length = turned[0].hypot(turned[1]);
             let edge =
                 Edge { place: at(off), normal: turned.map(|t| t / length), levels: [4.0, -3.0], deviations: [0.1; 2] };
-            edge::set(&mut edges, edge.place.map(|p| p as usize / edge::SIDE), 0, &edge.numbers());
+            edge::set(&mut edges, edge.place.map(|p| p as usize / edge::CELL), 0, &edge.numbers());
         }
         let edges = cpu_reference(size, &edges);
         for edge in edge::all_cells(size).filter_map(|cell| Edge::of(&edges, cell)) {

@@ -5,7 +5,7 @@
 
 use super::blur::heaviside;
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::segments::{SEGMENT, first_of, place};
+use super::segments::{SEGMENT, place, segment};
 use super::state::{Registration, from_centre, inside, margin};
 use super::{Number, Raster, pixels, spline, warp};
 use crate::base::Shading;
@@ -71,7 +71,7 @@ fn cpu_reference<N: Number>(
         (r, 1.0, centre),
         #[inline(always)]
         |at @ [x, y], d| {
-            let [i1, v] = [first_of(&channel1.row(y)[x..]), first_of(&v.row(y)[x..])];
+            let [i1, v] = [segment(&channel1.row(y)[x..]), segment(&v.row(y)[x..])];
             let mut fused = warp::resampled(shading, centre, coefficients2, at, d);
             let [gain, offset, one, row] = N::all([r.gain, r.offset, 1.0, y as f64]);
             for n in 0..SEGMENT {

@@ -22,7 +22,7 @@ use super::mask::{self, Masks};
 use super::noise::{self, Noise};
 use super::pass::{Bindings as _, Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
-use super::segments::{SEGMENT, first_of, vectorised};
+use super::segments::{SEGMENT, segment, vectorised};
 use super::stack::Slopes;
 use super::state::{Registration, margin};
 use super::sums::{Layout, Line};
@@ -250,14 +250,14 @@ fn cpu_reference<N: Number>(
                         }
                         for n in (0..count).step_by(SEGMENT) {
                             let (at, mut shares) = ([xs.start + n, y], [N::default(); SEGMENT]);
-                            mask::counts_segment(masks, at, [&first_of(&dx[n..]), &first_of(&dy[n..])], &mut shares);
+                            mask::counts_segment(masks, at, [&segment(&dx[n..]), &segment(&dy[n..])], &mut shares);
                             let inside = &mut pixels[SHARE][n..n + SEGMENT];
                             for n in 0..SEGMENT {
                                 inside[n] = inside[n].choose(shares[n], N::default());
                             }
                             if moved.is_some() {
-                                let shift = [&first_of(&shift_x[n..]), &first_of(&shift_y[n..])];
-                                let samples = sample_segment(stacks, at, shift, &first_of(&pixels[V][n..]));
+                                let shift = [&segment(&shift_x[n..]), &segment(&shift_y[n..])];
+                                let samples = sample_segment(stacks, at, shift, &segment(&pixels[V][n..]));
                                 for k in 0..samples.len() {
                                     pixels[FIRST + k][n..n + SEGMENT].copy_from_slice(&samples[k]);
                                 }

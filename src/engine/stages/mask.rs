@@ -13,7 +13,7 @@
 //! known yet, and a mask is large beside the displacement.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::segments::{Segment, first_of};
+use super::segments::{Segment, segment};
 use super::{Number, Raster, Real, ingest, pixels, spline};
 use crate::base::Frame;
 use crate::engine::slot::{self, Reads};
@@ -111,7 +111,7 @@ pub(super) fn counts_segment<N: Number>(
     shares: &mut Segment<N>,
 ) {
     let Some([first, second]) = masks else { return shares.fill(N::of(1.0)) };
-    let first = first_of(&first.row(at[1])[at[0]..]);
+    let first = segment(&first.row(at[1])[at[0]..]);
     spline::displaced_taps(
         second,
         at,

@@ -40,7 +40,7 @@ static LEVEL: LazyLock<fearless_simd::Level> = LazyLock::new(fearless_simd::Leve
 
 /// The first numbers of a slice, with zeros where it has fewer.
 #[inline(always)]
-pub(super) fn first_of<N: Number>(numbers: &[N]) -> Segment<N> {
+pub(super) fn segment<N: Number>(numbers: &[N]) -> Segment<N> {
     let mut segment = [N::default(); SEGMENT];
     let count = numbers.len().min(SEGMENT);
     segment[..count].copy_from_slice(&numbers[..count]);
@@ -50,7 +50,7 @@ pub(super) fn first_of<N: Number>(numbers: &[N]) -> Segment<N> {
 /// The first numbers of a slice that has some. Where it has fewer than a segment, the last is repeated.
 #[inline(always)]
 pub(super) fn first_repeated<N: Number>(numbers: &[N]) -> Segment<N> {
-    let (mut segment, count) = (first_of(numbers), numbers.len().min(SEGMENT));
+    let (mut segment, count) = (segment(numbers), numbers.len().min(SEGMENT));
     let last = segment[count - 1];
     segment[count..].fill(last);
     segment

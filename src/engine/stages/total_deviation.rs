@@ -5,7 +5,7 @@
 //! only the errors that differ from pixel to pixel. Section 7 of `docs/method.md`.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::segments::{SEGMENT, first_of};
+use super::segments::{SEGMENT, segment};
 use super::uncertainty::{LARGEST, WINDOW_PIXELS};
 use super::uncertainty_terms::{self, at_pixels};
 use super::{Number, Raster, pixels};
@@ -67,7 +67,7 @@ pub fn cpu_reference<N: Number>(
         [Raster::zeros(v.width, v.height)],
         #[inline(always)]
         |at @ [x, y]| {
-            let [v, mut deviations] = [first_of(&v.row(y)[x..]), first_of(&deviation.row(y)[x..])];
+            let [v, mut deviations] = [segment(&v.row(y)[x..]), segment(&deviation.row(y)[x..])];
             let [curvature, b2, alike] = [at_pixels(curvature, at), at_pixels(b2, at), at_pixels(alike, at)];
             for n in 0..SEGMENT {
                 let (so_far, v): (f64, f64) = (deviations[n].into(), v[n].into());

@@ -26,7 +26,7 @@
 //! determine, so that no count, mask or measurement takes the bound for a measured value.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::segments::{SEGMENT, first_of};
+use super::segments::{SEGMENT, segment};
 use super::state::{DoubleState, margin};
 use super::uncertainty_terms::{self, WINDOW, at_pixels};
 use super::{Number, Raster, pixels};
@@ -149,7 +149,7 @@ pub fn cpu_reference<N: Number>(
         [(); 3].map(|()| Raster::zeros(v.width, v.height)),
         #[inline(always)]
         |at @ [x, y]| {
-            let (v, of_residual) = (first_of(&v.row(y)[x..]), &terms[uncertainty_terms::RESIDUAL]);
+            let (v, of_residual) = (segment(&v.row(y)[x..]), &terms[uncertainty_terms::RESIDUAL]);
             let [curvature, b2] = [at_pixels(&terms[0], at), at_pixels(&terms[1], at)];
             let [bend, residual] = [at_pixels(&terms[2], at), at_pixels(of_residual, at)];
             let mut numbers = [[N::default(); SEGMENT]; 3];

@@ -17,7 +17,7 @@ use crate::engine::stages::{Field, edge_cells, edge_coarsen, edge_costs};
 const APART: f64 = 1.5;
 /// The largest distance of two frames, px of blur: √2 + √18. Of frames that are farther apart no edge with at most 4
 /// px² of blur in all has at most 16 px² of V on both sides.
-const WIDEST: f64 = 5.66;
+const FARTHEST: f64 = 5.66;
 
 /// u, relative to the middle setting, and its standard deviation, with sharp outlines where two layers explain them.
 /// `counts`: whether a pixel counts in two frames. Others have no deviation, and keep it. `done` is called after each
@@ -90,7 +90,7 @@ fn spaced(settings: &[f64], apart: f64) -> Vec<usize> {
 fn pairs(shared: &SharedParameters, level: &Level, frames: &[usize]) -> Vec<edge_costs::Constants> {
     let (rate, setting) = (shared.rate_on(level), |n: usize| shared.settings[n] - shared.middle);
     let both = frames.iter().flat_map(|&i| frames.iter().map(move |&j| [i, j]));
-    let near = both.filter(|&[i, j]| j < i && setting(i) - setting(j) <= WIDEST / rate.sqrt());
+    let near = both.filter(|&[i, j]| j < i && setting(i) - setting(j) <= FARTHEST / rate.sqrt());
     near.map(|layers| edge_costs::Constants {
         rate: rate as f32,
         settings: layers.map(|n| setting(n) as f32),
