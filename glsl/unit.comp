@@ -26,7 +26,7 @@ const int DIMMEST = 30, OCTAVES = 51;
 // Magnitudes that exceed a power of two by rounding count as equal to it.
 const int ROUNDING = 1024;
 // The share of the pixels that exceeds the unit.
-const float BRIGHTER = 0.01;
+const float BRIGHTER = 0.001;
 
 bool is_second;
 

@@ -3,8 +3,8 @@
 //! Where residuals stop to count by their squares, how much smoothness weighs, and below what intensity light is dark
 //! are numbers of intensities. They suit photographs whose brightest parts are near 1. The same scene with less light,
 //! or 12 bits of a camera in samples of 16, must give the same V. So all intensities are divided by the unit: the least
-//! power of two that at most a hundredth of the pixels exceeds. The few that may exceed it are highlights of metal, or
-//! lamps in floats.
+//! power of two that at most a thousandth of the pixels exceeds. The few that may exceed it are faulty pixels, and lamps
+//! in floats. A part that shines before a dark ground is seldom smaller.
 //!
 //! A power of two changes no digit of an intensity. A photograph that uses its range has the unit 1: it is as if there
 //! were none.
@@ -124,14 +124,14 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_octave_of_all_but_a_hundredth_of_the_pixels() {
+    fn it_is_the_octave_of_all_but_a_thousandth_of_the_pixels() {
         let values = |brightest: f64| random(160 * 90, 3).into_iter().map(move |v| (brightest * v) as f32);
         for (brightest, unit) in
             [(1.0, 1.0), (0.7, 1.0), (0.3, 0.5), (3.0, 4.0), (65535.0, 65536.0), (1e-3, 1.0 / 512.0)]
         {
             assert_eq!(unit_of(160, values(brightest).collect()), unit, "{brightest}");
-            // Lamps, half a hundredth of the frame.
-            let lamps = values(brightest).enumerate().map(|(n, v)| if n % 200 == 0 { 1e5 } else { v });
+            // Lamps, half a thousandth of the frame.
+            let lamps = values(brightest).enumerate().map(|(n, v)| if n % 2000 == 0 { 1e5 } else { v });
             assert_eq!(unit_of(160, lamps.collect()), unit, "{brightest} with lamps");
         }
         assert_eq!(unit_of(64, vec![1.0; 4096]), 1.0, "white, but for rounding");
@@ -139,15 +139,15 @@ mod tests {
         assert_eq!(unit_of(64, vec![-0.6; 4096]), 1.0, "magnitudes");
     }
 
-    /// The places fill the frame: each cell of 32 by 32 has at least one.
+    /// The places fill the frame, so that a corner counts by its area.
     #[test]
-    fn a_dim_frame_with_one_bright_corner_is_measured_in_full() {
+    fn a_bright_corner_sets_the_unit_if_it_is_large_enough() {
         let side = 256;
         let bright = |share: f64| {
             let edge = (share.sqrt() * f64::from(side)) as u32;
             (0..side * side).map(|n| if n % side < edge && n / side < edge { 0.9 } else { 0.01 }).collect::<Vec<f32>>()
         };
-        assert_eq!(unit_of(side, bright(0.02)), 1.0);
-        assert_eq!(unit_of(side, bright(0.005)), 1.0 / 64.0);
+        assert_eq!(unit_of(side, bright(0.002)), 1.0);
+        assert_eq!(unit_of(side, bright(0.0005)), 1.0 / 64.0);
     }
 }
