@@ -226,7 +226,7 @@ typedef struct {
   double regularization;
   // The smoothness weight of the coarsest level starts larger by the factor 1 + continuation, 0 to 1000.
   double continuation;
-  // Robustness scale of the data term, intensities, 1e-4 to 1.
+  // Robustness scale of the data term, units of intensity (a power of two near the brightest parts), 1e-4 to 1.
   double data_eta;
   // Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
   double smoothness_eta;

@@ -102,7 +102,7 @@ pub struct parfocal_settings {
     pub regularization: f64,
     /// The smoothness weight of the coarsest level starts larger by the factor 1 + continuation, 0 to 1000.
     pub continuation: f64,
-    /// Robustness scale of the data term, intensities, 1e-4 to 1.
+    /// Robustness scale of the data term, units of intensity (a power of two near the brightest parts), 1e-4 to 1.
     pub data_eta: f64,
     /// Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
     pub smoothness_eta: f64,
