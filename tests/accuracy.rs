@@ -94,6 +94,8 @@ fn the_same_scene_with_less_light_has_the_same_relative_blur() {
         assert!(bits(&dim.residual, 16.0) == bits(&bright.residual, 1.0));
         assert!(bits(&dim.fused, 16.0) == bits(&bright.fused, 1.0));
         assert_eq!(dim.transform, bright.transform);
+        assert_eq!(dim.transform_deviation, bright.transform_deviation);
+        assert_eq!((dim.converged, &dim.warnings), (bright.converged, &bright.warnings));
         assert_eq!(dim.photometric.gain, bright.photometric.gain);
         assert_eq!((16.0 * dim.photometric.offset, 16.0 * dim.noise), (bright.photometric.offset, bright.noise));
     }

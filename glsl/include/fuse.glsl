@@ -1,5 +1,5 @@
-// One channel of I1 and of J, which is I2 on I1's pixels with the exposure of I1, as stored: offset times unit. After spline.glsl and state.glsl,
-// with the images and constants of fuse.comp.
+// One channel of I1 and of J, which is I2 on I1's pixels with the exposure of I1. Channels are not in units, so the
+// offset is multiplied by the unit. After spline.glsl and state.glsl, with the images and constants of fuse.comp.
 
 float unit_of_coefficients() { return 1.0; }
 float coefficient(int image, ivec3 place) {
