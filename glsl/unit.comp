@@ -17,16 +17,16 @@ layout(push_constant) uniform Constants {
     float red, green, blue;
 };
 
-// Pixels of either photograph that are read, at places that fill the frame evenly: multiples, in 32 bits, of one less
-// the first and the second power of the plastic ratio's reciprocal.
+// Pixels of either photograph that are read, at places that fill the frame evenly: multiples, in 32 bits, of 1 - 1/ρ and
+// 1 - 1/ρ² with ρ the plastic ratio.
 const int PLACES = 4096;
 const int ALONG_X = 1052792407, ALONG_Y = 1847521882;
 // The least unit is one over this power of two; and the number of units.
-const int DIMMEST = 30, OCTAVES = 51;
+const int DIMMEST = 20, OCTAVES = 41;
 // Magnitudes that exceed a power of two by rounding count as equal to it.
 const int ROUNDING = 1024;
-// The share of the pixels that exceeds the unit.
-const float BRIGHTER = 0.001;
+// The share of the pixels that may exceed a unit, and one of at least 1.
+const float BRIGHTER = 0.001, BEYOND_WHITE = 0.1;
 
 bool is_second;
 
@@ -66,7 +66,10 @@ void main() {
     if (own != 0) return;
     uint brighter = 0u;
     int chosen = OCTAVES - 1;
-    while (chosen > 0 && float(brighter + counts[chosen]) <= BRIGHTER * 2.0 * float(PLACES)) brighter += counts[chosen--];
+    for (; chosen > 0; chosen--) {
+        brighter += counts[chosen];
+        if (float(brighter) > (chosen > DIMMEST ? BEYOND_WHITE : BRIGHTER) * 2.0 * float(PLACES)) break;
+    }
     state.unit = intBitsToFloat(chosen - DIMMEST + 127 << 23);
     state.registration.offset *= reciprocal(state.unit);
 }

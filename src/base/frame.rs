@@ -89,7 +89,8 @@ pub struct Format {
     pub depth: Depth,
 }
 
-/// The largest magnitude of a float sample. Squares of sums of such samples are finite in single precision.
+/// The largest magnitude of a float sample. In the least unit of intensities, 2⁻²⁰, it is 1e12: products of three such
+/// numbers are finite in single precision.
 const MAX_MAGNITUDE: f32 = 1e6;
 
 impl Frame {

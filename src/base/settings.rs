@@ -366,7 +366,7 @@ settings! {
     /// On the coarsest level α starts 1 + C times too large.
     continuation: f64 = 10.0, 0 to 1000, flag "Fine tuning" "C";
     /// η of the data term's modified L1 norm.
-    /// Of full brightness: darker photographs get a smaller η by themselves (docs/method.md, section 1).
+    /// In units of intensity (docs/method.md, section 1), so that it suits dark photographs too.
     data_eta: f64 = 0.01, 1e-4 to 1 "units of intensity", flag "Fine tuning" "E";
     /// η of the smoothness term's modified L1 norm.
     smoothness_eta: f64 = 0.1, 1e-4 to 100 "px² per pixel", flag "Fine tuning" "E";

@@ -132,8 +132,7 @@ mod tests {
         }
     }
 
-    /// Blur stacks of 16 bits change V by little of its deviation, also where photographs use a small part of the range
-    /// or more than it.
+    /// Blur stacks of 16 bits change V by little of its deviation, whatever the range of the photographs.
     #[test]
     fn packed_blur_stacks_give_nearly_the_same_solution() {
         for (depth, scale) in [(Depth::U8, 1.0), (Depth::U16, 1.0), (Depth::U16, 0.02), (Depth::F32, 4.0)] {

@@ -61,8 +61,8 @@ pub struct Findings {
     /// Fraction of the valid pixels that are not measured because the photographs differ there by more than noise and
     /// blur explain: residuals beyond ten times `noise` and a standard deviation of V beyond 1 px².
     pub unexplained_fraction: f64,
-    /// Standard deviation of the noise in the difference of the two photographs, intensities: at least a quarter of η,
-    /// in the unit of `docs/method.md`, section 1.
+    /// Standard deviation of the noise in the difference of the two photographs, intensities: at least a quarter of η
+    /// times the unit of intensity (`docs/method.md`, section 1).
     pub noise: f64,
     /// The time that the solve took.
     pub timings: Timings,

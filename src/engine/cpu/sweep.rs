@@ -16,7 +16,7 @@ use crate::engine::stages::pass::Memory;
 pub(in crate::engine) struct CpuSweep {
     device: Arc<CpuDevice>,
     memory: Memory<f32>,
-    /// Part n uploads frame n.
+    /// Part 0 chooses the unit, part n + 1 uploads frame n.
     upload: Script,
 }
 
@@ -29,11 +29,11 @@ impl CpuSweep {
         Self { device: device.clone(), memory, upload: sweep::upload(plan, frames) }
     }
 
-    /// Uploads frame n and computes its pyramid.
-    pub(in crate::engine) fn upload(&mut self, n: usize, frame: &Frame, deadline: Deadline) -> Result<(), Error> {
+    /// Runs a part of the upload of a frame.
+    pub(in crate::engine) fn upload(&mut self, part: usize, frame: &Frame, deadline: Deadline) -> Result<(), Error> {
         self.memory.upload_photograph(0, frame.clone());
         let name = &self.device.info.name;
-        run(&self.upload.parts[n].entries, &mut self.memory, &mut |_| deadline.check(name))
+        run(&self.upload.parts[part].entries, &mut self.memory, &mut |_| deadline.check(name))
     }
 
     /// Runs a script. `floats` partial sums are set to zero first.

@@ -16,16 +16,14 @@ fn script(plan: &Plan, level: usize, fill: impl FnOnce(&mut Composer)) -> Script
     composer.finish(0)
 }
 
-/// The upload of `frames` frames, a part each: from the photograph in the buffer, all levels of a layer of the pyramid.
+/// The upload of `frames` frames. The first part chooses the unit of intensities by the photograph in the buffer, which
+/// is to be the reference. Then there is a part for each frame: from the photograph in the buffer, all levels of a layer
+/// of the pyramid.
 pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
     script(plan, 0, |s| {
+        s.unit([0; 2]);
         for layer in 0..frames {
-            // That of the first frame: exposures of a sweep differ little.
-            if layer > 0 {
-                s.next_part();
-            } else {
-                s.unit([0; 2]);
-            }
+            s.next_part();
             s.luminance(0, false);
             let [width, height] = plan.size;
             let bindings = copy::Bindings { from: slot::luminance(0, 0).read(), to: slot::frames(0).write() };

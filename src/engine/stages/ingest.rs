@@ -82,7 +82,13 @@ pub fn cpu_reference<N: Number>(frame: &Frame, decode: Decode, weights: [f32; 3]
 }
 
 /// The same in units, in the memory of a raster.
-fn in_units<N: Number>(reused: Raster<N>, frame: &Frame, decode: Decode, weights: [f32; 3], unit: f64) -> Raster<N> {
+pub(crate) fn in_units<N: Number>(
+    reused: Raster<N>,
+    frame: &Frame,
+    decode: Decode,
+    weights: [f32; 3],
+    unit: f64,
+) -> Raster<N> {
     let scaled = |stored: f64| (if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }) / unit;
     let (channels, width) = (frame.format().channels.count() as usize, frame.width() as usize);
     // A table for each channel saves the power of the curve and the products.

@@ -3,8 +3,9 @@
 //! Where residuals stop to count by their squares, how much smoothness weighs, and below what intensity light is dark
 //! are numbers of intensities. They suit photographs whose brightest parts are near 1. The same scene with less light,
 //! or 12 bits of a camera in samples of 16, must give the same V. So all intensities are divided by the unit: the least
-//! power of two that at most a thousandth of the pixels exceeds. The few that may exceed it are faulty pixels, and lamps
-//! in floats. A part that shines before a dark ground is seldom smaller.
+//! power of two that at most a thousandth of the pixels exceeds, as faulty ones do. A part that shines before a dark
+//! ground is seldom smaller. Floats beyond 1 are another matter. White is 1, and a tenth of the pixels may be lamps and
+//! highlights: only a photograph that has more of them has another white.
 //!
 //! A power of two changes no digit of an intensity. A photograph that uses its range has the unit 1: it is as if there
 //! were none.
@@ -13,7 +14,7 @@ use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::DoubleState;
 use super::{Number, ingest};
 use crate::base::{Decode, Format, Frame};
-use crate::engine::shaders::unit::{ALONG_X, ALONG_Y, BRIGHTER, DIMMEST, OCTAVES, PLACES, ROUNDING};
+use crate::engine::shaders::unit::{ALONG_X, ALONG_Y, BEYOND_WHITE, BRIGHTER, DIMMEST, OCTAVES, PLACES, ROUNDING};
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -76,10 +77,11 @@ pub fn cpu_reference(frames: [&Frame; 2], decode: Decode, weights: [f32; 3]) -> 
             counts[octave(ingest::intensity(frame, pixel, decode, weights).abs())] += 1;
         }
     }
-    let (mut brighter, most) = (0, BRIGHTER * 2.0 * f64::from(PLACES));
+    let mut brighter = 0;
     let exceeds = |&n: &usize| {
         brighter += counts[n];
-        f64::from(brighter) > most
+        let share = if n > DIMMEST as usize { BEYOND_WHITE } else { BRIGHTER };
+        f64::from(brighter) > share * 2.0 * f64::from(PLACES)
     };
     let chosen = (1..counts.len()).rev().find(exceeds).unwrap_or(0);
     2_f64.powi(chosen as i32 - DIMMEST as i32)
@@ -124,18 +126,19 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_octave_of_all_but_a_thousandth_of_the_pixels() {
+    fn it_is_the_octave_of_all_but_the_brightest_pixels() {
         let values = |brightest: f64| random(160 * 90, 3).into_iter().map(move |v| (brightest * v) as f32);
         for (brightest, unit) in
             [(1.0, 1.0), (0.7, 1.0), (0.3, 0.5), (3.0, 4.0), (65535.0, 65536.0), (1e-3, 1.0 / 512.0)]
         {
             assert_eq!(unit_of(160, values(brightest).collect()), unit, "{brightest}");
-            // Lamps, half a thousandth of the frame.
-            let lamps = values(brightest).enumerate().map(|(n, v)| if n % 2000 == 0 { 1e5 } else { v });
+            // Of a photograph that uses its range, a twentieth may be lamps, of others half a thousandth.
+            let every = if brightest >= 0.7 { 20 } else { 2000 };
+            let lamps = values(brightest).enumerate().map(|(n, v)| if n % every == 0 { 1e5 } else { v });
             assert_eq!(unit_of(160, lamps.collect()), unit, "{brightest} with lamps");
         }
         assert_eq!(unit_of(64, vec![1.0; 4096]), 1.0, "white, but for rounding");
-        assert_eq!(unit_of(64, vec![0.0; 4096]), 2_f64.powi(-30), "black");
+        assert_eq!(unit_of(64, vec![0.0; 4096]), 2_f64.powi(-20), "black");
         assert_eq!(unit_of(64, vec![-0.6; 4096]), 1.0, "magnitudes");
     }
 

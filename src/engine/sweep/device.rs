@@ -11,6 +11,7 @@ use crate::engine::plan::Plan;
 use crate::engine::record::{Reading, Workspace, record, record_with};
 use crate::engine::script::{Script, sweep};
 use crate::engine::slot::Slot;
+use crate::engine::stages::state::State;
 use crate::engine::stages::{Field, Pipelines};
 use crate::engine::vulkan::{Buffer, Clock, Device, Recorder, Recording};
 
@@ -47,13 +48,13 @@ impl SweepDevice {
         Ok(Self { limits: Limits { cancel: CancellationToken::default(), deadline }, memory })
     }
 
-    /// Uploads the frames and computes their pyramids.
-    pub(super) fn upload_frames<'a>(&mut self, frames: impl Iterator<Item = &'a Frame>) -> Result<(), Error> {
-        for (n, frame) in frames.enumerate() {
+    /// Uploads the frames and computes their pyramids. The reference sets the unit of intensities.
+    pub(super) fn upload_frames(&mut self, frames: &[Frame], reference: usize) -> Result<(), Error> {
+        for (part, frame) in std::iter::once(&frames[reference]).chain(frames).enumerate() {
             self.limits.cancel.check()?;
             match &mut self.memory {
-                SweepMemory::Vulkan(sweep) => sweep.upload(n, frame, self.limits.deadline)?,
-                SweepMemory::Cpu(sweep) => sweep.upload(n, frame, self.limits.deadline)?,
+                SweepMemory::Vulkan(sweep) => sweep.upload(part, frame, self.limits.deadline)?,
+                SweepMemory::Cpu(sweep) => sweep.upload(part, frame, self.limits.deadline)?,
             }
         }
         Ok(())
@@ -122,7 +123,7 @@ struct VulkanSweep {
     device: Arc<Device>,
     pipelines: Arc<Pipelines>,
     workspace: Workspace,
-    /// Part n uploads frame n.
+    /// Part 0 chooses the unit, part n + 1 uploads frame n.
     upload: Recording,
     /// The latest script or copy, whose memory the next one takes over.
     commands: Option<Recording>,
@@ -137,6 +138,8 @@ impl VulkanSweep {
         let workspace = Workspace::new(device, plan, &plan.sweep_layout(frames))?;
         let mut recorder = Recorder::new(device, Clock::Never)?;
         recorder.initialize(&workspace.images());
+        // A sweep uses its unit, and no member that a solve of a pair finds.
+        recorder.clear_buffer(workspace.buffer(Slot::State), size_of::<State>() as u64);
         let mut commands = recorder.finish()?;
         commands.run()?;
         let upload = record(device, pipelines, &workspace, &sweep::upload(plan, frames), Reading::Never)?;
@@ -144,10 +147,10 @@ impl VulkanSweep {
         Ok(Self { device, pipelines, workspace, upload, commands, readback: None, staging: None })
     }
 
-    /// Uploads frame n and computes its pyramid.
-    fn upload(&mut self, n: usize, frame: &Frame, deadline: Deadline) -> Result<(), Error> {
+    /// Runs a part of the upload of a frame.
+    fn upload(&mut self, part: usize, frame: &Frame, deadline: Deadline) -> Result<(), Error> {
         self.workspace.buffer(Slot::Photograph { image: 0 }).write(frame.bytes())?;
-        self.upload.run_part(n, deadline)
+        self.upload.run_part(part, deadline)
     }
 
     /// Zeroes the first bytes of the partial sums, then runs a script.

@@ -215,13 +215,13 @@ impl JointSolver {
         let levels = self.whole.level_count() + usize::from(self.parts.is_some());
         let excluded = ExcludedPixels::new(frames, input.mask, &self.settings, levels);
         if self.parts.is_none() {
-            self.whole.upload(frames.iter())?;
+            self.whole.upload(frames, input.reference)?;
             done(self.whole.upload_work(), false);
             let shared = self.whole.descend(input, &excluded, 1, done)?;
             return Ok((shared, excluded));
         }
         let excluded = excluded.halved();
-        self.whole.upload(parts::halved(frames, &self.settings)?.iter())?;
+        self.whole.upload(&parts::halved(frames, &self.settings)?, input.reference)?;
         done(self.whole.upload_work(), false);
         let shared = self.whole.descend(input, &excluded, 0, done)?;
         Ok((parts::doubled(&shared, self.size), excluded))

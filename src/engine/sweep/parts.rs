@@ -87,7 +87,7 @@ impl PartSolver {
         let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
         let mask = mask.map(|mask| mask.cropped(part));
         let excluded = ExcludedPixels::new(&cut, mask.as_ref(), self.solver.settings(), 1);
-        self.solver.upload(cut.iter())?;
+        self.solver.upload(&cut, shared.reference)?;
         let start = prolonged(coarse, part, shared.limit(self.solver.finest()));
         self.solver.finish_from(&start, &mut shared, &excluded, done)
     }

@@ -128,8 +128,8 @@ impl PyramidSolver {
     }
 
     /// Uploads the frames and computes their pyramids.
-    pub(super) fn upload<'a>(&mut self, frames: impl Iterator<Item = &'a Frame>) -> Result<(), Error> {
-        self.device.upload_frames(frames)
+    pub(super) fn upload(&mut self, frames: &[Frame], reference: usize) -> Result<(), Error> {
+        self.device.upload_frames(frames, reference)
     }
 
     /// Estimates the start, and solves from there down to level `last`, with steps of T and c. `done` is called after

@@ -13,7 +13,7 @@ use nalgebra::Complex;
 use crate::base::color::LUMINANCE;
 use crate::base::{Decode, Error, Frame, Mask, Similarity, centre};
 use crate::engine::filter;
-use crate::engine::stages::{Field, convolve, ingest};
+use crate::engine::stages::{Field, convolve, ingest, unit};
 
 /// Least number of key-points, matches and inliers. A similarity needs two, and a third may agree by chance.
 const LEAST: usize = 6;
@@ -24,7 +24,8 @@ const LEAST: usize = 6;
 /// # Errors
 /// [`Error::TooFewKeyPoints`].
 pub fn key_points([i1, i2]: [&Frame; 2], decode: Decode, mask: Option<&Mask>) -> Result<Similarity, Error> {
-    let [mut a, b] = [i1, i2].map(|frame| detect(&ingest::cpu_reference(frame, decode, LUMINANCE)));
+    let unit = unit::cpu_reference([i1, i2], decode, LUMINANCE);
+    let [mut a, b] = [i1, i2].map(|frame| detect(&ingest::in_units(Field::default(), frame, decode, LUMINANCE, unit)));
     if let Some(mask) = mask {
         a.retain(|[x, y]| mask.contains(x, y));
     }
@@ -46,7 +47,7 @@ fn enough(what: &'static str, found: usize) -> Result<(), Error> {
 const MOST_KEY_POINTS: usize = 8000;
 /// Number of pixels above which images are halved first. The scale space takes some 250 bytes per pixel.
 const MOST_PIXELS: usize = 1 << 22;
-/// Least response of a key-point, white = 1, as in OpenCV. In a blurred photograph few key-points reach Lowe's 0.03.
+/// Least response of a key-point, in [units](unit) of intensity, as in OpenCV. In a blurred photograph few key-points reach Lowe's 0.03.
 const LEAST_RESPONSE: f32 = 0.04 / 3.0;
 /// Length to which descriptors are scaled. Their components, at most 0.2 before, then fit a byte.
 const LENGTH: f32 = 512.0;
@@ -71,7 +72,7 @@ impl Features {
     }
 }
 
-/// Detects the key-points in a luminance image in [0, 1].
+/// Detects the key-points in a luminance image in units.
 fn detect(luminance: &Field) -> Features {
     let (image, factor) = reduced(luminance.clone());
     let Ok(image) = GrayImage::new(image.width, image.height, image.to_f32()) else { return Features::default() };
