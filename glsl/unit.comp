@@ -17,8 +17,8 @@ layout(push_constant) uniform Constants {
     float red, green, blue;
 };
 
-// Pixels of either photograph that are read, at places that fill the frame evenly: multiples, in 32 bits, of 1 - 1/ρ and
-// 1 - 1/ρ² with ρ the plastic ratio.
+// The number of pixels sampled in each photograph, and the steps between their places along x and y, as shares of the
+// side in 32 bits: 1 - 1/ρ and 1 - 1/ρ² with ρ the plastic ratio (R2, a low-discrepancy sequence).
 const int PLACES = 4096;
 const int ALONG_X = 1052792407, ALONG_Y = 1847521882;
 // The least unit is one over this power of two; and the number of units.

@@ -1,11 +1,10 @@
 //! Chooses the unit of intensities, in which a solve computes, by samples of both photographs.
 //!
-//! Where residuals stop to count by their squares, how much smoothness weighs, and below what intensity light is dark
-//! are numbers of intensities. They suit photographs whose brightest parts are near 1. The same scene with less light,
-//! or 12 bits of a camera in samples of 16, must give the same V. So all intensities are divided by the unit: the least
-//! power of two that at most a thousandth of the pixels exceeds, as faulty ones do. A part that shines before a dark
-//! ground is seldom smaller. Floats beyond 1 are another matter. White is 1, and a tenth of the pixels may be lamps and
-//! highlights: only a photograph that has more of them has another white.
+//! The threshold η of the data term, the weight α of the smoothness and the bound of dark light are intensities that
+//! suit photographs whose brightest parts are near 1. The same scene with less light, or 12 bits of a camera in samples
+//! of 16, must give the same V. So all intensities are divided by the unit: the least power of two that at most a
+//! thousandth of the pixels exceeds, as faulty ones do. A bright object on a dark ground usually covers more. White is 1,
+//! and brighter floats are usually lamps or highlights: the unit is more than 1 only if a tenth of the pixels is.
 //!
 //! A power of two changes no digit of an intensity. A photograph that uses its range has the unit 1: it is as if there
 //! were none.
