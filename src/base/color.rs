@@ -28,6 +28,11 @@ impl Decode {
             stated => stated,
         }
     }
+
+    /// The intensity of a stored value.
+    pub(crate) fn intensity(self, stored: f64) -> f64 {
+        if self == Self::Srgb { srgb_to_linear(stored) } else { stored }
+    }
 }
 
 /// Weights of red, green and blue in luminance (Rec. 601).

@@ -3,7 +3,6 @@
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::base::color::srgb_to_linear;
 use crate::base::{Decode, Region, workers};
 
 /// The storage of a sample of a [`Frame`].
@@ -187,7 +186,7 @@ impl Frame {
                 let table = intensities_to(u16::MAX, decode);
                 s.iter().map(|&v| table[usize::from(v)]).collect()
             }
-            Samples::F32(s) => s.iter().map(|&v| intensity(v.into(), decode)).collect(),
+            Samples::F32(s) => s.iter().map(|&v| decode.intensity(v.into()) as f32).collect(),
         }
     }
 
@@ -204,7 +203,7 @@ impl Frame {
                 let table = intensities_to(u16::MAX, decode);
                 self.means(s, step, |v| table[usize::from(v)])
             }
-            Samples::F32(s) => self.means(s, step, |v| intensity(v.into(), decode)),
+            Samples::F32(s) => self.means(s, step, |v| decode.intensity(v.into()) as f32),
         }
     }
 
@@ -297,15 +296,10 @@ impl Frame {
     }
 }
 
-/// Returns the intensity of a stored value, white at 1.
-fn intensity(stored: f64, decode: Decode) -> f32 {
-    (if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }) as f32
-}
-
 /// Returns the intensities of the integers up to `white`. A table saves the power of the curve, since integers have few
 /// values.
 fn intensities_to(white: u16, decode: Decode) -> Vec<f32> {
-    (0..=white).map(|v| intensity(f64::from(v) / f64::from(white), decode)).collect()
+    (0..=white).map(|v| decode.intensity(f64::from(v) / f64::from(white)) as f32).collect()
 }
 
 /// Copies samples to bytes, and returns whether any pixel is clipped.

@@ -7,7 +7,7 @@ use super::plan::{Plan, halving_filter};
 use super::prepared_solver::{PairOptions, PreparedSolver};
 use super::solution::{self, Solution};
 use super::stages::{Field, convolve, ingest};
-use crate::base::color::{LUMINANCE, srgb_to_linear};
+use crate::base::color::LUMINANCE;
 use crate::base::{
     Decode, Error, Format, Frame, Homography, Method, Photometric, Progress, Region, Settings, Shading, Similarity,
     centre, workers,
@@ -320,7 +320,7 @@ fn solve_at_half_size(
 
 /// Stored levels at which pixels are clipped, as intensities: pixels of the half-size image hold those.
 fn clipping_intensities(levels: [f32; 2], decode: Decode) -> [Option<f64>; 2] {
-    let of = |level: f32| if decode == Decode::Srgb { srgb_to_linear(level.into()) } else { level.into() };
+    let of = |level: f32| decode.intensity(level.into());
     levels.map(|level| level.is_finite().then(|| of(level)))
 }
 

@@ -3,7 +3,6 @@
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, Raster, pixels};
-use crate::base::color::srgb_to_linear;
 use crate::base::{Decode, Frame, Samples};
 use crate::engine::vulkan::Variant;
 
@@ -70,9 +69,8 @@ pub fn stored(frame: &Frame, i: usize) -> f64 {
 
 /// The weighted sum of a pixel's channels.
 pub(super) fn intensity(frame: &Frame, pixel: usize, decode: Decode, weights: [f32; 3]) -> f64 {
-    let decoded = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored };
     let channels = frame.format().channels.count() as usize;
-    let channel = |c: usize| decoded(stored(frame, pixel * channels + c));
+    let channel = |c: usize| decode.intensity(stored(frame, pixel * channels + c));
     if channels == 1 { channel(0) } else { weights.iter().enumerate().map(|(c, &w)| f64::from(w) * channel(c)).sum() }
 }
 
@@ -89,7 +87,7 @@ pub(crate) fn in_units<N: Number>(
     weights: [f32; 3],
     unit: f64,
 ) -> Raster<N> {
-    let scaled = |stored: f64| (if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }) / unit;
+    let scaled = |stored: f64| decode.intensity(stored) / unit;
     let (channels, width) = (frame.format().channels.count() as usize, frame.width() as usize);
     // A table for each channel saves the power of the curve and the products.
     let table = |weight: f64| -> [f64; 256] { std::array::from_fn(|v| weight * scaled(v as f64 / 255.0)) };

@@ -138,7 +138,7 @@ impl VulkanSweep {
         let workspace = Workspace::new(device, plan, &plan.sweep_layout(frames))?;
         let mut recorder = Recorder::new(device, Clock::Never)?;
         recorder.initialize(&workspace.images());
-        // A sweep uses its unit, and no member that a solve of a pair finds.
+        // `unit` writes one member, and `edge_apply` reads another: the correlation of residuals, 0 for a sweep.
         recorder.clear_buffer(workspace.buffer(Slot::State), size_of::<State>() as u64);
         let mut commands = recorder.finish()?;
         commands.run()?;

@@ -47,7 +47,8 @@ fn enough(what: &'static str, found: usize) -> Result<(), Error> {
 const MOST_KEY_POINTS: usize = 8000;
 /// Number of pixels above which images are halved first. The scale space takes some 250 bytes per pixel.
 const MOST_PIXELS: usize = 1 << 22;
-/// Least response of a key-point, in [units](unit) of intensity, as in OpenCV. In a blurred photograph few key-points reach Lowe's 0.03.
+/// Least response of a key-point, in [units](unit) of intensity, as in OpenCV. In a blurred photograph few key-points
+/// reach Lowe's 0.03.
 const LEAST_RESPONSE: f32 = 0.04 / 3.0;
 /// Length to which descriptors are scaled. Their components, at most 0.2 before, then fit a byte.
 const LENGTH: f32 = 512.0;
