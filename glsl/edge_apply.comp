@@ -28,9 +28,10 @@ const float CORRELATED = 8.0;
 const float LEAST_LENGTH = 4.5;
 // Cells around with an outline of the same order, with the cell itself, without which an outline does not count.
 const int LEAST_AROUND = 6;
-// By how much an outline must cost less than the other order, per cell; and the share of cells whose outline is well
-// within the displacements.
-const float ORDER = 3.0, WITHIN = 0.9;
+// By how much an outline must cost less than the other order, per cell.
+const float ORDER = 3.0;
+// The largest variance of its displacement, px²: where residuals are independent, and where all are correlated.
+const float MOST_VARIANCE = 4.0, CORRELATED_VARIANCE = 1.0;
 // The farthest pixels that change, px from where V was halfway, and from where on they change less.
 const float FARTHEST = 13.0, FADING = 9.0;
 // σ² of the weights of cells by the pixel's distance from the edge, px².
@@ -49,8 +50,9 @@ int order_of(ivec2 cell) {
     float margin = number_of(cell, DECISIONS, decided + 4);
     int reversed = margin < 0.0 ? 1 : 0;
     float least = mix(least_saving, CORRELATED, state.correlated);
+    float most = mix(MOST_VARIANCE, CORRELATED_VARIANCE, state.correlated);
     bool accepted = abs(margin) > ORDER && number_of(cell, DECISIONS, decided + reversed) > least
-        && number_of(cell, DECISIONS, decided + 2 + reversed) > WITHIN
+        && number_of(cell, DECISIONS, decided + 2 + reversed) < most
         && number_of(cell, DECISIONS, decided + 5) > LEAST_LENGTH;
     return accepted ? 1 + reversed : 0;
 }

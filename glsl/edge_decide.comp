@@ -19,6 +19,8 @@ const int AROUND = 2;
 const float SPREAD = 1.44;
 // The costs of neighbouring samples are not independent: a distribution is exp(-cost / TEMPERATURE).
 const float TEMPERATURE = 1.5;
+// Stands for the variance of the displacement where it is not well within the range that is searched, px².
+const float OUTSIDE = 10.0;
 
 const int SIDE_AROUND = 2 * AROUND + 1, NEIGHBOURS = SIDE_AROUND * SIDE_AROUND;
 // A row of invocations per order. Invocation n adds the cost n % COSTS_OF_CELL of every PARTS-th neighbour.
@@ -88,13 +90,17 @@ void main() {
         imageStore(results, place_of(cell, order == 0 ? OUTLINES : REVERSED_OUTLINES, lane), vec4(share / total));
     }
     if (lane > 0) return;
-    // Whether the outline is well within the displacements.
     place /= total;
-    float within = place > 1.0 && place < float(DISPLACEMENTS - 2) ? 1.0 : 0.0;
+    float variance = 0.0;
+    for (int i = 0; i < DISPLACEMENTS; i++) {
+        float away = float(i) - place;
+        variance += away * away * densities[order][i] / total;
+    }
+    bool is_within = place > 1.0 && place < float(DISPLACEMENTS - 2);
     float before = 0.0;
     for (int i = 0; i < PARTS; i++) before += parts[order][i][BEFORE];
     imageStore(results, place_of(cell, DECISIONS, order), vec4((before - least[order]) / sum));
-    imageStore(results, place_of(cell, DECISIONS, 2 + order), vec4(within));
+    imageStore(results, place_of(cell, DECISIONS, 2 + order), vec4(is_within ? variance : OUTSIDE));
     if (order > 0) return;
     imageStore(results, place_of(cell, DECISIONS, 4), vec4((least[1] - least[0]) / sum));
     imageStore(results, place_of(cell, DECISIONS, 5), vec4(length));

@@ -3,7 +3,7 @@
 //! With the probability p that a pixel shows the near side, from the distributions of the cells around it,
 //! `V = s V_near + (1 - s) V_far` and `σ = √(p (1 - s)² + (1 - p) s²) |V_near - V_far| + p σ_near + (1 - p) σ_far`. s
 //! is 0 or 1 but for p within 0.05 of a half. V changes only if the outline explains the photographs about as well as V
-//! did, and better than any with the other side in front; if it is well within the displacements; and if it goes on for
+//! did, and better than any with the other side in front; if the photographs determine its place; and if it goes on for
 //! some cells. Where the kernel does not describe the blur, V is off from place to place, and outlines of what is no
 //! surface explain the photographs about as well: the more neighbouring residuals are correlated, the better it must
 //! be.
@@ -97,7 +97,8 @@ pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
     let mut results = before.map(Raster::clone);
     let (columns_and_rows @ [columns, _], around) = (edge::cells(size).map(|n| n as usize), shader::AROUND as usize);
     let least_saving = f64::from(c.least_saving) + correlated * (shader::CORRELATED - f64::from(c.least_saving));
-    let of_cell = |cell| Some((Edge::of(edges, cell)?, order(c, least_saving, decisions, cell)?));
+    let most_variance = shader::MOST_VARIANCE + correlated * (shader::CORRELATED_VARIANCE - shader::MOST_VARIANCE);
+    let of_cell = |cell| Some((Edge::of(edges, cell)?, order(c, [least_saving, most_variance], decisions, cell)?));
     let mut accepted: Vec<Option<(Edge, usize)>> = edge::all_cells(size).map(of_cell).collect();
     let orders: Vec<Option<usize>> = accepted.iter().map(|cell| Some(cell.as_ref()?.1)).collect();
     for (cell, accepted) in edge::all_cells(size).zip(&mut accepted) {
@@ -177,12 +178,17 @@ pub(crate) fn cpu_reference<N: Number, const COUNT: usize>(
 }
 
 /// The order in which an outline is accepted: 0 with the near side in front, 1 with the far side.
-fn order<N: Number>(c: &Constants, least_saving: f64, decisions: &Raster<N>, cell: [usize; 2]) -> Option<usize> {
+fn order<N: Number>(
+    c: &Constants,
+    [least_saving, most_variance]: [f64; 2],
+    decisions: &Raster<N>,
+    cell: [usize; 2],
+) -> Option<usize> {
     let at = |n: usize| edge::number(decisions, cell, c.decided as usize + n);
     let order = usize::from(at(4) < 0.0);
     (at(4).abs() > shader::ORDER
         && at(order) > least_saving
-        && at(2 + order) > shader::WITHIN
+        && at(2 + order) < most_variance
         && at(5) > shader::LEAST_LENGTH)
         .then_some(order)
 }
@@ -216,9 +222,9 @@ mod tests {
             .for_each(|n| results[n].data.fill(0.0));
         for cell in edge::all_cells(size) {
             let numbers = match (cell[1] % 6, order) {
-                (5, _) => [9.0, 9.0, 0.5, 0.5, 5.0, 9.0],
-                (_, 0) => [9.0, 0.0, 1.0, 0.0, 5.0, 9.0],
-                _ => [0.0, 9.0, 0.0, 1.0, -5.0, 9.0],
+                (5, _) => [9.0, 9.0, 3.0, 3.0, 5.0, 9.0],
+                (_, 0) => [9.0, 0.0, 2.5, 9.0, 5.0, 9.0],
+                _ => [0.0, 9.0, 9.0, 2.5, -5.0, 9.0],
             };
             edge::set(&mut results[DECISIONS], cell, 0, &numbers);
         }
@@ -260,12 +266,19 @@ mod tests {
 
     #[test]
     fn too_little_evidence_changes_nothing() {
-        let evidence = [7.0, 0.0, 1.0, 0.0, 9.0, 9.0];
-        assert!(changes(20, evidence, 0.0));
-        assert!(!changes(20, [7.0, 0.0, 1.0, 0.0, shader::ORDER - 0.1, 9.0], 0.0));
-        assert!(!changes(20, [7.0, 0.0, 1.0, 0.0, 9.0, shader::LEAST_LENGTH - 0.1], 0.0));
+        let evidence = |saving, variance| [saving, 0.0, variance, 0.0, 9.0, 9.0];
+        assert!(changes(20, evidence(7.0, 0.5), 0.0));
+        assert!(!changes(20, [7.0, 0.0, 0.5, 0.0, shader::ORDER - 0.1, 9.0], 0.0));
+        assert!(!changes(20, [7.0, 0.0, 0.5, 0.0, 9.0, shader::LEAST_LENGTH - 0.1], 0.0));
         // With correlated residuals an outline must cost 8 less.
-        assert!(!changes(20, evidence, 1.0));
+        assert!(!changes(20, evidence(7.0, 0.5), 1.0));
+        // Its place must be known to 2 px, and with correlated residuals to 1 px.
+        for (variance, of_independent, of_correlated) in
+            [(0.9, true, true), (1.1, true, false), (3.9, true, false), (4.1, false, false)]
+        {
+            let accepted = [0.0, 1.0].map(|correlated| changes(20, evidence(9.0, variance), correlated));
+            assert_eq!(accepted, [of_independent, of_correlated], "{variance}");
+        }
     }
 
     #[test]
@@ -275,7 +288,7 @@ mod tests {
         let count = |rows| edge::all_cells([67, 81]).filter(|cell| is_below(rows, *cell)).count();
         let few = (0..20).rev().find(|rows| count(*rows) < LEAST_AROUND).unwrap();
         assert!(count(few) > 3, "{few}");
-        let evidence = [7.0, 0.0, 1.0, 0.0, 9.0, 9.0];
+        let evidence = [7.0, 0.0, 0.5, 0.0, 9.0, 9.0];
         assert_eq!([few, 20].map(|rows| changes(rows, evidence, 0.0)), [false, true]);
     }
 }

@@ -4,9 +4,9 @@
 //! The costs E of a cell are averaged with those of its neighbours on the same edge. With a temperature τ the
 //! distribution of the displacement is proportional to `exp(-E/τ)`. Stored is its sum up to each displacement.
 //!
-//! The evidence for an outline: the cost of V as it is less the least cost, in both orders; whether the mean
-//! displacement is within the range, for both; the least cost of the other order less that of this one; and how many
-//! cells within two continue the edge.
+//! The evidence for an outline: the cost of V as it is less the least cost, in both orders; the variance of the
+//! displacement, for both; the least cost of the other order less that of this one; and how many cells within two
+//! continue the edge.
 
 use super::edge::{self, BEFORE, COSTS, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, REVERSED_COSTS, TOTAL};
 use super::pass::{Memory, Pass, bindings, push_constants};
@@ -88,9 +88,11 @@ pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], costs: [&Raster<N>; 2], e
                 share
             });
             edge::set(&mut layers[order], cell, 0, &shares);
-            let within = place > 1.0 && place < (DISPLACEMENTS - 2) as f64;
+            let away = |n: usize| (n as f64 - place).powi(2);
+            let variance = density.iter().enumerate().map(|(n, p)| away(n) * p).sum::<f64>() / total;
+            let is_within = place > 1.0 && place < (DISPLACEMENTS - 2) as f64;
             edge::set(&mut layers[2], cell, order, &[(before[order] - least[order]) / sum]);
-            edge::set(&mut layers[2], cell, 2 + order, &[f64::from(u8::from(within))]);
+            edge::set(&mut layers[2], cell, 2 + order, &[if is_within { variance } else { shader::OUTSIDE }]);
         }
         edge::set(&mut layers[2], cell, 4, &[(least[1] - least[0]) / sum, length]);
     }
@@ -99,6 +101,7 @@ pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], costs: [&Raster<N>; 2], e
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
     use super::super::edge::testing::{arguments, count, layers};
     use super::super::harness::{Input, Trial};
     use super::*;
@@ -127,5 +130,22 @@ mod tests {
                 assert!((edge::number(&trial.layers(0)[layer], cell, DISPLACEMENTS - 1) - 1.0).abs() < 1e-9);
             }
         }
+    }
+
+    #[test]
+    fn the_variance_of_the_displacement_is_that_of_its_distribution() {
+        let [mut edges, mut costs] = [(); 2].map(|()| Field::zeros(4, 4));
+        edge::set(&mut edges, [0, 0], 0, &[1.0]);
+        edge::set(&mut edges, [0, 0], TOTAL, &[1.0, 2.0, 2.0, 1.0, 0.0, 1.0, -1.0]);
+        let mut of_least = |least: &[usize]| {
+            let numbers: Vec<_> = (0..=BEFORE).map(|n| if least.contains(&n) { 0.0 } else { 1000.0 }).collect();
+            edge::set(&mut costs, [0, 0], 0, &numbers);
+            edge::number(&cpu_reference([4, 4], [&costs, &costs], &edges)[2], [0, 0], 2)
+        };
+        assert!(of_least(&[5]) < 1e-9);
+        assert!((of_least(&[5, 7]) - 1.0).abs() < 1e-9);
+        assert!((of_least(&[3, 9]) - 9.0).abs() < 1e-9);
+        // At an end of the range there may be a better place beyond.
+        assert_eq!([0, 1, DISPLACEMENTS - 2, DISPLACEMENTS - 1].map(|n| of_least(&[n])), [shader::OUTSIDE; 4]);
     }
 }
