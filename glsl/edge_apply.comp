@@ -22,7 +22,7 @@ layout(push_constant) uniform Constants {
 
 // Cells in each direction that an outline is taken from, and in which cells with an outline are counted.
 const int AROUND = 4;
-// The same where all residuals are correlated with their neighbours.
+// By how much an outline must cost less than V as it is where all residuals are correlated with their neighbours.
 const float CORRELATED = 8.0;
 // More cells than this, with the cell itself, must continue the edge: five lie within two cells on a straight one.
 const float LEAST_LENGTH = 4.5;
@@ -30,7 +30,8 @@ const float LEAST_LENGTH = 4.5;
 const int LEAST_AROUND = 6;
 // By how much an outline must cost less than the other order, per cell.
 const float ORDER = 3.0;
-// The largest variance of its displacement, px²: where residuals are independent, and where all are correlated.
+// The largest variance of an outline's displacement, px² of the level: where residuals are independent, and where all
+// are correlated.
 const float MOST_VARIANCE = 4.0, CORRELATED_VARIANCE = 1.0;
 // The farthest pixels that change, px from where V was halfway, and from where on they change less.
 const float FARTHEST = 13.0, FADING = 9.0;

@@ -19,8 +19,9 @@ const int AROUND = 2;
 const float SPREAD = 1.44;
 // The costs of neighbouring samples are not independent: a distribution is exp(-cost / TEMPERATURE).
 const float TEMPERATURE = 1.5;
-// Stands for the variance of the displacement where it is not well within the range that is searched, px².
-const float OUTSIDE = 10.0;
+// Replaces the variance of the displacement where its mean is at an end of the range, so that a better one may be
+// beyond, px² of the level: that of a displacement of which nothing is known but that it is in the range.
+const float OUTSIDE = 18.667;
 
 const int SIDE_AROUND = 2 * AROUND + 1, NEIGHBOURS = SIDE_AROUND * SIDE_AROUND;
 // A row of invocations per order. Invocation n adds the cost n % COSTS_OF_CELL of every PARTS-th neighbour.
@@ -94,8 +95,9 @@ void main() {
     float variance = 0.0;
     for (int i = 0; i < DISPLACEMENTS; i++) {
         float away = float(i) - place;
-        variance += away * away * densities[order][i] / total;
+        variance += away * away * densities[order][i];
     }
+    variance /= total;
     bool is_within = place > 1.0 && place < float(DISPLACEMENTS - 2);
     float before = 0.0;
     for (int i = 0; i < PARTS; i++) before += parts[order][i][BEFORE];

@@ -3,10 +3,11 @@
 //! The numbers of a cell are in layers of the results beyond V, its deviation and the residual. Each cell has 16
 //! numbers in a layer, at its own pixels. The CPU reference of `glsl/include/edge.glsl`.
 //!
-//! - Layer `EDGES`: 0 whether the cell has an edge; 1, 2 its place; 3, 4 its normal; 5, 6 V of the near and the far side;
-//!   7, 8 their deviations; 9 [`TOTAL`]; 10 to 15 place, normal and V of the straightened edge.
-//! - Layer `DECISIONS`, in two places in turn (`edge_agree::place`): 0, 1 the saving over V as it is, by order; 2, 3
-//!   the variance of the displacement, by order; 4 the lead of order 0 over order 1; 5 how many cells continue the edge.
+//! - Layer `EDGES`: 0 whether the cell has an edge; 1, 2 its place; 3, 4 its normal; 5, 6 V of the near and the far
+//!   side; 7, 8 their deviations; 9 [`TOTAL`]; 10 to 15 place, normal and V of the straightened edge.
+//! - Layer `DECISIONS`, in two places in turn (`edge_agree::place`): 0, 1 the saving over V as it is, by order; 2, 3 the
+//!   variance of the displacement, by order, or `OUTSIDE` where its mean is at an end of the range; 4 the lead of
+//!   order 0 over order 1; 5 how many cells continue the edge.
 //!
 //! Order 0 has the near side in front, order 1 the far side.
 

@@ -279,6 +279,10 @@ mod tests {
             let accepted = [0.0, 1.0].map(|correlated| changes(20, evidence(9.0, variance), correlated));
             assert_eq!(accepted, [of_independent, of_correlated], "{variance}");
         }
+        assert_eq!([2.4, 2.6].map(|variance| changes(20, evidence(9.0, variance), 0.5)), [true, false]);
+        // With the far side in front.
+        assert!(changes(20, [0.0, 9.0, 9.0, 0.5, -9.0, 9.0], 0.0));
+        assert!(!changes(20, [0.0, 9.0, 0.5, 9.0, -9.0, 9.0], 0.0));
     }
 
     #[test]

@@ -5,8 +5,8 @@
 //! distribution of the displacement is proportional to `exp(-E/τ)`. Stored is its sum up to each displacement.
 //!
 //! The evidence for an outline: the cost of V as it is less the least cost, in both orders; the variance of the
-//! displacement, for both; the least cost of the other order less that of this one; and how many cells within two
-//! continue the edge.
+//! displacement, for both, or `OUTSIDE` where its mean is at an end of the range; the least cost of the other order less
+//! that of this one; and how many cells within two continue the edge.
 
 use super::edge::{self, BEFORE, COSTS, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, REVERSED_COSTS, TOTAL};
 use super::pass::{Memory, Pass, bindings, push_constants};
@@ -137,15 +137,27 @@ mod tests {
         let [mut edges, mut costs] = [(); 2].map(|()| Field::zeros(4, 4));
         edge::set(&mut edges, [0, 0], 0, &[1.0]);
         edge::set(&mut edges, [0, 0], TOTAL, &[1.0, 2.0, 2.0, 1.0, 0.0, 1.0, -1.0]);
-        let mut of_least = |least: &[usize]| {
-            let numbers: Vec<_> = (0..=BEFORE).map(|n| if least.contains(&n) { 0.0 } else { 1000.0 }).collect();
+        // Costs by displacement; others are 1000. The other order costs the same everywhere.
+        let mut variances = |total: f64, least: &[(usize, f64)]| {
+            let mut numbers = [1000.0 * total; BEFORE + 1];
+            least.iter().for_each(|&(n, cost)| numbers[n] = total * cost);
+            edge::set(&mut edges, [0, 0], TOTAL, &[total]);
             edge::set(&mut costs, [0, 0], 0, &numbers);
-            edge::number(&cpu_reference([4, 4], [&costs, &costs], &edges)[2], [0, 0], 2)
+            let decisions = &cpu_reference([4, 4], [&costs, &Field::zeros(4, 4)], &edges)[2];
+            [2, 3].map(|n| edge::number(decisions, [0, 0], n))
         };
-        assert!(of_least(&[5]) < 1e-9);
-        assert!((of_least(&[5, 7]) - 1.0).abs() < 1e-9);
-        assert!((of_least(&[3, 9]) - 9.0).abs() < 1e-9);
+        let unknown = ((DISPLACEMENTS * DISPLACEMENTS - 1) as f64) / 12.0;
         // At an end of the range there may be a better place beyond.
-        assert_eq!([0, 1, DISPLACEMENTS - 2, DISPLACEMENTS - 1].map(|n| of_least(&[n])), [shader::OUTSIDE; 4]);
+        for (n, variance) in [(0, shader::OUTSIDE), (1, shader::OUTSIDE), (2, 0.0), (12, 0.0), (13, shader::OUTSIDE)] {
+            let [of_near, of_far] = variances(1.0, &[(n, 0.0)]);
+            assert!((of_near - variance).abs() < 1e-9 && (of_far - unknown).abs() < 1e-9, "{n}: {of_near}, {of_far}");
+        }
+        assert!((unknown - shader::OUTSIDE).abs() < 1e-3);
+        for total in [1.0, 2.0] {
+            assert!((variances(total, &[(3, 0.0), (9, 0.0)])[0] - 9.0).abs() < 1e-9);
+            // Weights of 3/4 and 1/4.
+            let third = shader::TEMPERATURE * 3f64.ln();
+            assert!((variances(total, &[(5, 0.0), (7, third)])[0] - 0.75).abs() < 1e-9);
+        }
     }
 }
