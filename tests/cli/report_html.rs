@@ -14,19 +14,22 @@ use crate::synthetic::{CUP_LENS, waves};
 /// A file name that contains HTML, as an attacker would choose it.
 const ODD_NAME: &str = "<img src=x onerror=alert(1)>&amp;.png";
 
-/// A folder with the results of one solve. One photograph is named `ODD_NAME`.
+/// The folder of [`solved`] that the tests share.
 fn results() -> &'static Desk {
     static FOLDER: OnceLock<Desk> = OnceLock::new();
-    FOLDER.get_or_init(|| {
-        let desk = Desk::new();
-        for (name, contrast) in [(ODD_NAME, 90.0), ("far.png", 70.0)] {
-            let value = |x: u32, y: u32| (128.0 + contrast / 3.0 * waves(x, y)) as u8;
-            let image = image::RgbImage::from_fn(240, 160, |x, y| image::Rgb([value(x, y), value(x, y), x as u8]));
-            image.save(desk.path(name)).unwrap();
-        }
-        solve(&desk, &CUP_LENS);
-        desk
-    })
+    FOLDER.get_or_init(solved)
+}
+
+/// A folder with the results of one solve. One photograph is named `ODD_NAME`.
+fn solved() -> Desk {
+    let desk = Desk::new();
+    for (name, contrast) in [(ODD_NAME, 90.0), ("far.png", 70.0)] {
+        let value = |x: u32, y: u32| (128.0 + contrast / 3.0 * waves(x, y)) as u8;
+        let image = image::RgbImage::from_fn(240, 160, |x, y| image::Rgb([value(x, y), value(x, y), x as u8]));
+        image.save(desk.path(name)).unwrap();
+    }
+    solve(&desk, &CUP_LENS);
+    desk
 }
 
 fn solve(desk: &Desk, extra: &[&str]) {
@@ -34,8 +37,12 @@ fn solve(desk: &Desk, extra: &[&str]) {
 }
 
 fn opened(width: u32) -> Browser {
+    opened_of(results(), width)
+}
+
+fn opened_of(desk: &Desk, width: u32) -> Browser {
     let mut browser = Browser::start(width, 900);
-    browser.open(&results().path("out/report.html"), "window.page");
+    browser.open(&desk.path("out/report.html"), "window.page");
     browser
 }
 
@@ -180,7 +187,9 @@ fn the_summary_is_one_sentence_and_three_pictures() {
 
 #[test]
 fn measurements_on_the_page_match_the_measure_command() {
-    let mut browser = opened(1280);
+    // `measure` writes page and report again, while other tests read them.
+    let desk = solved();
+    let mut browser = opened_of(&desk, 1280);
     browser.evaluate("document.querySelector('[data-tool=step]').click()");
     let at = |browser: &mut Browser, [x, y]: [u32; 2]| {
         let [left, top, ..] = canvas(browser, "map");
@@ -203,13 +212,13 @@ fn measurements_on_the_page_match_the_measure_command() {
     }
     let command = browser.evaluate("document.getElementById('command').textContent");
     let command = command.as_str().unwrap().to_string();
-    let out = results().path("out").canonicalize().unwrap();
+    let out = desk.path("out").canonicalize().unwrap();
     let expected = format!("parfocal measure {} --step 30,40,40,60 150,40,50,60 --profile 20,80,40,80", out.display());
     assert_eq!(command, expected);
     let text = browser.evaluate("document.getElementById('measured-text').textContent");
     let text = text.as_str().unwrap().replace('−', "-");
 
-    let found = results().printed(&command.split(' ').skip(1).collect::<Vec<_>>());
+    let found = desk.printed(&command.split(' ').skip(1).collect::<Vec<_>>());
     let blur = &found["steps"][0]["difference"];
     let numbers: Vec<f64> = text.split([' ', ':', ',']).filter_map(|word| word.parse().ok()).collect();
     let [value, error] = ["value", "standard_error"].map(|key| blur[key].as_f64().unwrap());
@@ -221,7 +230,7 @@ fn measurements_on_the_page_match_the_measure_command() {
     browser.evaluate("{ page.view.zoomBy(2); document.querySelector('[data-mode=uncertainty]').click() }");
     browser.evaluate("{ window.prompt = () => {}; document.getElementById('copy-link').click() }");
     let (hash, before) = (browser.evaluate("location.hash"), pixels(&mut browser, "map"));
-    let mut other = opened(1280);
+    let mut other = opened_of(&desk, 1280);
     other.evaluate(&format!("{{ location.hash = {hash}; location.reload() }}"));
     other.wait("window.page && page.map.mode === 'uncertainty'");
     assert!(pixels(&mut other, "map") == before, "{hash}");
