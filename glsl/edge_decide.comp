@@ -19,8 +19,8 @@ const int AROUND = 2;
 const float SPREAD = 1.44;
 // The costs of neighbouring samples are not independent: a distribution is exp(-cost / TEMPERATURE).
 const float TEMPERATURE = 1.5;
-// Replaces the variance of the displacement where its mean is at an end of the range, so that a better one may be
-// beyond, px² of the level: that of a displacement of which nothing is known but that it is in the range.
+// Where the mean displacement is at an end of the range, a better one may lie beyond. Its variance is then taken to be
+// this, px² of the level: the variance if all displacements in the range are equally probable.
 const float OUTSIDE = 18.667;
 
 const int SIDE_AROUND = 2 * AROUND + 1, NEIGHBOURS = SIDE_AROUND * SIDE_AROUND;

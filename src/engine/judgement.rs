@@ -306,7 +306,9 @@ fn numbers_doubt(state: &State) -> Option<String> {
     let single = state.registration;
     let numbers = [&single.linear[..], &single.t, &single.g, &[single.gain, single.offset]].concat();
     let finite = numbers.iter().all(|v| v.is_finite());
-    (!finite).then(|| "the solve ran out of numbers: some samples are far brighter than the rest; mask them or state a white level".to_string())
+    let doubt = "the solve ran out of numbers: some samples are far brighter than the rest; mask them or state a white \
+                 level";
+    (!finite).then(|| doubt.to_string())
 }
 
 /// What moves when a level is stopped, by the share of the pixels that the last step moved.

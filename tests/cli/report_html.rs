@@ -157,8 +157,7 @@ fn values_under_the_cursor_match_the_exr() {
 
 #[test]
 fn the_summary_is_one_sentence_and_three_pictures() {
-    let mut browser = Browser::start(1400, 900);
-    browser.open(&results().path("out/report.html"), "window.page");
+    let mut browser = opened(1400);
     let sentence = browser.evaluate("document.getElementById('sentence').textContent");
     let sentence = sentence.as_str().unwrap();
     assert!(sentence.starts_with("Depth ") && sentence.contains("\u{a0}mm, typically ±"), "{sentence}");
