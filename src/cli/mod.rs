@@ -3,6 +3,7 @@
 #[cfg(all(test, target_os = "linux"))]
 mod fuzz;
 mod help;
+mod signals;
 
 /// The subcommands, one per file: their options and actions.
 mod commands {
@@ -44,8 +45,16 @@ mod options {
 mod output {
     pub mod destination;
     pub mod failure;
+    pub mod numbers;
     pub mod progress;
     pub mod summary;
+}
+
+/// The work of a solve, from its files to its results.
+mod jobs {
+    pub mod pair;
+    pub mod results;
+    pub mod sweep;
 }
 
 /// Batches of pairs and sweeps: how they are found and solved, and their summary.
@@ -67,10 +76,7 @@ mod inspection {
     pub mod verdict;
 }
 
-use std::fs;
-use std::path::Path;
 use std::process::ExitCode;
-use std::thread;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
@@ -80,9 +86,6 @@ use self::commands::{
 };
 use self::options::config_file;
 use self::output::failure::{self, Failure};
-
-/// Name of the environment variable that enables the Vulkan validation layer.
-const VALIDATE: &str = "PARFOCAL_VALIDATE";
 
 /// Depth from defocus on the GPU: relative blur and registration of two photographs, recovered together.
 #[derive(Debug, Parser)]
@@ -137,15 +140,15 @@ fn command() -> clap::Command {
     help::with_groups(Cli::command().mut_subcommands(|c| help::with_layout(config_file::with_optional_switches(c))))
 }
 
-fn run(command: Command) -> Result<(), Failure> {
+fn run(subcommand: Command) -> Result<(), Failure> {
     // These subcommands finish the current pair on a signal.
-    if !matches!(command, Command::Batch(_) | Command::Watch(_)) {
-        listen(|status| {
+    if !matches!(subcommand, Command::Batch(_) | Command::Watch(_)) {
+        signals::listen(|status| {
             parfocal::export::abandon();
             std::process::exit(status);
         });
     }
-    match command {
+    match subcommand {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Batch(arguments) => commands::batch::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
@@ -166,66 +169,9 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Evaluate(arguments) => bench::evaluate(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Devices(arguments) => setup::devices(&arguments),
-        Command::Config(arguments) => setup::config(&arguments),
-        Command::Completions(arguments) => setup::completions(&arguments),
-        Command::Man(arguments) => setup::manual(&arguments),
-    }
-}
-
-/// Exit status after Ctrl-C.
-const INTERRUPTED: i32 = 130;
-/// Exit status after SIGTERM.
-const TERMINATED: i32 = 143;
-
-/// Calls `end` with the exit status on each Ctrl-C and SIGTERM. If no listening thread can be started, the signals end
-/// the program as usual, and the next run removes temporary files. SIGHUP keeps its default action, so that nohup
-/// works.
-fn listen(end: impl Fn(i32) + Clone + Send + 'static) {
-    // The crate `ctrlc` installs its handler before it fails to start its thread.
-    if thread::Builder::new().spawn(|| ()).is_err() {
-        return;
-    }
-    #[cfg(unix)]
-    listen_for_term(end.clone());
-    // A signal that is ignored, as for background jobs of a script, stays ignored.
-    let _ = ctrlc::try_set_handler(move || end(INTERRUPTED));
-}
-
-/// Blocks SIGTERM in all threads except one, which waits for it.
-#[cfg(unix)]
-fn listen_for_term(end: impl Fn(i32) + Send + 'static) {
-    use nix::sys::signal::{SigSet, Signal};
-
-    let term = SigSet::from(Signal::SIGTERM);
-    if term.thread_block().is_err() {
-        return;
-    }
-    let wait = move || {
-        while term.wait().is_ok() {
-            end(TERMINATED);
-        }
-    };
-    if thread::Builder::new().name("signals".to_string()).spawn(wait).is_err() {
-        let _ = term.thread_unblock();
-    }
-}
-
-/// Whether two paths refer to the same existing file.
-fn same_file(a: &Path, b: &Path) -> bool {
-    let [(a, _), (b, _)] = [a, b].map(parfocal::image_io::split_page);
-    matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
-}
-
-/// Whether the environment requests the validation layer.
-fn is_validation_requested() -> bool {
-    std::env::var_os(VALIDATE).is_some_and(|value| !value.is_empty() && value != "0")
-}
-
-/// Fails if the validation layer has reported a message.
-fn check_validation(engine: &parfocal::Engine) -> Result<(), Failure> {
-    match engine.validation_messages().as_slice() {
-        [] => Ok(()),
-        messages => Err(Failure::Failed(format!("validation reported: {}", messages.join("; ")))),
+        Command::Config(arguments) => setup::config(&arguments, command()),
+        Command::Completions(arguments) => setup::completions(&arguments, command()),
+        Command::Man(arguments) => setup::manual(&arguments, command()),
     }
 }
 

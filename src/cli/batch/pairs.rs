@@ -10,6 +10,7 @@ use crate::cli::batch::manifest;
 use crate::cli::batch::summary::is_of_batch;
 use crate::cli::options::photographs::{SweepFiles, in_short, list_folder, one_series, with_format};
 use crate::cli::options::series::{self, file_name, stem};
+use crate::cli::output::destination::same_file;
 use crate::cli::output::failure::Failure;
 
 /// The photographs of a pair or a sweep in order, and the name of the folder of their results.
@@ -94,7 +95,7 @@ fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>, is_judged: bool)
         return Ok(by_name(&files));
     }
     let mut all = Grouped::default();
-    for inner in folders.iter().filter(|inner| !crate::cli::same_file(inner, out)) {
+    for inner in folders.iter().filter(|inner| !same_file(inner, out)) {
         let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let files = match list_folder(inner, raw) {
             Ok((files, _)) => files,

@@ -20,12 +20,12 @@ use crate::cli::batch::on_done::OnDone;
 use crate::cli::batch::outcome::Outcome;
 use crate::cli::batch::pairs::Group;
 use crate::cli::batch::summary::Row;
-use crate::cli::commands::solve::{PairJob, Photographs};
-use crate::cli::commands::stack::SweepJob;
 use crate::cli::inspection::judge::Judge;
 use crate::cli::inspection::verdict::{PartVerdict, utc};
+use crate::cli::jobs::pair::{PairJob, Photographs};
+use crate::cli::jobs::sweep::SweepJob;
 use crate::cli::options::photographs::SweepFiles;
-use crate::cli::options::run::{EngineArguments, RunArguments};
+use crate::cli::options::run::{EngineArguments, RunArguments, check_validation};
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
 
@@ -128,7 +128,7 @@ impl Devices {
         self.0.iter().try_for_each(|device| {
             let mut device = lock(device);
             device.failure.take().map_or(Ok(()), Err)?;
-            device.engine.as_ref().map_or(Ok(()), crate::cli::check_validation)
+            device.engine.as_ref().map_or(Ok(()), check_validation)
         })
     }
 }

@@ -22,6 +22,7 @@ use crate::cli::inspection::log::LogArgument;
 use crate::cli::options::solve::{Request, SolveArguments};
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
+use crate::cli::signals;
 
 /// Solve many pairs and focus sweeps: those of a folder, or of a list.
 #[derive(clap::Args, Debug)]
@@ -145,7 +146,7 @@ pub(crate) fn start_of(judge: Option<&Judge>) -> Value {
 pub(crate) fn stop_on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
-    crate::cli::listen(move |status| {
+    signals::listen(move |status| {
         if flag.swap(true, Ordering::Relaxed) {
             end_program();
             abandon();

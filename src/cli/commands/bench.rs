@@ -9,7 +9,7 @@ use parfocal::internals::bench::{self, Input, Options, Report};
 use parfocal::internals::evaluate::{self, Evaluation, Part};
 use parfocal::{Settings, image_io, settings::Method, transform::Homography};
 
-use crate::cli::options::run::{EngineArguments, QuietArgument, ReportArguments};
+use crate::cli::options::run::{EngineArguments, QuietArgument, ReportArguments, check_validation};
 use crate::cli::options::settings::{KernelChoice, TableArguments};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::{Failure, print};
@@ -115,7 +115,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let options = options(arguments)?;
     let (engine, engine_ms) = bench::open(&arguments.engine.options())?;
     let measured = bench::run(&engine, engine_ms, &options, &mut |line| arguments.quiet.print_line(line))?;
-    crate::cli::check_validation(&engine)?;
+    check_validation(&engine)?;
     let report = &measured.report;
     if let Some(file) = &arguments.output {
         report.write(arguments.force.to(file))?;
@@ -236,7 +236,7 @@ pub(crate) fn evaluate(arguments: &EvaluateArguments) -> Result<(), Failure> {
     let engine = arguments.engine.open()?;
     let options = evaluate::Options { data: arguments.data.clone(), quick: arguments.quick, only: arguments.only };
     let evaluation = Evaluation::run(&engine, &options, &mut |line| arguments.report.print_line(line));
-    crate::cli::check_validation(&engine)?;
+    check_validation(&engine)?;
     evaluation.write(out)?;
     let summary = [evaluation.summary(), format!("in {}", arguments.output.display())];
     let summary = summary.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n");

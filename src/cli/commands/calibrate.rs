@@ -13,12 +13,12 @@ use parfocal::{
 };
 use serde::Deserialize;
 
-use crate::cli::commands::depth::decimals;
 use crate::cli::options::lens::LensArguments;
 use crate::cli::options::part::{numbers, region_at_depth};
 use crate::cli::options::run::ResultsArguments;
-use crate::cli::output::destination;
+use crate::cli::output::destination::{self, same_file};
 use crate::cli::output::failure::Failure;
+use crate::cli::output::numbers::decimals;
 
 /// Find the blur constant kappa, focus distances and the field of a lens from the results of known targets
 #[derive(clap::Args, Debug)]
@@ -147,7 +147,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Refuses a second plane that is the first.
 fn check_second(arguments: &Arguments) -> Result<(), Failure> {
     let (first, Some(second)) = (&arguments.of.results, &arguments.second) else { return Ok(()) };
-    if crate::cli::same_file(first, second) {
+    if same_file(first, second) {
         let problem = "is also the first plane; --second takes results at another distance";
         return Err(Failure::Usage(format!("{}: {problem}", second.display())));
     }

@@ -7,10 +7,11 @@ use parfocal::page::figure;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::cli::commands::depth::decimals;
 use crate::cli::options::run::ReportArguments;
+use crate::cli::options::settings::differing;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
+use crate::cli::output::numbers::decimals;
 
 /// Compare two results of one scene: settings, numbers, and their differences in units of the standard deviation.
 #[derive(clap::Args, Debug)]
@@ -103,21 +104,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         figure::write_png(arguments.force.to(file), &picture(size.0, size.1, &pixels))?;
     }
     arguments.report.print(&compared.table(paths, arguments.output.as_deref()), &compared)
-}
-
-/// Names of the settings that differ, including nested ones.
-pub(crate) fn differing(a: &Value, b: &Value) -> Vec<(String, [Value; 2])> {
-    let keys = |value: &Value| value.as_object().map(|map| map.keys().cloned().collect::<Vec<_>>()).unwrap_or_default();
-    let mut names = keys(a);
-    names.extend(keys(b).into_iter().filter(|key| a.get(key).is_none()));
-    let of = |name: String| match (&a[&name], &b[&name]) {
-        (x, y) if x == y => Vec::new(),
-        (x, y) if x.is_object() && y.is_object() => {
-            differing(x, y).into_iter().map(|(inner, both)| (format!("{name}.{inner}"), both)).collect()
-        }
-        (x, y) => vec![(name, [x.clone(), y.clone()])],
-    };
-    names.into_iter().flat_map(of).collect()
 }
 
 fn json(value: &impl Serialize) -> Result<Value, Failure> {

@@ -16,6 +16,7 @@ use crate::cli::options::run::ResultsArguments;
 use crate::cli::options::settings::one_or_two;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
+use crate::cli::output::numbers::depth_range;
 
 /// Convert results to depth in mm, once the lens, or the focus positions of a sweep, are known; set the pixel size.
 ///
@@ -89,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let palette = Some(arguments.colors.palette());
     solved.write_depth(&derived.drawing(palette), derived.files(palette), force)?;
     let mut lines: Vec<String> =
-        solved.report.depth.iter().map(|depth| format!("depth          {}", summary(depth))).collect();
+        solved.report.depth.iter().map(|depth| format!("depth          {}", depth_range(depth))).collect();
     lines.extend(pixel.map(|um| format!("pixel          {um} µm on the surface")));
     lines.extend(doubts.iter().map(|doubt| format!("warning        {doubt}")));
     lines.extend(derived.warning());
@@ -113,46 +114,4 @@ struct Stated<'a> {
     depth: Option<&'a DepthReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pixel_size_um: Option<f64>,
-}
-
-/// The range of depth and the number of pixels beyond it.
-pub(crate) fn summary(report: &DepthReport) -> String {
-    let (range, out) = (&report.range, report.out_of_range);
-    let beyond = match (report.lens.is_some(), out) {
-        // A stage reaches no infinity.
-        (false, 0) => String::new(),
-        (false, _) => format!("; beyond infinity: {out} px"),
-        (true, _) => format!("; out of the range of the lens: {out} px"),
-    };
-    let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
-        return format!("of no pixel{beyond}");
-    };
-    let digits = decimals(f64::from(max - min) / 100.0);
-    format!("{min:.digits$} to {max:.digits$} mm, median {median:.digits$}{beyond}")
-}
-
-/// Number of decimals for a number with this error: two digits of the error.
-pub(crate) fn decimals(error: f64) -> usize {
-    // The logarithm is not finite for 0 and NaN. Six decimals are enough.
-    if error > 0.0 { (1.0 - error.log10().floor()).clamp(0.0, 6.0) as usize } else { 6 }
-}
-
-/// A number with its sign. What rounds to zero is positive, since "-0.000" looks like a defect.
-pub(crate) fn signed(value: f64, digits: usize) -> String {
-    let text = format!("{value:+.digits$}");
-    match text.strip_prefix('-') {
-        Some(zero) if zero.bytes().all(|byte| b"0.".contains(&byte)) => format!("+{zero}"),
-        _ => text,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_rounds_to_zero_is_positive() {
-        assert_eq!([-0.0004, -0.0, -0.0006, 1.0].map(|x| signed(x, 3)), ["+0.000", "+0.000", "-0.001", "+1.000"]);
-        assert_eq!(signed(-0.4, 0), "+0");
-    }
 }

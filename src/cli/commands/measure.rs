@@ -1,14 +1,13 @@
 //! `parfocal measure`: step heights and profiles of results.
 
-use parfocal::export::{Measurements, Results, StepReport};
-use parfocal::metric::Estimate;
+use parfocal::export::Results;
 
-use crate::cli::commands::depth::{decimals, signed};
 use crate::cli::options::exports::DerivedOutputs;
 use crate::cli::options::part::MeasureArguments;
 use crate::cli::options::run::ResultsArguments;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
+use crate::cli::output::numbers::measurements;
 
 /// Measure step heights and profiles in the results of a solve or a sweep.
 #[derive(clap::Args, Debug)]
@@ -46,27 +45,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let measured = request.measure(&solved)?;
     let derived = DerivedOutputs::page(&solved);
     solved.write_measurements(&measured, &derived.drawing(None), derived.files(None), force)?;
-    let rows = rows(&measured);
+    let rows = measurements(&measured);
     let lines: Vec<String> =
         rows.iter().map(|(label, text)| format!("{label:<14} {text}")).chain(derived.warning()).collect();
     arguments.of.report(&lines.join("\n"), &measured)
-}
-
-/// Labels and texts of the summary.
-pub(crate) fn rows(measured: &Measurements) -> Vec<(&'static str, String)> {
-    let steps = measured.steps.iter().map(|step| ("step", height(step)));
-    let profiles = measured.profiles.iter().map(|profile| ("profile", format!("{} {}", profile.csv, profile.png)));
-    steps.chain(profiles).collect()
-}
-
-fn height(step: &StepReport) -> String {
-    let number = |Estimate { value, standard_error }, unit: &str| {
-        let digits = decimals(standard_error);
-        format!("{} ± {standard_error:.digits$} {unit}", signed(value, digits))
-    };
-    let unit = step.unit.as_str();
-    // The focus of a sweep may be in mm already.
-    let depth = step.depth_mm.filter(|_| unit != "mm" || step.difference.is_none());
-    let blur = step.difference.map_or("too few valid pixels".to_string(), |estimate| number(estimate, unit));
-    depth.map_or(blur.clone(), |estimate| format!("{}, {blur}", number(estimate, "mm")))
 }

@@ -1,23 +1,24 @@
 //! `parfocal register`: registers two photographs or the frames of a sweep.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use parfocal::export::{self, FileKind, FrameReport, Report};
 use parfocal::image_io::{Photograph, Values};
 use parfocal::sweep::SweepOptions;
-use parfocal::{PairSolver, Settings, SolveOptions, settings::Method};
+use parfocal::{PairSolver, Settings, SolveOptions, SweepSolver, settings::Method};
 
-use crate::cli::commands::depth::signed;
-use crate::cli::commands::stack;
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
-use crate::cli::options::photographs;
-use crate::cli::options::run::RunArguments;
+use crate::cli::jobs::sweep::{check_alike, decode, names};
+use crate::cli::options::photographs::{self, SweepFiles};
+use crate::cli::options::run::{RunArguments, check_validation, is_validation_requested};
 use crate::cli::options::series;
 use crate::cli::options::settings::SettingsArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
+use crate::cli::output::numbers::signed;
 use crate::cli::output::summary::registration_summary;
 
 /// Register two photographs of one scene or a focus sweep, in position and exposure
@@ -77,10 +78,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .and_then(|mut solver| solver.register(frames.each_ref(), &options))
         .map_err(|e| Failure::of_solve(e, &files[0]))?;
     drop((options, bar));
-    crate::cli::check_validation(&engine)?;
+    check_validation(&engine)?;
     let mut report = Report::registration(&registered, &settings, engine.info());
     report.values = values;
-    report.set_inputs(inputs, crate::cli::is_validation_requested());
+    report.set_inputs(inputs, is_validation_requested());
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &report)?;
     }
@@ -101,12 +102,40 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     check_output(arguments, &files.frames)?;
     let run = &arguments.run;
     files.note().iter().for_each(|note| run.report.print_line(note));
-    let found = stack::register(run, settings, &files, reference)?;
+    let found = register_sweep(run, settings, &files, reference)?;
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &found)?;
     }
     run.report.print(&sweep_summary(&found, arguments.output.as_deref()), &found)?;
     run.check_strict(true, &found.warnings)
+}
+
+/// Registers the frames of a sweep.
+fn register_sweep(
+    run: &RunArguments,
+    settings: &Settings,
+    SweepFiles { frames: files, left_out }: &SweepFiles,
+    reference: Option<usize>,
+) -> Result<Report, Failure> {
+    let (started, engine) = (Instant::now(), run.engine.open()?);
+    let fits = |first: &Photograph| photographs::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
+    let (frames, inputs) = decode(files, fits)?;
+    check_alike(files, &frames)?;
+    let values = Values::of(settings.decode, &inputs)?.corrected(&inputs, &frames);
+    let settings = Settings { decode: values.decode, ..settings.clone() };
+    let bar = run.bar(0.0);
+    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
+    let solve_options = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
+    let found = SweepSolver::new(&engine, &options).and_then(|mut solver| solver.register(&frames, &solve_options));
+    drop((solve_options, bar));
+    let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
+    check_validation(&engine)?;
+    let total_ms = started.elapsed().as_secs_f64() * 1e3;
+    let mut report = Report::sweep_registration(&found, &options.settings, &names(files), engine.info(), total_ms);
+    report.left_out.clone_from(left_out);
+    report.values = values;
+    report.set_inputs(inputs, is_validation_requested());
+    Ok(report)
 }
 
 /// The summary, a line for each frame, without a newline at the end.

@@ -16,14 +16,14 @@ use parfocal::metric::roughness::{Area, Form};
 use parfocal::page::repeat::repeat_page;
 use parfocal::{Error, Mask, Region, image_io};
 
-use crate::cli::commands::compare::differing;
-use crate::cli::commands::depth::{decimals, signed};
 use crate::cli::help::{MEASUREMENTS, OUTPUT, REGION};
 use crate::cli::options::part::{check_size, region, within};
 use crate::cli::options::run::ReportArguments;
+use crate::cli::options::settings::differing;
 use crate::cli::options::study_table::{self, Measured, Row};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
+use crate::cli::output::numbers::{decimals, signed};
 
 /// Measure how results of one unmoved part repeat: noise by ISO 25178-700, repeatability, type-1 and gauge R&R studies.
 #[derive(clap::Args, Debug)]

@@ -11,11 +11,11 @@ use parfocal::metric::roughness::{Area, Dimension, Evaluation, Form, Parameter, 
 use parfocal::{Error, Mask, Region, image_io};
 use serde::Serialize;
 
-use crate::cli::commands::depth::{decimals, signed};
 use crate::cli::help::{MEASUREMENTS, REGION};
 use crate::cli::options::part::{PixelSizeArgument, check_size, line, region, within};
 use crate::cli::options::run::ReportArguments;
 use crate::cli::output::failure::Failure;
+use crate::cli::output::numbers::{decimals, signed};
 
 /// Measure the roughness of results: areal parameters of ISO 25178-2, profile parameters of ISO 21920-2.
 #[derive(clap::Args, Debug)]

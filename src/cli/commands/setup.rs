@@ -99,12 +99,11 @@ const HEADER: &str = "\
 const WIDTH: usize = 110;
 
 /// Prints the configuration file.
-pub(crate) fn config(arguments: &Config) -> Result<(), Failure> {
-    let command = crate::cli::command();
-    let names: Vec<&str> = command.get_subcommands().filter(|c| takes_config(c)).map(clap::Command::get_name).collect();
+pub(crate) fn config(arguments: &Config, program: clap::Command) -> Result<(), Failure> {
+    let names: Vec<&str> = program.get_subcommands().filter(|c| takes_config(c)).map(clap::Command::get_name).collect();
     let name = arguments.command.as_str();
     if names.contains(&name) {
-        return print(&text(name));
+        return print(&text(program.clone(), name));
     }
     let hint =
         nearest(name, names.iter().copied()).map_or_else(String::new, |other| format!("; did you mean '{other}'?"));
@@ -112,10 +111,9 @@ pub(crate) fn config(arguments: &Config) -> Result<(), Failure> {
 }
 
 /// The configuration file for a subcommand.
-fn text(subcommand: &str) -> String {
-    let mut command = crate::cli::command();
-    command.build();
-    let options = command.find_subcommand(subcommand).into_iter().flat_map(clap::Command::get_arguments);
+fn text(mut program: clap::Command, subcommand: &str) -> String {
+    program.build();
+    let options = program.find_subcommand(subcommand).into_iter().flat_map(clap::Command::get_arguments);
     let mut text = HEADER.to_string();
     for option in options.filter(|option| is_key(option)) {
         // Writing into a string does not fail.
@@ -196,9 +194,9 @@ Examples:
   parfocal completions fish > ~/.config/fish/completions/parfocal.fish";
 
 /// Prints the script.
-pub(crate) fn completions(arguments: &Completions) -> Result<(), Failure> {
+pub(crate) fn completions(arguments: &Completions, mut program: clap::Command) -> Result<(), Failure> {
     let mut script = Vec::new();
-    clap_complete::generate(arguments.shell, &mut crate::cli::command(), "parfocal", &mut script);
+    clap_complete::generate(arguments.shell, &mut program, "parfocal", &mut script);
     print_bytes(&script)
 }
 
@@ -219,8 +217,8 @@ Examples:
   parfocal man | man -l -";
 
 /// Prints or writes the pages.
-pub(crate) fn manual(arguments: &Manual) -> Result<(), Failure> {
-    let mut command = crate::cli::command().disable_help_subcommand(true);
+pub(crate) fn manual(arguments: &Manual, program: clap::Command) -> Result<(), Failure> {
+    let mut command = program.disable_help_subcommand(true);
     command.build();
     let Some(folder) = &arguments.output else { return print_bytes(&page(command)?) };
     let out = arguments.force.to(folder);
@@ -253,9 +251,12 @@ mod tests {
     use clap::FromArgMatches;
     use tempfile::TempDir;
 
-    use super::*;
     use crate::cli::Cli;
     use crate::cli::options::config_file;
+
+    fn text(subcommand: &str) -> String {
+        super::text(crate::cli::command(), subcommand)
+    }
 
     fn parse(arguments: &[&str]) -> String {
         let arguments = arguments.iter().map(OsString::from).collect();

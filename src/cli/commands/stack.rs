@@ -1,28 +1,22 @@
 //! `parfocal stack`: recovers a map of the focus and a sharp image from a focus sweep, from its files to its results.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::time::Instant;
 
-use parfocal::export::{self, FrameReport, Kind, NearerBy, NeverReport, Palette, RangeReport, Report, Results};
-use parfocal::image_io::{self, Input, Photograph, Values};
-use parfocal::sweep::{Positions, Sweep, SweepOptions};
-use parfocal::{
-    Engine, Error, Frame, Progress, Settings, SolveOptions, SweepSolver,
-    settings::{DeviceInfo, Method},
-};
+use parfocal::export::{FrameReport, NearerBy, NeverReport, Palette, RangeReport, Report};
+use parfocal::image_io::Input;
+use parfocal::settings::Method;
+use parfocal::sweep::Positions;
 
-use crate::cli::commands::depth::{self, decimals};
-use crate::cli::commands::measure::rows;
-use crate::cli::commands::solve::{check_inputs, check_results, fitting, write_results};
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT};
+use crate::cli::jobs::sweep::SweepJob;
 use crate::cli::options::part::PartArguments;
-use crate::cli::options::photographs::{self, FocusPositionArguments, SweepFiles};
-use crate::cli::options::run::RunArguments;
+use crate::cli::options::photographs::{self, FocusPositionArguments};
+use crate::cli::options::run::check_validation;
 use crate::cli::options::series;
 use crate::cli::options::settings::{SettingsArguments, one_or_two};
-use crate::cli::options::solve::{Request, ResultArguments};
+use crate::cli::options::solve::ResultArguments;
 use crate::cli::output::failure::Failure;
+use crate::cli::output::numbers::{decimals, depth_range, measurements};
 use crate::cli::output::summary::values_in_words;
 
 /// Recover the focus of each pixel and an image that is sharp everywhere from a focus sweep
@@ -84,186 +78,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let engine = request.run.engine(engine)?;
     let bar = request.bar(&read.frames);
     let solved = read.solve(&engine, Some(bar.reporter())).map_err(|e| Failure::of_solve(e, &job.files.frames[0]))?;
-    crate::cli::check_validation(&engine)?;
+    check_validation(&engine)?;
     let report = job.write(&request, engine.info(), &read, &solved)?;
     bar.finish();
     drop(bar);
     request.run.report.print(&summary(&report, &read.inputs, request.palette, &job.out), &report)?;
     request.run.check_strict(true, &report.warnings)
-}
-
-/// The files of a sweep, and the folder for its results.
-#[derive(Clone, Debug)]
-pub(crate) struct SweepJob {
-    pub(crate) files: SweepFiles,
-    pub(crate) positions: Positions,
-    /// Index of the reference frame, from 0.
-    pub(crate) reference: Option<usize>,
-    pub(crate) out: PathBuf,
-}
-
-/// A sweep as read from its files.
-pub(crate) struct SweepFrames {
-    frames: Vec<Frame>,
-    pub(crate) inputs: Vec<Input>,
-    /// The settings, with the decoding resolved.
-    options: SweepOptions,
-    /// The region of the frames, and their mask.
-    part: SolveOptions,
-    values: Values,
-    /// The time of reading.
-    read_ms: f64,
-}
-
-impl SweepJob {
-    /// The options of the solver.
-    fn options(&self, settings: Settings) -> SweepOptions {
-        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference }
-    }
-
-    /// The digest of everything that changes the results, except the frames.
-    pub(crate) fn digest(&self, request: &Request) -> Result<String, Failure> {
-        request.digest(format!("{:?} {:?}", self.positions, self.reference).as_bytes())
-    }
-
-    /// Refuses options of pairs, options that do not match the sweep, and an output folder that cannot be written or
-    /// where a result would replace an input.
-    pub(crate) fn check(&self, request: &Request) -> Result<(), Failure> {
-        if request.lens.is_some() || request.part.flat.is_some() || request.settings.method != Method::Unified {
-            let problem =
-                "is a focus sweep, and takes no lens, --flat or --method; leave them out, or use parfocal stack";
-            return Err(Failure::Usage(format!("{}: {problem}", self.out.display())));
-        }
-        let fits = self.options(request.settings.clone()).check(self.files.frames.len());
-        fits.map_err(|e| Failure::Usage(e.to_string()))?;
-        photographs::nearer_end(request.nearer, &self.positions)?;
-        request.models.check_labels(self.files.frames.len())?;
-        check_inputs(request, &self.files.frames, &self.out)?;
-        check_results(request, Kind::Sweep, &self.out, self.positions.millimetres().is_some(), false)
-    }
-
-    /// Reads the frames. Returns `None` if `settled` finds complete results of these files.
-    pub(crate) fn read(
-        &self,
-        request: &Request,
-        settled: impl FnOnce(&[Input]) -> Result<bool, Failure>,
-        device: impl FnOnce() -> Result<DeviceInfo, Failure>,
-    ) -> Result<Option<SweepFrames>, Failure> {
-        let started = Instant::now();
-        let (frames, inputs) = decode(&self.files.frames, |first| match request.part.is_whole() {
-            true => photographs::check_size([first; 2], &request.settings, false, device),
-            false => Ok(()),
-        })?;
-        if settled(&inputs)? {
-            return Ok(None);
-        }
-        check_alike(&self.files.frames, &frames)?;
-        let values = Values::of(request.settings.decode, &inputs)?.corrected(&inputs, &frames);
-        let options = self.options(Settings { decode: values.decode, ..request.settings.clone() });
-        let in_mm = self.positions.millimetres().is_some();
-        let part = fitting(request, Kind::Sweep, &self.out, in_mm, &frames)?;
-        let read_ms = started.elapsed().as_secs_f64() * 1e3;
-        Ok(Some(SweepFrames { frames, inputs, options, part, values, read_ms }))
-    }
-
-    /// Writes the results. Returns their report.
-    pub(crate) fn write(
-        &self,
-        request: &Request,
-        device: &DeviceInfo,
-        read: &SweepFrames,
-        (sweep, total_ms): &(Sweep, f64),
-    ) -> Result<Report, Failure> {
-        let nearer = photographs::nearer_end(request.nearer, &self.positions)?;
-        let files = names(&self.files.frames);
-        let mut report = Report::sweep(sweep, &read.options.settings, &files, device, nearer, *total_ms);
-        report.left_out.clone_from(&self.files.left_out);
-        report.values = read.values;
-        report.set_inputs(read.inputs.clone(), crate::cli::is_validation_requested());
-        report.nearer_by = Some(match (self.positions.millimetres(), request.nearer) {
-            (_, Some(_)) => NearerBy::Stated,
-            (Some(_), None) => NearerBy::Distances,
-            (None, None) => NearerBy::Assumed,
-        });
-        report.request_sha256 = self.digest(request)?;
-        let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
-        let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
-        let names = sweep.order.iter().map(|n| series::file_name(&self.files.frames[*n])).collect();
-        let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
-        write_results(request, &self.out, results, frames, names, labels)
-    }
-}
-
-impl SweepFrames {
-    /// Solves the sweep. Also returns the time since reading began, ms.
-    pub(crate) fn solve(
-        &self,
-        engine: &Engine,
-        progress: Option<Arc<dyn Fn(Progress) + Send + Sync>>,
-    ) -> Result<(Sweep, f64), Error> {
-        let started = Instant::now();
-        let mut solver = SweepSolver::new(engine, &self.options)?;
-        let sweep = solver.solve(&self.frames, &SolveOptions { progress, ..self.part.clone() })?;
-        Ok((sweep, self.read_ms + started.elapsed().as_secs_f64() * 1e3))
-    }
-}
-
-/// Decodes the frames, after checking the first.
-fn decode(
-    files: &[PathBuf],
-    fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
-) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
-    let first = Photograph::open(&files[0])?;
-    fits(&first)?;
-    Ok(image_io::read_frames(first, &files[1..])?.into_iter().unzip())
-}
-
-/// Refuses frames of different sizes or formats.
-fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
-    let describe = |frame: &Frame| format!("{}x{}, {}", frame.width(), frame.height(), frame.format());
-    let kind = |frame: &Frame| (frame.width(), frame.height(), frame.format());
-    let Some(n) = frames.iter().position(|frame| kind(frame) != kind(&frames[0])) else { return Ok(()) };
-    Err(Failure::Failed(format!(
-        "{}: frame {} is {}, and {} is {}: frames of a sweep have one size and format; crop, resize or convert it, or take it out",
-        files[n].display(),
-        n + 1,
-        describe(&frames[n]),
-        files[0].display(),
-        describe(&frames[0])
-    )))
-}
-
-/// Registers the frames of a sweep.
-pub(crate) fn register(
-    run: &RunArguments,
-    settings: &Settings,
-    SweepFiles { frames: files, left_out }: &SweepFiles,
-    reference: Option<usize>,
-) -> Result<Report, Failure> {
-    let (started, engine) = (Instant::now(), run.engine.open()?);
-    let fits = |first: &Photograph| photographs::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
-    let (frames, inputs) = decode(files, fits)?;
-    check_alike(files, &frames)?;
-    let values = Values::of(settings.decode, &inputs)?.corrected(&inputs, &frames);
-    let settings = Settings { decode: values.decode, ..settings.clone() };
-    let bar = run.bar(0.0);
-    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
-    let solve_options = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
-    let found = SweepSolver::new(&engine, &options).and_then(|mut solver| solver.register(&frames, &solve_options));
-    drop((solve_options, bar));
-    let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
-    crate::cli::check_validation(&engine)?;
-    let total_ms = started.elapsed().as_secs_f64() * 1e3;
-    let mut report = Report::sweep_registration(&found, &options.settings, &names(files), engine.info(), total_ms);
-    report.left_out.clone_from(left_out);
-    report.values = values;
-    report.set_inputs(inputs, crate::cli::is_validation_requested());
-    Ok(report)
-}
-
-/// The paths as given.
-fn names(files: &[PathBuf]) -> Vec<String> {
-    files.iter().map(|file| file.display().to_string()).collect()
 }
 
 /// The summary of a sweep, without a newline at the end.
@@ -279,9 +99,9 @@ fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> S
     ];
     lines.extend(most_clipped(report));
     lines.extend(never_in_focus(report));
-    lines.extend(report.depth.as_ref().map(|report| format!("depth      {}", depth::summary(report))));
+    lines.extend(report.depth.as_ref().map(|report| format!("depth      {}", depth_range(report))));
     lines.push(format!("depth.png  {}", near_and_far(report, palette)));
-    lines.extend(report.measurements.iter().flat_map(rows).map(|(label, text)| format!("{label:<10} {text}")));
+    lines.extend(report.measurements.iter().flat_map(measurements).map(|(label, text)| format!("{label:<10} {text}")));
     lines.extend(report.warnings.iter().map(|warning| format!("warning    {warning}")));
     lines.push(format!("results    {}", out.display()));
     lines.join("\n")

@@ -12,7 +12,7 @@ use parfocal::page::view::{Surface, View};
 
 use crate::cli::batch::summary::{INDEX, SUMMARY};
 use crate::cli::options::run::ColorsArgument;
-use crate::cli::output::destination::{self, ForceArgument};
+use crate::cli::output::destination::{self, ForceArgument, same_file};
 use crate::cli::output::failure::{Failure, print};
 
 /// Show the surface of a solve or a sweep in three dimensions, textured and colour-coded.
@@ -113,7 +113,7 @@ fn check_output(file: Destination<'_>, extension: &str, kind: FileKind, results:
     if !path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(extension)) {
         return Err(Failure::Usage(format!("{}: give a name that ends in .{extension}", path.display())));
     }
-    if result_files().any(|name| crate::cli::same_file(&results.join(name), path)) {
+    if result_files().any(|name| same_file(&results.join(name), path)) {
         return Err(Failure::Usage(format!("{}: is a result of the solve; give another name", path.display())));
     }
     destination::check_file(file, kind, "", &[])

@@ -10,7 +10,7 @@ use parfocal::transform::Similarity;
 use parfocal::{Frame, Region, internals::baseline};
 use serde_json::Value;
 
-use crate::cli::commands::compare::differing;
+use crate::cli::options::settings::differing;
 use crate::cli::output::failure::Failure;
 
 /// A quantity with its name, its unit, and heights towards the camera.

@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use crate::cli::batch::summary::is_of_batch;
 use crate::cli::help::OUTPUT;
 use crate::cli::inspection::verdict::utc;
+use crate::cli::output::destination::same_file;
 use crate::cli::output::failure::{Failure, plain};
 
 /// The option `--log`.
@@ -54,7 +55,7 @@ impl LogArgument {
                 .map_err(|e| Failure::Failed(format!("{}: cannot be created ({e})", out.display())))?;
             let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
             let name = file.file_name().unwrap_or_default().to_string_lossy();
-            if is_of_batch(&name) && crate::cli::same_file(folder, out) {
+            if is_of_batch(&name) && same_file(folder, out) {
                 return Err(failed("is a result of the batch; give another name for the log".to_string()));
             }
             let is_log =

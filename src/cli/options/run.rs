@@ -148,6 +148,9 @@ impl ColorsArgument {
 /// The environment variable with the default of --device.
 const DEFAULT: &str = "PARFOCAL_DEVICE";
 
+/// The environment variable that enables the Vulkan validation layer.
+const VALIDATE: &str = "PARFOCAL_VALIDATE";
+
 /// The value of --device for all devices.
 const ALL: &str = "all";
 
@@ -192,7 +195,7 @@ impl EngineArguments {
             return Ok(vec![self.clone()]);
         }
         let devices = Engine::devices()?;
-        let found = DeviceInfo::usable(&devices, crate::cli::is_validation_requested());
+        let found = DeviceInfo::usable(&devices, is_validation_requested());
         // If there is no device, opening it returns the reason.
         let named = |index: usize| Self { device: Some(index.to_string()), ..self.clone() };
         Ok(if found.is_empty() { vec![named(0)] } else { found.iter().map(|device| named(device.index)).collect() })
@@ -202,7 +205,7 @@ impl EngineArguments {
     pub(crate) fn options(&self) -> EngineOptions {
         EngineOptions {
             device: self.device.clone().or_else(|| std::env::var(DEFAULT).ok().filter(|device| !device.is_empty())),
-            validation: crate::cli::is_validation_requested(),
+            validation: is_validation_requested(),
             timeout: Duration::from_secs(self.timeout),
             memory: self.memory.map(|mib| mib << 20),
             key_points: Some(baseline::key_points),
@@ -213,4 +216,17 @@ impl EngineArguments {
 
 fn is_all(options: &EngineOptions) -> bool {
     options.device.as_deref() == Some(ALL)
+}
+
+/// Whether the environment requests the validation layer.
+pub(crate) fn is_validation_requested() -> bool {
+    std::env::var_os(VALIDATE).is_some_and(|value| !value.is_empty() && value != "0")
+}
+
+/// Fails if the validation layer has reported a message.
+pub(crate) fn check_validation(engine: &Engine) -> Result<(), Failure> {
+    match engine.validation_messages().as_slice() {
+        [] => Ok(()),
+        messages => Err(Failure::Failed(format!("validation reported: {}", messages.join("; ")))),
+    }
 }

@@ -13,6 +13,7 @@ use parfocal::{
     internals::Setting,
     settings::{Kernel, Method, Motion, Photometric},
 };
+use serde_json::Value;
 
 use crate::cli::help::{BLUR, INPUT, REGISTRATION};
 use crate::cli::options::config_file::ConfigArgument;
@@ -248,4 +249,19 @@ impl SettingsArguments {
         };
         self.transform.iter().chain(kernel).chain(self.config.file())
     }
+}
+
+/// Names of the settings that differ, including nested ones.
+pub(crate) fn differing(a: &Value, b: &Value) -> Vec<(String, [Value; 2])> {
+    let keys = |value: &Value| value.as_object().map(|map| map.keys().cloned().collect::<Vec<_>>()).unwrap_or_default();
+    let mut names = keys(a);
+    names.extend(keys(b).into_iter().filter(|key| a.get(key).is_none()));
+    let of = |name: String| match (&a[&name], &b[&name]) {
+        (x, y) if x == y => Vec::new(),
+        (x, y) if x.is_object() && y.is_object() => {
+            differing(x, y).into_iter().map(|(inner, both)| (format!("{name}.{inner}"), both)).collect()
+        }
+        (x, y) => vec![(name, [x.clone(), y.clone()])],
+    };
+    names.into_iter().flat_map(of).collect()
 }

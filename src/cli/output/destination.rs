@@ -1,8 +1,10 @@
 //! Checks, before other work, that results can be written.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{self, Destination, FileKind};
+use parfocal::image_io::split_page;
 
 use crate::cli::help::OUTPUT;
 use crate::cli::output::failure::Failure;
@@ -44,7 +46,7 @@ pub(crate) fn check_folder(out: &Path) -> Result<(), Failure> {
 /// Refuses an output folder where one of `results` would replace one of `inputs`.
 pub(crate) fn check_inputs(out: &Path, results: &[&str], inputs: &[&PathBuf]) -> Result<(), Failure> {
     for input in inputs {
-        if let Some(name) = results.iter().find(|name| crate::cli::same_file(&out.join(name), input)) {
+        if let Some(name) = results.iter().find(|name| same_file(&out.join(name), input)) {
             let problem = format!("is an input, and the result {name} would replace it; give another folder");
             return Err(Failure::Failed(format!("{}: {problem}", input.display())));
         }
@@ -76,8 +78,14 @@ pub(crate) fn check_file(
     if file.path().is_dir() {
         return failed(format!("is a folder; give a file{what}"));
     }
-    if inputs.iter().any(|input| crate::cli::same_file(file.path(), input)) {
+    if inputs.iter().any(|input| same_file(file.path(), input)) {
         return failed("is an input; give another file".to_string());
     }
     Ok(file.check_file(kind)?)
+}
+
+/// Whether two paths refer to the same existing file.
+pub(crate) fn same_file(a: &Path, b: &Path) -> bool {
+    let [(a, _), (b, _)] = [a, b].map(split_page);
+    matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
 }

@@ -9,8 +9,7 @@ use parfocal::{
     settings::{Decode, Photometric},
 };
 
-use crate::cli::commands::depth::{self, signed};
-use crate::cli::commands::measure;
+use crate::cli::output::numbers::{depth_range, measurements, signed};
 
 /// A label with its text.
 type Row = (&'static str, String);
@@ -27,8 +26,8 @@ pub(crate) fn summary(report: &Report, palette: Palette, out: &Path) -> String {
     let by = if report.settings.regularization.is_some() { "as stated" } else { "found" };
     rows.extend(report.regularization.map(|alpha| ("smoothness", format!("α {}, {by}", rounded(alpha)))));
     rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
-    rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
-    rows.extend(report.measurements.iter().flat_map(measure::rows));
+    rows.extend(report.depth.as_ref().map(|metric| ("depth", depth_range(metric))));
+    rows.extend(report.measurements.iter().flat_map(measurements));
     rows.extend(judged(report));
     rows.push(("results", format!("{}: {}", out.display(), report.files.join(" "))));
     lines(&rows)

@@ -8,8 +8,8 @@
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::segments::streamed;
-use super::spline::{Number, Raster, fold};
-use super::{WORKGROUP, pixels};
+use super::spline::{Raster, fold};
+use super::{Number, WORKGROUP, pixels};
 use crate::base::weighted;
 use crate::engine::slot::{Bound, Slot};
 use crate::engine::vulkan::Variant;

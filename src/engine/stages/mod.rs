@@ -37,6 +37,7 @@ pub mod linearise;
 mod links;
 pub mod mask;
 pub mod noise;
+mod number;
 pub mod pair_samples;
 pub(crate) mod pass;
 pub mod prolong;
@@ -75,7 +76,8 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::{Arc, Mutex, PoisonError};
 
-pub use spline::{Field, Number, Raster, Real};
+pub use number::{Number, Real};
+pub use spline::{Field, Raster};
 
 use crate::base::Error;
 use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};

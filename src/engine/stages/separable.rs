@@ -8,8 +8,7 @@
 
 use super::convolve::{self, filter_both};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::spline::{Number, Raster};
-use super::{WORKGROUP, pixels, stack};
+use super::{Number, Raster, WORKGROUP, pixels, stack};
 use crate::engine::shaders::separable::{BLOCK, COLUMNS, LINES, LONG_LINES, REACH, SPAN, TAPS, TOTAL};
 use crate::engine::vulkan::Variant;
 

@@ -4,8 +4,9 @@
 //! known slopes at the nodes. For a Gaussian dÎ/dV is half the Laplacian (heat equation); for any other kernel it is a
 //! layer beside each node. Kernels are centred (`src/base/kernel.rs`): the caller moves x by the kernel's mean.
 
+use super::number::{Number, Real};
 use super::segments::{SEGMENT, Segment, range};
-use super::spline::{self, Jet, Number, Raster, Real};
+use super::spline::{self, Jet, Raster};
 use crate::base::Kernel;
 use crate::engine::filter::{self, Terms};
 use crate::engine::shaders;

@@ -7,8 +7,8 @@
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::segments::streamed;
-use super::spline::{Number, Raster, fold};
-use super::{pixels, stack};
+use super::spline::{Raster, fold};
+use super::{Number, pixels, stack};
 use crate::engine::vulkan::Variant;
 
 push_constants! {

@@ -22,12 +22,13 @@ use std::time::Duration;
 use self::device::Limits;
 pub use self::pairs::MAX_RELATIVE_BLUR;
 use self::parts::PartSolver;
+pub use self::pyramid::SweepInput;
 use self::pyramid::{IterationDone, PyramidSolver, RELAXATION_SWEEPS};
 use self::shared::SharedParameters;
 use self::validity::ExcludedPixels;
 use crate::base::{
-    Brightness, CancellationToken, Channels, Deadline, Decode, Depth, Error, Format, Frame, Homography, Mask,
-    Photometric, Progress, Settings,
+    Brightness, CancellationToken, Channels, Deadline, Decode, Depth, Error, Format, Frame, Homography, Photometric,
+    Progress, Settings,
 };
 use crate::engine::Engine;
 use crate::engine::plan::Plan;
@@ -40,19 +41,6 @@ const MEMORY: u64 = 4 << 30;
 
 /// Time to fuse the frames, grey or colour, relative to that of an iteration on the finest level: four real sweeps.
 const FUSION: [f64; 2] = [0.7, 1.4];
-
-/// The focus settings, the reference and the mask of a sweep.
-pub struct SweepInput<'a> {
-    /// The focus settings of the frames, ascending, about one step apart.
-    pub settings: &'a [f64],
-    /// Whether the settings are known. If not, those that the sweep itself shows are used where it shows that they are
-    /// uneven.
-    pub are_settings_known: bool,
-    /// The frame on whose pixels the results are.
-    pub reference: usize,
-    /// Which pixels of the reference count.
-    pub mask: Option<&'a Mask>,
-}
 
 /// The registration of a sweep's frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -268,6 +256,7 @@ mod tests {
     use std::time::Instant;
 
     use super::*;
+    use crate::base::Mask;
     use crate::base::Samples;
     use crate::engine::{EngineOptions, testing};
     use crate::lab::scene::{Preset, Scene, SimulatedSweep, SweepScene};

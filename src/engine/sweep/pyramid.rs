@@ -5,9 +5,9 @@ use super::pairs::{self, PairSums};
 use super::shared::{ITERATIONS, SharedParameters};
 use super::start::Frames;
 use super::validity::{self, ExcludedPixels, FinalSystem};
-use super::{SweepInput, outlines, spacing, start};
+use super::{outlines, spacing, start};
 use crate::base::statistics::median;
-use crate::base::{Error, Frame, Homography, Settings, Shading};
+use crate::base::{Error, Frame, Homography, Mask, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::script::sweep;
@@ -16,6 +16,19 @@ use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
 use crate::engine::stages::update_transform::displacing;
 use crate::engine::stages::{Field, half_pair, system, system_tiles};
 use crate::engine::tiles::Ranges;
+
+/// The focus settings, the reference and the mask of a sweep.
+pub struct SweepInput<'a> {
+    /// The focus settings of the frames, ascending, about one step apart.
+    pub settings: &'a [f64],
+    /// Whether the settings are known. If not, those that the sweep itself shows are used where it shows that they are
+    /// uneven.
+    pub are_settings_known: bool,
+    /// The frame on whose pixels the results are.
+    pub reference: usize,
+    /// Which pixels of the reference count.
+    pub mask: Option<&'a Mask>,
+}
 
 /// The longest side of the level where a solve starts, px.
 const START_SIDE: u32 = 160;

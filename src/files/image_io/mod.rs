@@ -6,35 +6,35 @@
 //! [`Error::File`] with the path and advice. Raw files of cameras are not read; the error names the command that
 //! converts them.
 
+mod header;
 mod input;
 mod metadata;
 mod openexr;
 mod photograph;
 mod plain;
 mod raster;
+mod similar_file;
 mod source;
 #[cfg(test)]
 mod tests;
 mod tiff_page;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use image::{Rgb, RgbImage};
 
+pub use header::MAX_PIXELS;
 pub use input::{Basis, Input, Values, pair_warnings};
 pub use metadata::Exif;
 pub(crate) use photograph::NamedChannels;
 pub use photograph::{Photograph, read_frames};
 pub use plain::RawFormat;
+pub use similar_file::similar_file;
 pub use source::split_page;
 
 use crate::base::color::LUMINANCE;
-use crate::base::{Aperture, Channels, Decode, Depth, Error, Frame, Kernel, Samples};
+use crate::base::{Aperture, Channels, Decode, Error, Frame, Kernel, Samples};
 use crate::engine::stages::ingest;
-
-/// Greatest number of pixels that are decoded, 2^28. Common camera sensors have at most 150 million. A float channel of
-/// this size takes 1 GiB.
-pub const MAX_PIXELS: u64 = 1 << 28;
 
 /// Longest side of the picture of a kernel, px. The picture is averaged down to 48 cells.
 const MAX_KERNEL_SIDE: u32 = 4096;
@@ -121,74 +121,4 @@ pub(crate) fn preview(frame: &Frame) -> RgbImage {
         (_, Some(&[v, ..])) => Rgb([v; 3]),
         _ => Rgb([0; 3]),
     })
-}
-
-/// The header of a photograph.
-#[derive(Clone, Debug)]
-struct Header {
-    /// The format's name.
-    format: &'static str,
-    /// Width and height after the rotation that the camera recorded, px.
-    size: (u32, u32),
-    /// Sample type after decoding.
-    depth: Depth,
-    /// Bits of a stored sample.
-    bits: u32,
-    /// Colour channels, without alpha.
-    channels: Channels,
-    /// Whether the file has an alpha channel, which is dropped.
-    alpha: bool,
-    /// Pages of the file.
-    pages: usize,
-}
-
-/// Advice for a damaged file.
-const DAMAGED: &str = "the file is damaged or incomplete; copy or save it again";
-
-/// Advice for an unsupported format.
-const CONVERT: &str = "convert it to PNG, TIFF, JPEG, BMP, WebP, PNM, PFM or EXR; of a frame without a header state format and size (--raw)";
-
-/// Similarity of file names, 1 less the share of letters that differ, above which one may be a misspelling of the
-/// other.
-const SIMILAR: f64 = 0.74;
-
-/// Whether a name may be a misspelling of another. Other numbers are other files: `frame_09` is not `frame_01`.
-fn similarity(name: &str, other: &str) -> Option<f64> {
-    let [name, other] = [name, other].map(str::to_lowercase);
-    let numbers = |text: &str| -> Vec<String> {
-        let words = text.split(|c: char| !c.is_ascii_digit()).filter(|digits| !digits.is_empty());
-        words.map(|digits| digits.trim_start_matches('0').to_string()).collect()
-    };
-    let stem = |text: &str| text.rsplit_once('.').map_or(text.to_string(), |(stem, _)| stem.to_string());
-    let score = strsim::normalized_damerau_levenshtein(&name, &other);
-    let is_similar = score > SIMILAR || stem(&name) == stem(&other);
-    (is_similar && numbers(&name) == numbers(&other)).then_some(score)
-}
-
-/// The file with the most similar name in the folder of a missing file, if one is similar.
-pub fn similar_file(missing: &Path) -> Option<PathBuf> {
-    let wanted = missing.file_name()?.to_str()?;
-    let folder = missing.parent().filter(|p| !p.as_os_str().is_empty());
-    let beside = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
-    let scored = beside.filter_map(Result::ok).filter_map(|entry| {
-        let name = entry.file_name().into_string().ok()?;
-        Some((similarity(wanted, &name)?, name))
-    });
-    // Names of equal score are ordered, since folders list files in no fixed order.
-    let (_, name) = scored.max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(&a.1)))?;
-    Some(folder.map_or_else(|| PathBuf::from(&name), |folder| folder.join(&name)))
-}
-
-/// Refuses images without pixels and images larger than [`MAX_PIXELS`].
-fn check_size((width, height): (u32, u32)) -> Result<(), String> {
-    let pixels = u64::from(width) * u64::from(height);
-    if pixels == 0 {
-        return Err(format!("is {width}x{height} and holds no pixels"));
-    }
-    if pixels > MAX_PIXELS {
-        return Err(format!(
-            "is {width}x{height}, {pixels} pixels, and the most that is read is {MAX_PIXELS}; crop or reduce it"
-        ));
-    }
-    Ok(())
 }

@@ -9,7 +9,7 @@ use exr::meta::attribute::SampleType;
 use exr::meta::header::Header as LayerHeader;
 use exr::prelude::{ReadChannels, ReadLayers};
 
-use super::{DAMAGED, Header};
+use super::header::{DAMAGED, Header};
 use crate::base::{Channels, Depth, Frame, Samples};
 
 /// Greatest number of samples of a layer over all channels, 2^30: the largest image with four channels.

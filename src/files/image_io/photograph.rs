@@ -7,11 +7,13 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
+use super::header::{DAMAGED, Header, check_size};
+use super::input::Input;
 use super::plain::camera_raw_problem;
 use super::raster::check_end;
+use super::similar_file::similar_file;
 use super::source::{Selected, Source};
 use super::tiff_page::is_tiff;
-use super::{DAMAGED, Header, Input, check_size, similar_file};
 use crate::base::{Depth, Error, Format, Frame, workers};
 use crate::files::bounded_read;
 

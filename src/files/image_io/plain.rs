@@ -5,8 +5,8 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
+use super::header::{DAMAGED, Header};
 use super::tiff_page::is_tiff;
-use super::{DAMAGED, Header};
 use crate::base::{Channels, Depth, Format, Frame, PixelFormat, Samples};
 
 /// Greatest length of a header, bytes: more than two sizes and a scale need.

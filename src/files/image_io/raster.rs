@@ -5,8 +5,8 @@ use std::io::Cursor;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
+use super::header::{CONVERT, DAMAGED, Header};
 use super::tiff_page::turned;
-use super::{CONVERT, DAMAGED, Header};
 use crate::base::{Channels, Depth, Frame, Samples};
 
 /// The formats that are read, with their usual names.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Header;
+use super::header::Header;
 use super::metadata::{Exif, LINEAR, SRGB, encoding_of_icc, encoding_of_png, parse_exif};
 use super::openexr::{Exr, is_exr};
 use super::plain::{Pfm, Raw, RawFormat, is_pfm};

@@ -10,6 +10,8 @@ use image::{DynamicImage, ImageBuffer, ImageEncoder, ImageFormat, Luma, Rgb};
 use tempfile::TempDir;
 use tiff::encoder::{TiffEncoder, colortype};
 
+use super::header::check_size;
+use super::similar_file::similarity;
 use super::*;
 use crate::base::{Channels, Samples};
 

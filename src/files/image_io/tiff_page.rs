@@ -9,7 +9,7 @@ use tiff::decoder::{Decoder, DecodingResult, DecodingSampleType, Limits};
 use tiff::tags::{Tag, Type, ValueBuffer};
 use tiff::{ColorType, TiffError, TiffUnsupportedError};
 
-use super::{DAMAGED, Header, MAX_PIXELS};
+use super::header::{DAMAGED, Header, MAX_PIXELS};
 use crate::base::{Channels, Depth, Format, Frame, Samples};
 
 /// Greatest number of pages of a file.

@@ -5,7 +5,7 @@ use std::io::{self, Cursor, Write};
 use image::{ImageFormat, RgbImage};
 use serde_json::{Value, json};
 
-use super::Points;
+use super::points::Points;
 
 /// The points without holes, their normals and triangles.
 struct Mesh {

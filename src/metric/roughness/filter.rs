@@ -125,6 +125,35 @@ impl Gaussian {
     }
 }
 
+/// The filters of an evaluation.
+pub(super) struct Filters {
+    s_filter: Option<Gaussian>,
+    l_filter: Option<Gaussian>,
+    pub(super) l_cutoff: Option<f64>,
+    is_robust: bool,
+}
+
+impl Filters {
+    /// Makes the filters of cutoff wavelengths in px.
+    pub(super) fn new(s_cutoff: Option<f64>, l_cutoff: Option<f64>, is_robust: bool) -> Self {
+        let [s_filter, l_filter] = [s_cutoff, l_cutoff].map(|cutoff| cutoff.map(Gaussian::new));
+        Self { s_filter, l_filter, l_cutoff, is_robust }
+    }
+
+    /// Applies the S-filter, then the L-filter.
+    pub(super) fn apply(&self, surface: Surface) -> Surface {
+        let mut surface = self.s_filter.as_ref().map(|filter| filter.smooth(&surface)).unwrap_or(surface);
+        let waviness = self.l_filter.as_ref().map(|filter| match self.is_robust {
+            true => filter.smooth_robustly(&surface),
+            false => filter.smooth(&surface),
+        });
+        if let Some(waviness) = waviness {
+            surface.values.iter_mut().zip(waviness.values).for_each(|(z, mean)| *z -= mean);
+        }
+        surface
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::f64::consts::TAU;

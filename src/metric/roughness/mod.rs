@@ -10,7 +10,7 @@ mod peer;
 mod profile;
 
 use self::areal::Surface;
-use self::filter::Gaussian;
+use self::filter::Filters;
 use self::noise::{Noise, scatter};
 use self::profile::ProfileParameters;
 use super::heights::Heights;
@@ -129,14 +129,6 @@ pub struct Roughness {
     pub is_str_bound: bool,
     /// The parameters, as in [`PARAMETERS`].
     pub parameters: Vec<Parameter>,
-}
-
-/// The filters of an evaluation.
-struct Filters {
-    s_filter: Option<Gaussian>,
-    l_filter: Option<Gaussian>,
-    l_cutoff: Option<f64>,
-    is_robust: bool,
 }
 
 impl Evaluation {

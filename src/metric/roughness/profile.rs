@@ -1,8 +1,7 @@
 //! Profile parameters of ISO 21920-2: Ra, Rq and Rz of profiles with missing samples.
 
-use super::Filters;
 use super::areal::{Surface, mean};
-use super::filter::Gaussian;
+use super::filter::Filters;
 
 /// The number of section lengths of a profile without an L-filter (the default of ISO 21920-3).
 const SECTIONS: usize = 5;
@@ -65,27 +64,6 @@ fn evaluate(heights: &[f64], filters: &Filters) -> Option<[f64; 3]> {
         finite().fold(f64::NAN, f64::max) - finite().fold(f64::NAN, f64::min)
     };
     Some([ra, rq, mean((0..count).map(total))])
-}
-
-impl Filters {
-    /// Makes the filters of cutoff wavelengths in px.
-    pub(super) fn new(s_cutoff: Option<f64>, l_cutoff: Option<f64>, is_robust: bool) -> Self {
-        let [s_filter, l_filter] = [s_cutoff, l_cutoff].map(|cutoff| cutoff.map(Gaussian::new));
-        Self { s_filter, l_filter, l_cutoff, is_robust }
-    }
-
-    /// Applies the S-filter, then the L-filter.
-    pub(super) fn apply(&self, surface: Surface) -> Surface {
-        let mut surface = self.s_filter.as_ref().map(|filter| filter.smooth(&surface)).unwrap_or(surface);
-        let waviness = self.l_filter.as_ref().map(|filter| match self.is_robust {
-            true => filter.smooth_robustly(&surface),
-            false => filter.smooth(&surface),
-        });
-        if let Some(waviness) = waviness {
-            surface.values.iter_mut().zip(waviness.values).for_each(|(z, mean)| *z -= mean);
-        }
-        surface
-    }
 }
 
 #[cfg(test)]

@@ -1,0 +1,166 @@
+//! A focus sweep: from its files to its results.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use parfocal::export::{self, Kind, NearerBy, Report, Results};
+use parfocal::image_io::{self, Input, Photograph, Values};
+use parfocal::sweep::{Positions, Sweep, SweepOptions};
+use parfocal::{
+    Engine, Error, Frame, Progress, Settings, SolveOptions, SweepSolver,
+    settings::{DeviceInfo, Method},
+};
+
+use crate::cli::jobs::results::{check_inputs, check_results, fitting, write_results};
+use crate::cli::options::photographs::{self, SweepFiles};
+use crate::cli::options::run::is_validation_requested;
+use crate::cli::options::series;
+use crate::cli::options::solve::Request;
+use crate::cli::output::failure::Failure;
+
+/// The files of a sweep, and the folder for its results.
+#[derive(Clone, Debug)]
+pub(crate) struct SweepJob {
+    pub(crate) files: SweepFiles,
+    pub(crate) positions: Positions,
+    /// Index of the reference frame, from 0.
+    pub(crate) reference: Option<usize>,
+    pub(crate) out: PathBuf,
+}
+
+/// A sweep as read from its files.
+pub(crate) struct SweepFrames {
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) inputs: Vec<Input>,
+    /// The settings, with the decoding resolved.
+    options: SweepOptions,
+    /// The region of the frames, and their mask.
+    part: SolveOptions,
+    values: Values,
+    /// The time of reading.
+    read_ms: f64,
+}
+
+impl SweepJob {
+    /// The options of the solver.
+    fn options(&self, settings: Settings) -> SweepOptions {
+        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference }
+    }
+
+    /// The digest of everything that changes the results, except the frames.
+    pub(crate) fn digest(&self, request: &Request) -> Result<String, Failure> {
+        request.digest(format!("{:?} {:?}", self.positions, self.reference).as_bytes())
+    }
+
+    /// Refuses options of pairs, options that do not match the sweep, and an output folder that cannot be written or
+    /// where a result would replace an input.
+    pub(crate) fn check(&self, request: &Request) -> Result<(), Failure> {
+        if request.lens.is_some() || request.part.flat.is_some() || request.settings.method != Method::Unified {
+            let problem =
+                "is a focus sweep, and takes no lens, --flat or --method; leave them out, or use parfocal stack";
+            return Err(Failure::Usage(format!("{}: {problem}", self.out.display())));
+        }
+        let fits = self.options(request.settings.clone()).check(self.files.frames.len());
+        fits.map_err(|e| Failure::Usage(e.to_string()))?;
+        photographs::nearer_end(request.nearer, &self.positions)?;
+        request.models.check_labels(self.files.frames.len())?;
+        check_inputs(request, &self.files.frames, &self.out)?;
+        check_results(request, Kind::Sweep, &self.out, self.positions.millimetres().is_some(), false)
+    }
+
+    /// Reads the frames. Returns `None` if `settled` finds complete results of these files.
+    pub(crate) fn read(
+        &self,
+        request: &Request,
+        settled: impl FnOnce(&[Input]) -> Result<bool, Failure>,
+        device: impl FnOnce() -> Result<DeviceInfo, Failure>,
+    ) -> Result<Option<SweepFrames>, Failure> {
+        let started = Instant::now();
+        let (frames, inputs) = decode(&self.files.frames, |first| match request.part.is_whole() {
+            true => photographs::check_size([first; 2], &request.settings, false, device),
+            false => Ok(()),
+        })?;
+        if settled(&inputs)? {
+            return Ok(None);
+        }
+        check_alike(&self.files.frames, &frames)?;
+        let values = Values::of(request.settings.decode, &inputs)?.corrected(&inputs, &frames);
+        let options = self.options(Settings { decode: values.decode, ..request.settings.clone() });
+        let in_mm = self.positions.millimetres().is_some();
+        let part = fitting(request, Kind::Sweep, &self.out, in_mm, &frames)?;
+        let read_ms = started.elapsed().as_secs_f64() * 1e3;
+        Ok(Some(SweepFrames { frames, inputs, options, part, values, read_ms }))
+    }
+
+    /// Writes the results. Returns their report.
+    pub(crate) fn write(
+        &self,
+        request: &Request,
+        device: &DeviceInfo,
+        read: &SweepFrames,
+        (sweep, total_ms): &(Sweep, f64),
+    ) -> Result<Report, Failure> {
+        let nearer = photographs::nearer_end(request.nearer, &self.positions)?;
+        let files = names(&self.files.frames);
+        let mut report = Report::sweep(sweep, &read.options.settings, &files, device, nearer, *total_ms);
+        report.left_out.clone_from(&self.files.left_out);
+        report.values = read.values;
+        report.set_inputs(read.inputs.clone(), is_validation_requested());
+        report.nearer_by = Some(match (self.positions.millimetres(), request.nearer) {
+            (_, Some(_)) => NearerBy::Stated,
+            (Some(_), None) => NearerBy::Distances,
+            (None, None) => NearerBy::Assumed,
+        });
+        report.request_sha256 = self.digest(request)?;
+        let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
+        let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
+        let names = sweep.order.iter().map(|n| series::file_name(&self.files.frames[*n])).collect();
+        let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
+        write_results(request, &self.out, results, frames, names, labels)
+    }
+}
+
+impl SweepFrames {
+    /// Solves the sweep. Also returns the time since reading began, ms.
+    pub(crate) fn solve(
+        &self,
+        engine: &Engine,
+        progress: Option<Arc<dyn Fn(Progress) + Send + Sync>>,
+    ) -> Result<(Sweep, f64), Error> {
+        let started = Instant::now();
+        let mut solver = SweepSolver::new(engine, &self.options)?;
+        let sweep = solver.solve(&self.frames, &SolveOptions { progress, ..self.part.clone() })?;
+        Ok((sweep, self.read_ms + started.elapsed().as_secs_f64() * 1e3))
+    }
+}
+
+/// Decodes the frames, after checking the first.
+pub(crate) fn decode(
+    files: &[PathBuf],
+    fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
+) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
+    let first = Photograph::open(&files[0])?;
+    fits(&first)?;
+    Ok(image_io::read_frames(first, &files[1..])?.into_iter().unzip())
+}
+
+/// Refuses frames of different sizes or formats.
+pub(crate) fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
+    let describe = |frame: &Frame| format!("{}x{}, {}", frame.width(), frame.height(), frame.format());
+    let kind = |frame: &Frame| (frame.width(), frame.height(), frame.format());
+    let Some(n) = frames.iter().position(|frame| kind(frame) != kind(&frames[0])) else { return Ok(()) };
+    Err(Failure::Failed(format!(
+        "{}: frame {} is {}, and {} is {}: frames of a sweep have one size and format; crop, resize or convert it, or take it out",
+        files[n].display(),
+        n + 1,
+        describe(&frames[n]),
+        files[0].display(),
+        describe(&frames[0])
+    )))
+}
+
+/// The paths as given.
+pub(crate) fn names(files: &[PathBuf]) -> Vec<String> {
+    files.iter().map(|file| file.display().to_string()).collect()
+}
