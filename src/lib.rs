@@ -30,7 +30,7 @@
 //!
 //! With `default-features = false` the crate needs some 30 others and only Rust to be built. The feature `serde` makes
 //! settings and lenses readable and writable; `files` adds `image_io`, `export` and `model`; `page` plots and HTML
-//! pages; `lab` scenes and experiments; `program`, the default, the command line. Each includes those before it.
+//! pages; `program`, the default, the command line. Each includes those before it.
 //! `compile-shaders` compiles the shaders instead of using the SPIR-V that comes with the crate.
 
 // Without the features that use them, some items of the lower rooms are dead. The default build warns.
@@ -40,7 +40,7 @@ mod base;
 mod engine;
 #[cfg(feature = "files")]
 mod files;
-#[cfg(feature = "lab")]
+#[cfg(feature = "program")]
 mod lab;
 pub mod metric;
 #[cfg(feature = "page")]
@@ -57,7 +57,6 @@ pub use engine::interop;
 pub use engine::{Engine, EngineOptions, Pending, Solution, SolutionRef};
 #[cfg(feature = "files")]
 pub use files::{export, image_io, model};
-pub use solve::resample;
 pub use solve::sweep::{Sweep, SweepSolver};
 pub use solve::{PairSolver, QueueFull, SolveOptions, Stream};
 
@@ -89,13 +88,26 @@ pub mod results {
     pub use crate::engine::{Findings, LevelHistory, OtherMotion, Registered, Timings, TransformDeviation};
 }
 
-/// For the program and the tests of this crate: no public API.
+/// Resamples photographs.
+pub mod resample {
+    pub use crate::solve::resample::registered;
+}
+
+/// For the program, the laboratory and the tests of this crate: no public API.
 #[doc(hidden)]
 pub mod internals {
-    pub use crate::base::Setting;
+    pub use crate::base::color::{LUMINANCE, linear_to_srgb};
+    pub use crate::base::{Setting, random::Random, statistics::median};
     pub use crate::engine::{reference, stages};
     #[cfg(feature = "files")]
     pub use crate::files::bounded_read;
-    #[cfg(feature = "lab")]
-    pub use crate::lab::{baseline, bench, evaluate, scene};
+    #[cfg(feature = "program")]
+    pub use crate::lab::{bench, key_points::key_points, scene};
+    pub use crate::solve::resample::{brightened, luminance, onto};
+
+    /// The canvas of figures.
+    #[cfg(feature = "page")]
+    pub mod canvas {
+        pub use crate::page::figure::canvas::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, text_width};
+    }
 }

@@ -50,7 +50,7 @@ pub(crate) fn stored(intensity: f32, decode: Decode) -> f32 {
 }
 
 /// The sRGB curve (IEC 61966-2-1).
-pub(crate) fn linear_to_srgb(linear: f32) -> f32 {
+pub fn linear_to_srgb(linear: f32) -> f32 {
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 

@@ -16,7 +16,7 @@ const MAD: f64 = 1.4826;
 pub(crate) const TUKEY: f64 = 4.685;
 
 /// Returns the median of the finite values. `None` if there are none.
-pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut finite: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
     let middle = finite.len() / 2;
     (!finite.is_empty()).then(|| *finite.select_nth_unstable_by(middle, f64::total_cmp).1)

@@ -32,7 +32,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Registration alone", &["register", "apply"]),
     ("Results of a solve", &["open", "view", "depth", "measure", "roughness", "repeat", "compare", "calibrate"]),
     ("Good parts and bad ones", &["teach", "inspect"]),
-    ("Laboratory", &["simulate", "evaluate", "bench"]),
+    ("Laboratory", &["simulate", "bench"]),
     ("Set-up", &["devices", "config", "completions", "man", "help"]),
 ];
 

@@ -1,6 +1,5 @@
-//! Synthetic scenes with ground truth, experiments, CPU methods for comparison, and benchmarks.
+//! Synthetic scenes with ground truth, benchmarks, and registration by key-points, for the program and `tools/lab`.
 
-pub mod baseline;
 pub mod bench;
-pub mod evaluate;
+pub mod key_points;
 pub mod scene;

@@ -93,7 +93,7 @@ fn along_y(values: &[f32], [width, height]: [usize; 2], channels: usize, filter:
 }
 
 /// Resamples an image at the positions to which T maps the pixels of a reference of the same size; NaN outside.
-pub(crate) fn onto(values: Vec<f32>, channels: usize, t: &Homography, size: [usize; 2]) -> Vec<f32> {
+pub fn onto(values: Vec<f32>, channels: usize, t: &Homography, size: [usize; 2]) -> Vec<f32> {
     // The identity returns the same bits.
     if *t == Homography::IDENTITY {
         return values;
@@ -176,7 +176,7 @@ pub(crate) fn registered_and_reduced(
 }
 
 /// The intensities of a photograph with the brightness of another.
-pub(crate) fn brightened(frame: &Frame, brightness: &Brightness, decode: Decode) -> Vec<f32> {
+pub fn brightened(frame: &Frame, brightness: &Brightness, decode: Decode) -> Vec<f32> {
     let channels = frame.format().channels.count() as usize;
     let mut values = frame.intensities(decode);
     in_rows(&mut values, frame.width() as usize * channels, |y, row| brightness.apply_to_row(row, channels, y));
@@ -184,7 +184,7 @@ pub(crate) fn brightened(frame: &Frame, brightness: &Brightness, decode: Decode)
 }
 
 /// Luminance of interleaved values; grey values are returned unchanged.
-pub(crate) fn luminance(values: Vec<f32>, channels: Channels) -> Vec<f32> {
+pub fn luminance(values: Vec<f32>, channels: Channels) -> Vec<f32> {
     /// Pixels of a thread at a time.
     const PIXELS: usize = 1 << 14;
     if channels == Channels::Gray {

@@ -11,7 +11,6 @@ mod batch;
 mod bench;
 mod browser;
 mod desk;
-mod evaluate;
 mod exports;
 mod formats;
 mod guide;

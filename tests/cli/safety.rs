@@ -153,8 +153,6 @@ fn every_command_refuses_to_overwrite_foreign_files() {
         (&["apply", "scene/i1.png", "i2.png", "--transform", "scene/truth.json", "-o", "moved"], "moved/i2.png"),
         (&["man", "-o", "pages"], "pages/parfocal.1"),
         (&["batch", "list.csv", "-o", "many", "--device", "none"], "many/batch.json"),
-        (&["evaluate", "-o", "tables", "--device", "none"], "tables/report.md"),
-        (&["evaluate", "-o", "figures", "--device", "none"], "figures/robustness.png"),
     ] {
         desk.write("list.csv", "i1.png,i2.png,a\n");
         desk.refuses_in_one_line(arguments, &[name, "is there already", "--force"]);

@@ -12,7 +12,7 @@ use std::sync::{Arc, LazyLock, Mutex};
 
 use parfocal::{
     Engine, EngineOptions, Frame, PairSolver, Progress, Settings, Solution, SolveOptions, image_io,
-    internals::baseline, transform::Homography,
+    internals::key_points, transform::Homography,
 };
 
 /// An engine that fails the test on any validation message. Tests share one engine for each device, and so its messages.
@@ -67,7 +67,7 @@ pub fn options() -> EngineOptions {
     EngineOptions {
         device: std::env::var("PARFOCAL_DEVICE").ok().or(Some("vulkan".into())),
         validation: std::env::var("PARFOCAL_VALIDATE").as_deref() != Ok("0"),
-        key_points: Some(baseline::key_points),
+        key_points: Some(key_points),
         timed: true,
         ..EngineOptions::default()
     }

@@ -12,7 +12,7 @@ from scipy import ndimage
 from similarity import Similarity
 
 BORDER_PX = 16
-"""Border excluded from every rms of V, as in `parfocal evaluate`."""
+"""Border excluded from every rms of V, as in `tools/evaluate`."""
 
 
 def read_grey(path: Path) -> np.ndarray:

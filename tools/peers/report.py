@@ -1,4 +1,4 @@
-"""Writes the results of all systems as JSON and as tables in the format of `parfocal evaluate`."""
+"""Writes the results of all systems as JSON and as tables in the format of `tools/evaluate`."""
 
 from __future__ import annotations
 

@@ -1,15 +1,14 @@
-//! `parfocal bench`: measures the speed of a device. `parfocal evaluate`: experiments with bounds on the accuracy.
+//! `parfocal bench`: measures the speed of a device.
 
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use parfocal::export::{FileKind, Registration};
 use parfocal::internals::bench::{self, Input, Options, Report};
-use parfocal::internals::evaluate::{self, Evaluation, Part};
 use parfocal::{Settings, image_io, settings::Method, transform::Homography};
 
-use crate::cli::options::run::{EngineArguments, QuietArgument, ReportArguments, check_validation};
+use crate::cli::options::run::{EngineArguments, QuietArgument, check_validation};
 use crate::cli::options::settings::{KernelChoice, TableArguments};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::{Failure, print};
@@ -159,7 +158,7 @@ fn inputs(arguments: &Arguments) -> Result<(Vec<Input>, Vec<String>), Failure> {
     }
     let (mut inputs, absent) = match &arguments.data {
         Some(data) => Input::shipped(data)?,
-        None if arguments.sizes.is_empty() => Input::shipped(&evaluate::Options::default().data)?,
+        None if arguments.sizes.is_empty() => Input::shipped(Path::new("data"))?,
         None => Default::default(),
     };
     if arguments.sizes.is_empty() {
@@ -195,52 +194,6 @@ fn print_report(report: &Report, base: Option<&Report>, arguments: &Arguments) -
         None => {}
     }
     Ok(())
-}
-
-/// Run the paper's experiments by all methods on scenes and photographs, measure the default settings, focus sweeps and
-/// inputs that do not fit the model against their bounds, and write tables and figures.
-#[derive(clap::Args, Debug)]
-#[command(after_help = EVALUATE_HELP)]
-pub(crate) struct EvaluateArguments {
-    /// Folder for report.md, report.json and the figures; created if missing, an earlier evaluation in it replaced
-    #[arg(short, long, value_name = "OUT", default_value = "out/evaluate")]
-    output: PathBuf,
-    /// Folder of the photographs, each pair in a folder of its own; absent ones are named in the report
-    #[arg(long, value_name = "DIR", default_value_os_t = evaluate::Options::default().data)]
-    data: PathBuf,
-    /// Small scenes, few cases, reduced photographs: shows in a minute that everything runs
-    #[arg(long)]
-    quick: bool,
-    /// The only part to run
-    #[arg(long, value_enum, value_name = "PART")]
-    only: Option<Part>,
-    #[command(flatten)]
-    report: ReportArguments,
-    #[command(flatten)]
-    force: ForceArgument,
-    #[command(flatten)]
-    engine: EngineArguments,
-}
-
-const EVALUATE_HELP: &str = "\
-Example:
-  parfocal evaluate --only defaults --data DIR
-
-Exit status: 0 done (whether or not the bounds are met: see the report), 1 failed, 2 wrong usage.";
-
-/// Evaluates and writes the report. Checks of the outputs come first.
-pub(crate) fn evaluate(arguments: &EvaluateArguments) -> Result<(), Failure> {
-    let out = arguments.force.to(&arguments.output);
-    destination::check_folder(&arguments.output)?;
-    Evaluation::check(out)?;
-    let engine = arguments.engine.open()?;
-    let options = evaluate::Options { data: arguments.data.clone(), quick: arguments.quick, only: arguments.only };
-    let evaluation = Evaluation::run(&engine, &options, &mut |line| arguments.report.print_line(line));
-    check_validation(&engine)?;
-    evaluation.write(out)?;
-    let summary = [evaluation.summary(), format!("in {}", arguments.output.display())];
-    let summary = summary.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n");
-    arguments.report.print(&summary, evaluation.report())
 }
 
 #[cfg(test)]

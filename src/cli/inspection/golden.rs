@@ -7,7 +7,7 @@ use parfocal::metric::inspect::{Heights, Limits};
 use parfocal::metric::{Disagreement, disagreement, golden};
 use parfocal::settings::Decode;
 use parfocal::transform::Similarity;
-use parfocal::{Frame, Region, internals::baseline};
+use parfocal::{Frame, Region, internals::key_points};
 use serde_json::Value;
 
 use crate::cli::options::settings::differing;
@@ -82,7 +82,7 @@ impl Part {
         if in_place || self.name == golden.name {
             return Ok(Similarity::IDENTITY);
         }
-        baseline::key_points([&golden.picture, &self.picture], Decode::None, None)
+        key_points([&golden.picture, &self.picture], Decode::None, None)
             .map_err(|e| self.failed(golden, format!("{e}; --in-place takes the pictures as they lie")))
     }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use parfocal::export::{Palette, to_json};
-use parfocal::{Engine, EngineOptions, Error, internals::baseline, settings::DeviceInfo};
+use parfocal::{Engine, EngineOptions, Error, internals::key_points, settings::DeviceInfo};
 use serde::Serialize;
 
 use crate::cli::help::{DEVICE, OUTPUT};
@@ -208,7 +208,7 @@ impl EngineArguments {
             validation: is_validation_requested(),
             timeout: Duration::from_secs(self.timeout),
             memory: self.memory.map(|mib| mib << 20),
-            key_points: Some(baseline::key_points),
+            key_points: Some(key_points),
             timed: self.timings,
         }
     }

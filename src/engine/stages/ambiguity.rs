@@ -73,7 +73,7 @@ const LEAST: f64 = shaders::ambiguity::LEAST;
 const BETTER: f64 = shaders::ambiguity::BETTER;
 /// The curvature may be that of noise below this multiple of that of noise alone. In windows of noise it varies by a
 /// fifth, and up to 2.3 times of it come from the interpolation between the nodes of a stack. With 4 and 6 the dark
-/// background of `evaluate --only judgement` is as with 3, and 1 and 3 % more of a relief of noise 0.03 are not
+/// background of `tools/evaluate --only judgement` is as with 3, and 1 and 3 % more of a relief of noise 0.03 are not
 /// measured.
 const BY_NOISE: f64 = shaders::ambiguity::BY_NOISE;
 /// Another V is no worse below this share of the energy, where the curvature is that of noise. With 1.2 up to 7 % of

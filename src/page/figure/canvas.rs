@@ -14,16 +14,16 @@ use ttf_parser::{Face, OutlineBuilder};
 pub(super) const MAX_SIDE: u32 = 1 << 14;
 
 /// Red, green, blue.
-pub(crate) type Color = [u8; 3];
+pub type Color = [u8; 3];
 
-pub(crate) const WHITE: Color = [255; 3];
-pub(crate) const BLACK: Color = [20; 3];
-pub(crate) const GRAY: Color = [96; 3];
-pub(crate) const LIGHT: Color = [224; 3];
+pub const WHITE: Color = [255; 3];
+pub const BLACK: Color = [20; 3];
+pub const GRAY: Color = [96; 3];
+pub const LIGHT: Color = [224; 3];
 
 /// A rectangle in px; x right, y down.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Area {
+pub struct Area {
     pub x: f32,
     pub y: f32,
     pub width: f32,
@@ -31,33 +31,33 @@ pub(crate) struct Area {
 }
 
 impl Area {
-    pub(crate) fn right(&self) -> f32 {
+    pub fn right(&self) -> f32 {
         self.x + self.width
     }
 
-    pub(crate) fn bottom(&self) -> f32 {
+    pub fn bottom(&self) -> f32 {
         self.y + self.height
     }
 
-    pub(crate) fn middle(&self) -> (f32, f32) {
+    pub fn middle(&self) -> (f32, f32) {
         (self.x + self.width / 2.0, self.y + self.height / 2.0)
     }
 }
 
 /// Alignment of a line of text at its point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Align {
+pub enum Align {
     Left,
     Middle,
     Right,
 }
 
 /// A canvas, initially white.
-pub(crate) struct Canvas(Pixmap);
+pub struct Canvas(Pixmap);
 
 impl Canvas {
     /// Makes a white canvas. Its sides are clamped to 1 to [`MAX_SIDE`].
-    pub(crate) fn new(width: u32, height: u32) -> Self {
+    pub fn new(width: u32, height: u32) -> Self {
         let side = |length: u32| length.clamp(1, MAX_SIDE);
         let mut pixmap = Pixmap::new(side(width), side(height)).expect("sides within limits");
         pixmap.fill(tiny_skia::Color::WHITE);
@@ -65,42 +65,42 @@ impl Canvas {
     }
 
     /// Fills a rectangle.
-    pub(crate) fn fill(&mut self, area: Area, color: Color) {
+    pub fn fill(&mut self, area: Area, color: Color) {
         if let Some(rect) = rect(area) {
             self.0.fill_rect(rect, &paint(color), Transform::identity(), None);
         }
     }
 
     /// Draws the outline of a rectangle, centred on its edge.
-    pub(crate) fn outline(&mut self, area: Area, color: Color, width: f32) {
+    pub fn outline(&mut self, area: Area, color: Color, width: f32) {
         if let Some(rect) = rect(area) {
             self.stroke(&PathBuilder::from_rect(rect), color, width, None);
         }
     }
 
     /// Draws a line through points. It is dashed if a period is passed. Points that are not finite are left out.
-    pub(crate) fn line(&mut self, points: &[(f32, f32)], color: Color, width: f32, dash: Option<f32>) {
+    pub fn line(&mut self, points: &[(f32, f32)], color: Color, width: f32, dash: Option<f32>) {
         if let Some(path) = polygon(points, false) {
             self.stroke(&path, color, width, dash);
         }
     }
 
     /// Fills a polygon.
-    pub(crate) fn polygon(&mut self, points: &[(f32, f32)], color: Color) {
+    pub fn polygon(&mut self, points: &[(f32, f32)], color: Color) {
         if let Some(path) = polygon(points, true) {
             self.0.fill_path(&path, &paint(color), FillRule::Winding, Transform::identity(), None);
         }
     }
 
     /// Fills a circle.
-    pub(crate) fn disc(&mut self, (x, y): (f32, f32), radius: f32, color: Color) {
+    pub fn disc(&mut self, (x, y): (f32, f32), radius: f32, color: Color) {
         if let Some(path) = PathBuilder::from_circle(x, y, radius) {
             self.0.fill_path(&path, &paint(color), FillRule::Winding, Transform::identity(), None);
         }
     }
 
     /// Draws a picture with its upper left corner at a pixel. The parts outside are cut off.
-    pub(crate) fn image(&mut self, image: &RgbImage, (left, top): (u32, u32)) {
+    pub fn image(&mut self, image: &RgbImage, (left, top): (u32, u32)) {
         let (width, height) = (self.0.width(), self.0.height());
         let pixels = self.0.pixels_mut();
         for (x, y, &image::Rgb([r, g, b])) in image.enumerate_pixels() {
@@ -113,12 +113,12 @@ impl Canvas {
     }
 
     /// Writes a line of text whose baseline is at `y`.
-    pub(crate) fn text(&mut self, text: &str, (x, y): (f32, f32), size: f32, align: Align, color: Color) {
+    pub fn text(&mut self, text: &str, (x, y): (f32, f32), size: f32, align: Align, color: Color) {
         self.text_turned(text, (x, y), size, align, color, 0.0);
     }
 
     /// Writes a line of text upwards, with its baseline at `x`.
-    pub(crate) fn text_up(&mut self, text: &str, (x, y): (f32, f32), size: f32, align: Align, color: Color) {
+    pub fn text_up(&mut self, text: &str, (x, y): (f32, f32), size: f32, align: Align, color: Color) {
         self.text_turned(text, (x, y), size, align, color, -90.0);
     }
 
@@ -144,7 +144,7 @@ impl Canvas {
     }
 
     /// The picture.
-    pub(crate) fn into_image(self) -> RgbImage {
+    pub fn into_image(self) -> RgbImage {
         let (width, height) = (self.0.width(), self.0.height());
         let rgb = self.0.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect();
         RgbImage::from_raw(width, height, rgb).expect("three bytes for each pixel")
@@ -179,7 +179,7 @@ static FACE: LazyLock<Face<'static>> = LazyLock::new(|| {
 });
 
 /// Width of a line of text, px, at `size` px for the em square.
-pub(crate) fn text_width(text: &str, size: f32) -> f32 {
+pub fn text_width(text: &str, size: f32) -> f32 {
     text.chars().map(|c| advance(c, size)).sum()
 }
 
@@ -193,21 +193,6 @@ pub(super) fn text_outline(text: &str, size: f32) -> Option<Path> {
         pen.x += advance(c, size);
     }
     pen.path.finish()
-}
-
-/// Splits text into lines of at most `limit` px, between words. A single word may be longer.
-pub(crate) fn wrap_text(text: &str, size: f32, limit: f32) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
-        match lines.last_mut() {
-            Some(line) if text_width(line, size) + text_width(" ", size) + text_width(word, size) <= limit => {
-                line.push(' ');
-                line.push_str(word);
-            }
-            _ => lines.push(word.to_string()),
-        }
-    }
-    lines
 }
 
 fn scale(size: f32) -> f32 {
@@ -321,13 +306,5 @@ mod tests {
         );
         assert!(bounds.top() < -0.5 * size && bounds.bottom().abs() < 0.5, "{bounds:?}");
         assert!(text_outline("", size).is_none() && text_outline("  ", size).is_none());
-    }
-
-    #[test]
-    fn lines_break_between_words() {
-        let limit = text_width("too few", 12.0) + 0.1;
-        assert_eq!(wrap_text("too few key-points", 12.0, limit), ["too few", "key-points"]);
-        assert_eq!(wrap_text("registration", 12.0, 1.0), ["registration"]);
-        assert!(wrap_text("  ", 12.0, 100.0).is_empty());
     }
 }

@@ -15,7 +15,8 @@
 //!
 //! Values that are not finite are gaps in a curve.
 
-mod canvas;
+#[allow(missing_docs, reason = "public for the laboratory only")]
+pub(crate) mod canvas;
 mod plot;
 
 use self::canvas::MAX_SIDE;
@@ -27,7 +28,7 @@ use image::RgbImage;
 
 pub use plot::{Axis, Plot, Series};
 
-pub(crate) use canvas::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, WHITE, resized, text_width, wrap_text};
+pub(crate) use canvas::{Align, Area, BLACK, Canvas, Color, GRAY, WHITE, resized, text_width};
 
 /// Draws keys and profiles into results.
 pub const PLOTTER: Plotter = Plotter { key, profile: plot::profile };

@@ -1,23 +1,22 @@
 //! Errors of registration and V, and the coverage of these errors by σ.
 
-use super::pairs::KnownPair;
-use super::section::{Case, Runner};
-use crate::base::{Settings, statistics};
-use crate::engine::Solution;
-use crate::engine::stages::uncertainty::LARGEST;
+use parfocal::{Settings, Solution, internals::median, internals::stages::uncertainty::LARGEST};
+
+use crate::pairs::KnownPair;
+use crate::section::{Case, Runner};
 
 /// Width of the border that is left out of all errors of V, px.
-pub(super) const BORDER: usize = 16;
+pub(crate) const BORDER: usize = 16;
 
 /// The indices of the pixels at least `border` px inside the frame.
-pub(super) fn inside(width: u32, height: u32, border: usize) -> impl Iterator<Item = usize> {
+pub(crate) fn inside(width: u32, height: u32, border: usize) -> impl Iterator<Item = usize> {
     let (width, height) = (width as usize, height as usize);
     let rows = border..height.saturating_sub(border);
     rows.flat_map(move |y| (border..width.saturating_sub(border)).map(move |x| y * width + x))
 }
 
 /// Root mean square of the finite values of a field, [`BORDER`] px inside the frame; `None` if there is none.
-pub(super) fn rms(width: u32, height: u32, value: impl Fn(usize) -> f64) -> Option<f64> {
+pub(crate) fn rms(width: u32, height: u32, value: impl Fn(usize) -> f64) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0usize);
     for v in inside(width, height, BORDER).map(value).filter(|v| v.is_finite()) {
         sum += v * v;
@@ -28,7 +27,7 @@ pub(super) fn rms(width: u32, height: u32, value: impl Fn(usize) -> f64) -> Opti
 
 /// Errors of a solution with known truth; V in px², [`BORDER`] px inside the frame.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Errors {
+pub(crate) struct Errors {
     /// The largest distance of a corner from its true position, px.
     pub corner: f64,
     /// Root mean square of V minus the true V.
@@ -39,7 +38,7 @@ pub(super) struct Errors {
 }
 
 impl Errors {
-    pub(super) fn of(solution: &Solution, pair: &KnownPair) -> Self {
+    pub(crate) fn of(solution: &Solution, pair: &KnownPair) -> Self {
         let error = |i: usize| f64::from(solution.relative_blur[i]) - f64::from(pair.relative_blur[i]);
         let pixels = || inside(solution.width, solution.height, BORDER);
         let errors: Vec<f64> = pixels().map(error).filter(|e| e.is_finite()).collect();
@@ -53,13 +52,13 @@ impl Errors {
     }
 
     /// Solves a pair.
-    pub(super) fn solve(runner: &mut Runner, pair: &KnownPair, settings: &Settings) -> Result<Self, String> {
+    pub(crate) fn solve(runner: &mut Runner, pair: &KnownPair, settings: &Settings) -> Result<Self, String> {
         Ok(Self::of(&pair.solve(runner, settings)?, pair))
     }
 
     /// The median of each error of several solutions.
-    pub(super) fn median(all: &[Self]) -> Option<Self> {
-        let of = |f: &dyn Fn(&Self) -> f64| statistics::median(all.iter().map(f));
+    pub(crate) fn median(all: &[Self]) -> Option<Self> {
+        let of = |f: &dyn Fn(&Self) -> f64| median(all.iter().map(f));
         let coverage = Coverage {
             one: of(&|e| e.coverage.one)?,
             two: of(&|e| e.coverage.two)?,
@@ -71,7 +70,7 @@ impl Errors {
 
 /// The shares of the pixels with an error within a multiple of their σ.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Coverage {
+pub(crate) struct Coverage {
     /// Within one σ: 0.68 for Gaussian errors.
     pub one: f64,
     /// Within two σ: 0.95 for Gaussian errors.
@@ -82,7 +81,7 @@ pub(super) struct Coverage {
 
 impl Coverage {
     /// Computes the shares from errors and their σ. Pixels with the largest σ have no information and are left out.
-    pub(super) fn of(pixels: impl Iterator<Item = (f64, f64)>) -> Self {
+    pub(crate) fn of(pixels: impl Iterator<Item = (f64, f64)>) -> Self {
         let stated = pixels.filter(|(error, sigma)| error.is_finite() && *sigma < f64::from(LARGEST));
         let ratios: Vec<f64> = stated.map(|(error, sigma)| error.abs() / sigma).collect();
         let share = |f: &dyn Fn(f64) -> bool| ratios.iter().filter(|r| f(**r)).count() as f64 / ratios.len() as f64;
@@ -90,18 +89,18 @@ impl Coverage {
     }
 
     /// Adds the shares within one and two σ, and their bounds.
-    pub(super) fn within(self, case: Case) -> Case {
+    pub(crate) fn within(self, case: Case) -> Case {
         case.within("within 1 σ", self.one, [0.60, 0.75]).within("within 2 σ", self.two, [0.90, 0.97])
     }
 
     /// Adds all three shares and their bounds.
-    pub(super) fn all(self, case: Case) -> Case {
+    pub(crate) fn all(self, case: Case) -> Case {
         self.within(case).at_most("beyond 5 σ", self.beyond_five, 0.005)
     }
 }
 
 /// Least, median and greatest value. A failure counts as infinite.
-pub(super) fn spread(values: &[Option<f64>]) -> [f64; 3] {
+pub(crate) fn spread(values: &[Option<f64>]) -> [f64; 3] {
     let mut sorted: Vec<f64> = values.iter().map(|v| v.unwrap_or(f64::INFINITY)).collect();
     sorted.sort_by(f64::total_cmp);
     let at = |i: usize| sorted.get(i).copied().unwrap_or(f64::INFINITY);
@@ -111,7 +110,7 @@ pub(super) fn spread(values: &[Option<f64>]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::Similarity;
+    use parfocal::transform::Similarity;
 
     #[test]
     fn the_corner_error_of_a_rotation_and_a_scale_is_exact() {

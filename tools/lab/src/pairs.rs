@@ -3,17 +3,22 @@
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
-use super::section::{Runner, settings};
-use crate::base::color::LUMINANCE;
-use crate::base::{Channels, Decode, Frame, Kernel, Method, Samples, Settings, Similarity, centre};
-use crate::engine::Solution;
-use crate::engine::stages::{Field, ingest};
-use crate::files::export::Nearer;
-use crate::files::image_io;
-use crate::lab::scene::{self, Preset, Scene, Shape};
+use parfocal::{
+    Frame, Settings, Solution,
+    export::Nearer,
+    frame::Samples,
+    image_io,
+    internals::scene::{self, Preset, Scene, Shape},
+    internals::stages::{Field, ingest},
+    internals::{LUMINANCE, brightened},
+    settings::{Decode, Kernel, Method},
+    transform::{Brightness, Similarity, centre},
+};
+
+use crate::section::{Runner, settings};
 
 /// A pair with known registration.
-pub(super) struct KnownPair {
+pub(crate) struct KnownPair {
     pub images: [Frame; 2],
     pub transform: Similarity,
     /// V at each pixel of I1, px²; empty if it is not known.
@@ -22,7 +27,7 @@ pub(super) struct KnownPair {
 }
 
 impl KnownPair {
-    pub(super) fn render(scene: &Scene) -> Result<Self, String> {
+    pub(crate) fn render(scene: &Scene) -> Result<Self, String> {
         let pair = scene.render().map_err(|e| e.to_string())?;
         let kernel = match scene.kernel {
             scene::Kernel::Gaussian => Kernel::Gaussian,
@@ -33,19 +38,19 @@ impl KnownPair {
         Ok(Self { images, transform, relative_blur: pair.relative_blur, kernel })
     }
 
-    pub(super) fn solve(&self, runner: &mut Runner, settings: &Settings) -> Result<Solution, String> {
+    pub(crate) fn solve(&self, runner: &mut Runner, settings: &Settings) -> Result<Solution, String> {
         runner.solve(self.images.each_ref(), settings)
     }
 
     /// The default settings. They state the kernel if it is asymmetric, since a user must do so too.
-    pub(super) fn default_settings(&self) -> Settings {
+    pub(crate) fn default_settings(&self) -> Settings {
         default_settings(&self.kernel)
     }
 }
 
 /// The default settings for a pair with this kernel, which is stated only if it is asymmetric. Samples are decoded as
 /// stored.
-pub(super) fn default_settings(kernel: &Kernel) -> Settings {
+pub(crate) fn default_settings(kernel: &Kernel) -> Settings {
     let kernel = match kernel {
         Kernel::Gaussian | Kernel::Pillbox => Kernel::Auto,
         other => other.clone(),
@@ -55,7 +60,7 @@ pub(super) fn default_settings(kernel: &Kernel) -> Settings {
 
 /// Two photographs of a data set, in a folder with its name.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct PhotographedPair {
+pub(crate) struct PhotographedPair {
     pub name: &'static str,
     files: [&'static str; 2],
     /// The photograph that is focused nearer. A lens that refocuses moves out for near objects and magnifies them: if T
@@ -80,12 +85,12 @@ const CUP: PhotographedPair =
 const QUICK_WIDTH: u32 = 240;
 
 impl PhotographedPair {
-    pub(super) fn all() -> impl Iterator<Item = Self> {
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
         PAIRS.into_iter()
     }
 
     /// The missing files of the pair.
-    pub(super) fn missing(&self, data: &Path) -> Vec<PathBuf> {
+    pub(crate) fn missing(&self, data: &Path) -> Vec<PathBuf> {
         self.paths(data).into_iter().filter(|path| !path.is_file()).collect()
     }
 
@@ -94,7 +99,7 @@ impl PhotographedPair {
     }
 
     /// Reads the photographs, reduced in a quick run.
-    pub(super) fn read(&self, data: &Path, quick: bool) -> Result<[Frame; 2], String> {
+    pub(crate) fn read(&self, data: &Path, quick: bool) -> Result<[Frame; 2], String> {
         let [first, second] = self.paths(data);
         let (i1, i2) = image_io::read_pair(&first, &second).map_err(|e| e.to_string())?;
         let factor = if quick { (i1.width() / QUICK_WIDTH).max(1) } else { 1 };
@@ -103,13 +108,13 @@ impl PhotographedPair {
 }
 
 /// A pair of Table 1.
-pub(super) struct TablePair {
+pub(crate) struct TablePair {
     pub name: String,
     pub source: Source,
 }
 
 /// The source of a pair of Table 1.
-pub(super) enum Source {
+pub(crate) enum Source {
     Scene(Box<Scene>),
     /// The Cup with a displaced I2.
     Cup,
@@ -117,7 +122,7 @@ pub(super) enum Source {
 
 impl TablePair {
     /// The pairs of Table 1: scenes with symmetric blur, scenes with asymmetric blur, and the Cup if it exists.
-    pub(super) fn all(data: &Path, quick: bool) -> Vec<Self> {
+    pub(crate) fn all(data: &Path, quick: bool) -> Vec<Self> {
         let symmetric: &[Preset] =
             if quick { &[Preset::Plane] } else { &[Preset::Plane, Preset::Relief, Preset::Steps, Preset::Cylinders] };
         let sigmas: &[f64] = if quick { &[2.5] } else { &[1.0, 1.5, 2.5] };
@@ -142,7 +147,7 @@ impl TablePair {
     }
 
     /// The pair, and the same pair without displacement.
-    pub(super) fn prepare(&self, runner: &mut Runner, data: &Path) -> Result<[KnownPair; 2], String> {
+    pub(crate) fn prepare(&self, runner: &mut Runner, data: &Path) -> Result<[KnownPair; 2], String> {
         match &self.source {
             Source::Scene(scene) => {
                 let aligned = Scene { transform: Similarity::IDENTITY, ..(**scene).clone() };
@@ -200,27 +205,27 @@ fn taps(place: f64) -> (isize, [f64; 2 * RADIUS as usize]) {
 
 /// The frame reduced by a factor: means of `factor` x `factor` pixels of each colour, as floats.
 fn reduced(frame: &Frame, factor: u32) -> Result<Frame, String> {
-    let (width, height) = (frame.width() / factor, frame.height() / factor);
-    let channels = frame.format().channels;
-    let planes: Vec<Field> = match channels {
-        Channels::Gray => vec![ingest::cpu_reference(frame, Decode::None, LUMINANCE)],
-        Channels::Rgb => {
-            let one = |c: usize| [0, 1, 2].map(|k| if k == c { 1.0 } else { 0.0 });
-            (0..3).map(|c| ingest::cpu_reference(frame, Decode::None, one(c))).collect()
-        }
-    };
-    let mean = |plane: &Field, x: u32, y: u32| {
+    let (width, height, channels) = (frame.width() / factor, frame.height() / factor, frame.format().channels);
+    let (values, count) = (intensities(frame), channels.count());
+    let mean = |x: u32, y: u32, c: u32| {
         let square = (0..factor).flat_map(|j| (0..factor).map(move |i| (x * factor + i, y * factor + j)));
-        square.map(|(x, y)| plane.get(x as usize, y as usize)).sum::<f64>() / f64::from(factor * factor)
+        square.map(|(x, y)| values[((y * frame.width() + x) * count + c) as usize]).sum::<f32>()
+            / (factor * factor) as f32
     };
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-    let samples = pixels.flat_map(|(x, y)| planes.iter().map(move |plane| mean(plane, x, y) as f32)).collect();
-    Frame::new(width, height, channels, Samples::F32(samples))
+    let samples = pixels.flat_map(|(x, y)| (0..count).map(move |c| (x, y, c))).map(|(x, y, c)| mean(x, y, c));
+    Frame::new(width, height, channels, Samples::F32(samples.collect()))
+}
+
+/// The intensities of a frame as stored, interleaved, white at 1.
+pub(crate) fn intensities(frame: &Frame) -> Vec<f32> {
+    brightened(frame, &Brightness::identity([frame.width(), frame.height()]), Decode::None)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use parfocal::frame::Channels;
 
     #[test]
     fn a_displaced_wave_is_the_shifted_wave() {
@@ -254,7 +259,7 @@ mod tests {
         let empty = tempfile::TempDir::new().unwrap();
         assert_eq!(CUP.missing(empty.path())[0], empty.path().join("cup/breakfast_near.png"));
         assert!(TablePair::all(empty.path(), false).iter().all(|pair| !pair.name.contains("cup")));
-        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data");
         assert!(PAIRS[0].missing(&data).is_empty());
     }
 }

@@ -2,23 +2,25 @@
 
 use std::path::Path;
 
-use super::errors::{BORDER, Coverage, inside, spread};
-use super::section::{Case, Runner, Section};
-use crate::base::random::Random;
-use crate::base::statistics::median;
-use crate::base::{Decode, Error, Frame, Settings, centre};
-use crate::files::image_io;
-use crate::lab::baseline::shape_from_focus;
-use crate::lab::scene::{Preset, Scene, SimulatedSweep, SweepScene};
-use crate::solve::SolveOptions;
-use crate::solve::resample::{brightened, luminance, onto};
-use crate::solve::sweep::{Positions, Sweep, SweepOptions, SweepSolver};
+use parfocal::{
+    Error, Frame, Settings, SolveOptions, image_io,
+    internals::scene::{Preset, Scene, SimulatedSweep, SweepScene},
+    internals::{Random, brightened, luminance, median, onto},
+    settings::Decode,
+    sweep::{Positions, Sweep, SweepOptions, SweepSolver},
+    transform::centre,
+};
+
+use crate::errors::{BORDER, Coverage, inside, spread};
+use crate::pairs::intensities;
+use crate::section::{Case, Runner, Section};
+use crate::shape_from_focus::shape_from_focus;
 
 /// The heading in the report.
-pub(super) const HEADING: &str = "Focus sweeps";
+pub(crate) const HEADING: &str = "Focus sweeps";
 
 /// Measures everything.
-pub(super) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
+pub(crate) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
     vec![generated(runner, data), simulated(runner), flat_patch(runner), fused(runner, data)]
 }
 
@@ -238,7 +240,7 @@ fn patched(frames: &[Frame], noise: f64) -> Result<Vec<Frame>, String> {
             let smooth = texture * texture * (3.0 - 2.0 * texture);
             (0.5 + smooth * (f64::from(*v) - 0.5) + noise * random.normal()) as f32
         };
-        Frame::gray(size[0], size[1], frame.intensities(Decode::None).iter().enumerate().map(value).collect())
+        Frame::gray(size[0], size[1], intensities(frame).iter().enumerate().map(value).collect())
     };
     frames.iter().map(&mut patch).collect()
 }

@@ -4,14 +4,13 @@
 //! shows the reason.
 
 use image::RgbImage;
-
-use crate::files::export::{Palette, Scale};
-use crate::page::figure::{
-    Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, bar_width, color_bar, resized, text_width, wrap_text,
-};
+use image::imageops::{self, FilterType};
+use parfocal::export::{Palette, Scale};
+use parfocal::internals::canvas::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, text_width};
+use parfocal::page::figure::PLOTTER;
 
 /// The palette of the paper's figures.
-pub(super) const PALETTE: Palette = Palette::RedBlue;
+pub(crate) const PALETTE: Palette = Palette::RedBlue;
 
 /// Margin around the sheet, px.
 const MARGIN: f32 = 16.0;
@@ -25,11 +24,13 @@ const CAPTION: f32 = 13.0;
 const LINE: f32 = 1.3;
 /// Greatest ratio of height to width of a panel. One tall picture must not stretch its row.
 const TALLEST: f32 = 1.6;
+/// Width of the key of a scale, px.
+const KEY: f32 = 80.0;
 /// Ratio of height to width of the panels of a row without a picture.
 const NO_PICTURE: f32 = 0.3;
 
 /// One panel of a [`Sheet`].
-pub(super) struct Panel {
+pub(crate) struct Panel {
     /// The picture, not empty, or the reason why there is none.
     pub picture: Result<RgbImage, String>,
     /// The text below the panel.
@@ -37,16 +38,16 @@ pub(super) struct Panel {
 }
 
 impl Panel {
-    pub(super) fn new(picture: RgbImage) -> Self {
+    pub(crate) fn new(picture: RgbImage) -> Self {
         Self { picture: Ok(picture), caption: String::new() }
     }
 
-    pub(super) fn missing(reason: &str) -> Self {
+    pub(crate) fn missing(reason: &str) -> Self {
         Self { picture: Err(reason.to_string()), caption: String::new() }
     }
 
     /// V, px², in the colours of a scale; grey where not valid. Panels that are compared share a scale.
-    pub(super) fn relative_blur(width: u32, height: u32, values: &[f32], scale: &Scale) -> Self {
+    pub(crate) fn relative_blur(width: u32, height: u32, values: &[f32], scale: &Scale) -> Self {
         let color = |v: f32| -> Color { if v.is_finite() { PALETTE.color(scale.nearness(v)) } else { LIGHT } };
         let picture = RgbImage::from_raw(width, height, values.iter().flat_map(|&v| color(v)).collect());
         picture.map_or_else(|| Self::missing("too few values"), Self::new)
@@ -60,7 +61,7 @@ impl Panel {
 
 /// A grid of panels.
 #[derive(Default)]
-pub(super) struct Sheet {
+pub(crate) struct Sheet {
     pub title: String,
     /// The names above the columns.
     pub columns: Vec<&'static str>,
@@ -73,7 +74,7 @@ pub(super) struct Sheet {
 
 /// One row of a [`Sheet`].
 #[derive(Default)]
-pub(super) struct Row {
+pub(crate) struct Row {
     /// The name to its left.
     pub name: String,
     pub panels: Vec<Panel>,
@@ -93,7 +94,7 @@ struct Layout {
 
 impl Sheet {
     /// Draws the sheet. Pictures are scaled to the width of the panel.
-    pub(super) fn draw(&self) -> RgbImage {
+    pub(crate) fn draw(&self) -> RgbImage {
         let layout = self.layout();
         let mut canvas = Canvas::new(layout.width, layout.height);
         canvas.text(&self.title, (MARGIN, MARGIN + TITLE), TITLE, Align::Left, BLACK);
@@ -124,10 +125,8 @@ impl Sheet {
             }
         }
         if let Some(scale) = &row.scale {
-            let x = self.column(layout, self.column_count()) + GAP;
-            canvas.text("V, px²", (x, y + CAPTION), CAPTION, Align::Left, GRAY);
-            let bar = Area { x, y: y + 2.0 * CAPTION, width: bar_width(CAPTION), height: height - 2.0 * CAPTION };
-            color_bar(canvas, bar, scale, PALETTE, CAPTION);
+            let key = (PLOTTER.key)("V, px²", scale, PALETTE, (self.panel_width, height as u32));
+            canvas.image(&key, (self.column(layout, self.column_count()) as u32, y as u32));
         }
     }
 
@@ -143,7 +142,7 @@ impl Sheet {
         let named = self.rows.iter().any(|row| !row.name.is_empty());
         let left = MARGIN + if named { NAME + GAP } else { 0.0 };
         let columns = self.column_count() as f32 * (self.panel_width as f32 + GAP) - GAP;
-        let keys = if self.rows.iter().any(|row| row.scale.is_some()) { 2.0 * GAP + bar_width(CAPTION) } else { 0.0 };
+        let keys = if self.rows.iter().any(|row| row.scale.is_some()) { GAP + KEY } else { 0.0 };
         let title = 2.0 * MARGIN + text_width(&self.title, TITLE);
         let width = (left + columns.max(0.0) + keys + MARGIN).max(title).ceil();
         let top = MARGIN
@@ -181,6 +180,21 @@ impl Sheet {
     }
 }
 
+/// Splits text into lines of at most `limit` px, between words. A single word may be longer.
+fn wrap_text(text: &str, size: f32, limit: f32) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if text_width(line, size) + text_width(" ", size) + text_width(word, size) <= limit => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_string()),
+        }
+    }
+    lines
+}
+
 fn draw_panel(canvas: &mut Canvas, cell: Area, panel: &Panel) {
     let picture = match &panel.picture {
         Ok(picture) => picture,
@@ -191,7 +205,7 @@ fn draw_panel(canvas: &mut Canvas, cell: Area, panel: &Panel) {
     let size = ((width * scale).round().max(1.0) as u32, (height * scale).round().max(1.0) as u32);
     let x = (cell.x + (cell.width - size.0 as f32) / 2.0).round();
     let y = (cell.y + (cell.height - size.1 as f32) / 2.0).round();
-    canvas.image(&resized(picture, size), (x as u32, y as u32));
+    canvas.image(&imageops::resize(picture, size.0, size.1, FilterType::Triangle), (x as u32, y as u32));
 }
 
 fn draw_missing(canvas: &mut Canvas, cell: Area, reason: &str) {
@@ -210,8 +224,8 @@ fn draw_missing(canvas: &mut Canvas, cell: Area, reason: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::export::Nearer;
     use image::Rgb;
+    use parfocal::export::Nearer;
 
     fn plain(width: u32, height: u32, color: [u8; 3]) -> Panel {
         Panel::new(RgbImage::from_pixel(width, height, Rgb(color)))
@@ -264,5 +278,13 @@ mod tests {
         let picture = Panel::relative_blur(3, 1, &[-1.0, f32::NAN, 1.0], &scale).picture.unwrap();
         let pixels: Vec<Color> = picture.pixels().map(|p| p.0).collect();
         assert_eq!(pixels, [PALETTE.color(1.0), LIGHT, PALETTE.color(0.0)]);
+    }
+
+    #[test]
+    fn lines_break_between_words() {
+        let limit = text_width("too few", 12.0) + 0.1;
+        assert_eq!(wrap_text("too few key-points", 12.0, limit), ["too few", "key-points"]);
+        assert_eq!(wrap_text("registration", 12.0, 1.0), ["registration"]);
+        assert!(wrap_text("  ", 12.0, 100.0).is_empty());
     }
 }

@@ -2,25 +2,29 @@
 
 use std::path::Path;
 
-use super::errors::{BORDER, rms};
-use super::figures::{ALIGNED, Collector, NONE, Solved};
-use super::pairs::{KnownPair, PhotographedPair, Source, TablePair};
-use super::robustness::PAPER_PX;
-use super::section::{Case, METHODS, Runner, Section, number, settings, unregistered};
-use crate::base::{Frame, Kernel, Method, Similarity};
-use crate::engine::Solution;
-use crate::lab::scene;
+use parfocal::{
+    Frame, Solution,
+    internals::scene,
+    settings::{Kernel, Method},
+    transform::Similarity,
+};
+
+use crate::errors::{BORDER, rms};
+use crate::figures::{ALIGNED, Collector, NONE, Solved};
+use crate::pairs::{KnownPair, PhotographedPair, Source, TablePair};
+use crate::robustness::PAPER_PX;
+use crate::section::{Case, METHODS, Runner, Section, number, settings, unregistered};
 
 const TX: &str = "t_x, px";
 const TY: &str = "t_y, px";
 const ROTATION: &str = "θ, °";
 const SCALE: &str = "s, %";
-pub(super) const CORNER: &str = "corners, px";
+pub(crate) const CORNER: &str = "corners, px";
 const TO_TRUTH: &str = "V to truth, px²";
 const TO_ALIGNED: &str = "V to aligned, px²";
 
 /// Makes Table 1 and the targets that judge it.
-pub(super) fn known(runner: &mut Runner, data: &Path, figures: &mut Collector) -> [Section; 2] {
+pub(crate) fn known(runner: &mut Runner, data: &Path, figures: &mut Collector) -> [Section; 2] {
     let mut rows = Vec::new();
     for pair in TablePair::all(data, runner.quick) {
         runner.log(&format!("table 1: {}", pair.name));
@@ -238,7 +242,7 @@ fn worst(name: &str, quantity: &'static str, bounds: [Option<f64>; 2], values: V
 }
 
 /// Makes Table 2: the results of each method on photographs of unknown registration.
-pub(super) fn photographs(runner: &mut Runner, data: &Path, figures: &mut Collector) -> Section {
+pub(crate) fn photographs(runner: &mut Runner, data: &Path, figures: &mut Collector) -> Section {
     let mut cases = Vec::new();
     for pair in PhotographedPair::all() {
         let missing: Vec<String> = pair.missing(data).iter().map(|path| path.display().to_string()).collect();

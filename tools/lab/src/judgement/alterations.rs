@@ -2,19 +2,17 @@
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use parfocal::{
+    Error, Frame, Region,
+    frame::{Channels, Samples},
+    internals::{Random, linear_to_srgb},
+};
 
-use super::super::errors::BORDER;
-use crate::base::color::stored;
-use crate::base::random::Random;
-use crate::base::{Channels, Decode, Error, Frame, Region, Samples};
+use crate::errors::BORDER;
+use crate::pairs::intensities as values;
 
 /// Distance from the border of an altered part from which its pixels are judged, px. Nearer ones see both sides.
-pub(super) const DEEP: u32 = BORDER as u32;
-
-/// The intensities of a frame, white at 1.
-fn values(frame: &Frame) -> Vec<f32> {
-    frame.intensities(Decode::None)
-}
+pub(crate) const DEEP: u32 = BORDER as u32;
 
 fn size(frame: &Frame) -> [usize; 2] {
     [frame.width() as usize, frame.height() as usize]
@@ -23,35 +21,39 @@ fn size(frame: &Frame) -> [usize; 2] {
 /// The frame with the value that `at` computes from all values, x and y.
 fn altered(frame: &Frame, at: impl Fn(&[f32], usize, usize) -> f32) -> Frame {
     let (values, [width, _]) = (values(frame), size(frame));
-    frame.with_intensities(&(0..values.len()).map(|i| at(&values, i % width, i / width)).collect::<Vec<f32>>())
+    gray(frame, (0..values.len()).map(|i| at(&values, i % width, i / width)).collect())
 }
 
-pub(super) fn mirrored(frame: &Frame) -> Frame {
+/// A grey frame of the size of another.
+fn gray(frame: &Frame, values: Vec<f32>) -> Frame {
+    Frame::gray(frame.width(), frame.height(), values).expect("a value for each pixel")
+}
+
+pub(crate) fn mirrored(frame: &Frame) -> Frame {
     let [width, _] = size(frame);
     altered(frame, |values, x, y| values[y * width + width - 1 - x])
 }
 
 /// The frame rotated by 180 degrees.
-pub(super) fn rotated(frame: &Frame) -> Frame {
+pub(crate) fn rotated(frame: &Frame) -> Frame {
     let [width, _] = size(frame);
     altered(frame, |values, x, y| values[values.len() - 1 - (y * width + x)])
 }
 
 /// A frame of one intensity.
-pub(super) fn blank(frame: &Frame, intensity: f32) -> Frame {
+pub(crate) fn blank(frame: &Frame, intensity: f32) -> Frame {
     altered(frame, |_, _, _| intensity)
 }
 
 /// The frame with Gaussian noise of a standard deviation, white = 1.
-pub(super) fn noisy(frame: &Frame, noise: f64, seed: u64) -> Frame {
+pub(crate) fn noisy(frame: &Frame, noise: f64, seed: u64) -> Frame {
     const STREAM: u64 = 100;
     let mut random = Random::new(seed, STREAM);
-    let noisy: Vec<f32> = values(frame).into_iter().map(|v| v + (noise * random.normal()) as f32).collect();
-    frame.with_intensities(&noisy)
+    gray(frame, values(frame).into_iter().map(|v| v + (noise * random.normal()) as f32).collect())
 }
 
 /// The frame with a part of another.
-pub(super) fn composed(frame: &Frame, other: &Frame, part: Region) -> Frame {
+pub(crate) fn composed(frame: &Frame, other: &Frame, part: Region) -> Frame {
     let (other, [width, _]) = (values(other), size(frame));
     let contains = |from: u32, length: u32, at: usize| (from as usize..(from + length) as usize).contains(&at);
     altered(frame, |values, x, y| {
@@ -61,7 +63,7 @@ pub(super) fn composed(frame: &Frame, other: &Frame, part: Region) -> Frame {
 }
 
 /// The sum of the deviations of two frames from ½, weighted.
-pub(super) fn mixed(frame: &Frame, other: &Frame, weights: [f32; 2]) -> Frame {
+pub(crate) fn mixed(frame: &Frame, other: &Frame, weights: [f32; 2]) -> Frame {
     let (other, [width, _]) = (values(other), size(frame));
     altered(frame, |values, x, y| {
         let i = y * width + x;
@@ -70,7 +72,7 @@ pub(super) fn mixed(frame: &Frame, other: &Frame, weights: [f32; 2]) -> Frame {
 }
 
 /// Multiplies the intensities by a function of x and y, both from 0 to 1, and adds an offset.
-pub(super) fn exposed(frame: &Frame, gain: impl Fn(f64, f64) -> f64, offset: f32) -> Frame {
+pub(crate) fn exposed(frame: &Frame, gain: impl Fn(f64, f64) -> f64, offset: f32) -> Frame {
     let [width, height] = size(frame);
     let share = |at: usize, length: usize| at as f64 / (length - 1) as f64;
     altered(frame, |values, x, y| values[y * width + x] * gain(share(x, width), share(y, height)) as f32 + offset)
@@ -90,7 +92,7 @@ fn filtered(frame: &Frame, reach: [usize; 2], of: impl Fn(&mut [f32]) -> f32) ->
 }
 
 /// The median of 3 x 3 px, as cameras denoise.
-pub(super) fn denoised(frame: &Frame) -> Frame {
+pub(crate) fn denoised(frame: &Frame) -> Frame {
     filtered(frame, [1, 1], |near| {
         near.sort_by(f32::total_cmp);
         near[near.len() / 2]
@@ -98,7 +100,7 @@ pub(super) fn denoised(frame: &Frame) -> Frame {
 }
 
 /// Adds the difference from the binomial mean of 3 x 3 px, times an amount: the unsharp mask of cameras.
-pub(super) fn sharpened(frame: &Frame, amount: f32) -> Frame {
+pub(crate) fn sharpened(frame: &Frame, amount: f32) -> Frame {
     const WEIGHTS: [f32; 9] = [1.0, 2.0, 1.0, 2.0, 4.0, 2.0, 1.0, 2.0, 1.0];
     filtered(frame, [1, 1], |near| {
         let mean = near.iter().zip(WEIGHTS).map(|(value, weight)| value * weight).sum::<f32>() / 16.0;
@@ -107,26 +109,27 @@ pub(super) fn sharpened(frame: &Frame, amount: f32) -> Frame {
 }
 
 /// The frame of a camera that moved along a row during the exposure, by `2 reach + 1` px.
-pub(super) fn shaken(frame: &Frame, reach: usize) -> Frame {
+pub(crate) fn shaken(frame: &Frame, reach: usize) -> Frame {
     filtered(frame, [reach, 0], |near| near.iter().sum::<f32>() / near.len() as f32)
 }
 
 /// The intensity that a share of the pixels does not exceed.
-pub(super) fn quantile(frame: &Frame, share: f64) -> f32 {
+pub(crate) fn quantile(frame: &Frame, share: f64) -> f32 {
     let mut values = values(frame);
     values.sort_by(f32::total_cmp);
     values[(share * (values.len() - 1) as f64) as usize]
 }
 
 /// The frame as 16-bit samples, clipped to 0 to 1.
-pub(super) fn in_16_bits(frame: &Frame) -> Result<Frame, Error> {
+pub(crate) fn in_16_bits(frame: &Frame) -> Result<Frame, Error> {
     let samples = values(frame).into_iter().map(|v| (v * 65535.0).round().clamp(0.0, 65535.0) as u16).collect();
     encoded(frame, Samples::U16(samples))
 }
 
 /// The frame as 8-bit samples by the sRGB curve, clipped to 0 to 1.
-pub(super) fn in_8_bits(frame: &Frame) -> Result<Frame, Error> {
-    let samples = values(frame).into_iter().map(|v| (stored(v, Decode::Srgb) * 255.0).round() as u8).collect();
+pub(crate) fn in_8_bits(frame: &Frame) -> Result<Frame, Error> {
+    let samples =
+        values(frame).into_iter().map(|v| (linear_to_srgb(v.clamp(0.0, 1.0)) * 255.0).round() as u8).collect();
     encoded(frame, Samples::U8(samples))
 }
 
@@ -135,7 +138,7 @@ fn encoded(frame: &Frame, samples: Samples) -> Result<Frame, Error> {
 }
 
 /// The frame after compression as JPEG with a quality of 1 to 100, in 8 bits.
-pub(super) fn compressed(frame: &Frame, quality: u8) -> Result<Frame, Error> {
+pub(crate) fn compressed(frame: &Frame, quality: u8) -> Result<Frame, Error> {
     let (frame, mut bytes) = (in_8_bits(frame)?, Vec::new());
     let encoder = JpegEncoder::new_with_quality(&mut bytes, quality);
     let written = encoder.write_image(frame.bytes(), frame.width(), frame.height(), ExtendedColorType::L8);
@@ -146,6 +149,7 @@ pub(super) fn compressed(frame: &Frame, quality: u8) -> Result<Frame, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use parfocal::{internals::brightened, settings::Decode, transform::Brightness};
 
     fn frame(values: &[f32]) -> Frame {
         Frame::gray(4, 4, values.to_vec()).unwrap()
@@ -184,7 +188,7 @@ mod tests {
         let bright = exposed(&ramp(), |_, _| 2.0, 0.0);
         assert_eq!(values(&in_16_bits(&bright).unwrap())[15], 1.0);
         let stored = in_8_bits(&ramp()).unwrap();
-        let back = stored.intensities(Decode::Srgb);
+        let back = brightened(&stored, &Brightness::identity([4, 4]), Decode::Srgb);
         assert!(back.iter().zip(values(&ramp())).all(|(a, b)| (a - b).abs() < 0.004), "{back:?}");
         let [coarse, fine] = [10, 100].map(|quality| compressed(&ramp(), quality).unwrap());
         let error = |f: &Frame| values(f).iter().zip(values(&stored)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);

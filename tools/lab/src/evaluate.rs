@@ -1,43 +1,22 @@
-//! Experiments with bounds: the paper's (Ben-Ari, TPAMI 2014, section 5), the default settings, focus sweeps, and
-//! inputs that do not fit the model.
-//!
-//! ```no_run
-//! use parfocal::internals::evaluate::{Evaluation, Options};
-//! use parfocal::{Engine, EngineOptions};
-//!
-//! let engine = Engine::new(&EngineOptions::default())?;
-//! let evaluation = Evaluation::run(&engine, &Options::default(), &mut |line| eprintln!("{line}"));
-//! evaluation.write("out/evaluate")?;
-//! # Ok::<(), parfocal::Error>(())
-//! ```
+//! The experiments: the paper's (Ben-Ari, TPAMI 2014, section 5), the default settings, focus sweeps, and inputs that
+//! do not fit the model.
 //!
 //! A solve that fails becomes a row with its reason, and the other solves continue. Only writing can fail.
 
-mod contact_sheet;
-mod defaults;
-mod errors;
-mod figures;
-mod judgement;
-mod pairs;
-mod registration;
-mod robustness;
-mod section;
-mod sweeps;
-
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
+use parfocal::export::{self, Destination, DeviceReport, listed_in, to_json};
+use parfocal::page::figure::write_png;
+use parfocal::{Engine, Error};
 use serde::Serialize;
 
-use self::section::{Runner, Section};
-use crate::base::Error;
-use crate::engine::Engine;
-use crate::files::export::{Destination, DeviceReport, Staging, write_drawing, write_json_to};
+use crate::figures::{self, Figure};
+use crate::section::{self, Runner, Section};
+use crate::{defaults, judgement, registration, robustness, sweeps};
 
 /// The options of an evaluation.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Options {
+pub(crate) struct Options {
     /// Folder of the photographs, with one folder for each pair. The report names missing photographs.
     pub data: PathBuf,
     /// Whether to use small scenes, few cases and reduced photographs. A quick run tests that everything works, not its
@@ -48,9 +27,8 @@ pub struct Options {
 }
 
 /// The parts of an evaluation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
-pub enum Part {
+#[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
+pub(crate) enum Part {
     /// The paper's experiments by all methods: some 15 minutes on two processor cores without a GPU
     Paper,
     /// Bounds on the default settings: some 5 minutes. Reads part/57 and dual-pixel in DIR
@@ -61,15 +39,8 @@ pub enum Part {
     Judgement,
 }
 
-impl Default for Options {
-    /// The default options: the full evaluation with the pairs in the folder `data`.
-    fn default() -> Self {
-        Self { data: PathBuf::from("data"), quick: false, only: None }
-    }
-}
-
 /// The results of all experiments.
-pub struct Evaluation {
+pub(crate) struct Evaluation {
     report: Report,
     figures: Vec<Figure>,
 }
@@ -89,26 +60,12 @@ struct Report {
     files: Vec<String>,
 }
 
-/// A picture and the name of its file.
-struct Figure {
-    name: String,
-    /// A sentence that describes the picture.
-    caption: String,
-    picture: RgbImage,
-}
-
-impl Figure {
-    fn file(name: &str) -> String {
-        format!("{name}.png")
-    }
-}
-
 const REPORT: &str = "report.json";
 const TABLES: &str = "report.md";
 
 impl Evaluation {
     /// Runs the experiments. Calls `log` with a line for each.
-    pub fn run(engine: &Engine, options: &Options, log: &mut dyn FnMut(&str)) -> Self {
+    pub(crate) fn run(engine: &Engine, options: &Options, log: &mut dyn FnMut(&str)) -> Self {
         let mut runner = Runner::new(engine, options.quick, log);
         let (data, includes) = (&options.data, |part| options.only.is_none_or(|only| only == part));
         let (paper, mut figures) =
@@ -120,7 +77,7 @@ impl Evaluation {
         figures.extend(warned);
         let files = figures.iter().map(|figure: &Figure| Figure::file(&figure.name));
         let report = Report {
-            program: env!("CARGO_PKG_NAME"),
+            program: "parfocal",
             kind: "evaluation",
             version: env!("CARGO_PKG_VERSION"),
             device: engine.info().into(),
@@ -135,20 +92,15 @@ impl Evaluation {
     }
 
     /// The tables of all parts but the paper's, as Markdown; empty if they were not measured.
-    pub fn summary(&self) -> String {
+    pub(crate) fn summary(&self) -> String {
         let Report { defaults, sweeps, judgement, .. } = &self.report;
         let parts = [(defaults::HEADING, defaults), (sweeps::HEADING, sweeps), (judgement::HEADING, judgement)];
         let parts = parts.map(|(heading, sections)| section::markdown(heading, sections));
         parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n")
     }
 
-    /// The content of `report.json`.
-    pub fn report(&self) -> &impl Serialize {
-        &self.report
-    }
-
     /// The text of `report.md`.
-    pub fn to_markdown(&self) -> String {
+    fn to_markdown(&self) -> String {
         let Report { version, device, quick, .. } = &self.report;
         let quick = if *quick {
             "\nThis was a quick run, on small scenes and reduced photographs: it shows that everything runs. The bounds are \
@@ -168,30 +120,42 @@ impl Evaluation {
         parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n")
     }
 
-    /// Writes `report.md`, `report.json` and the figures into a folder: all or none. Creates the folder if it is
-    /// missing. Replaces the files of an earlier evaluation; the [`Destination`] must force the replacement of others.
+    /// Writes `report.md`, `report.json` and the figures into a folder, and removes those of an earlier evaluation.
+    /// Creates the folder if it is missing.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn write<'d>(&self, out: impl Into<Destination<'d>>) -> Result<(), Error> {
-        let mut staging = Staging::replacing(out.into(), REPORT)?;
-        for figure in &self.figures {
-            staging.add(Figure::file(&figure.name), |writer| write_drawing(writer, &figure.picture))?;
+    pub(crate) fn write(&self, out: Destination<'_>) -> Result<(), Error> {
+        let path = |name: &str| out.path().join(name);
+        for name in listed_in(out.path(), REPORT) {
+            // One that stays is replaced, or no figure of the report.
+            let _ = fs::remove_file(path(&name));
         }
-        staging.add(TABLES, |w| w.write_all(self.to_markdown().as_bytes()).map_err(|e| e.to_string()))?;
-        staging.add(REPORT, |w| write_json_to(w, &self.report))?;
-        staging.place()
+        for figure in &self.figures {
+            write_png(Destination::new(&path(&Figure::file(&figure.name)), true), &figure.picture)?;
+        }
+        let json = to_json(&self.report).map_err(|e| Error::Mismatch(e.to_string()))?;
+        for (name, text) in [(TABLES, self.to_markdown()), (REPORT, json + "\n")] {
+            let failed = |e| Error::File { path: path(name), problem: format!("cannot be written ({e})") };
+            fs::create_dir_all(out.path()).and_then(|()| fs::write(path(name), text)).map_err(failed)?;
+        }
+        Ok(())
     }
 
-    /// Checks, before any experiment, that [`write`](Self::write) would accept a folder. A folder is refused if files
-    /// of other programs have the names of results.
+    /// Checks, before any experiment, that [`write`](Self::write) may write into a folder. It may not if files of
+    /// other programs have the names of results.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn check<'d>(out: impl Into<Destination<'d>>) -> Result<(), Error> {
+    pub(crate) fn check(out: Destination<'_>) -> Result<(), Error> {
+        if out.path().exists() && !out.path().is_dir() {
+            let problem = "is a file; give a folder for the results".to_string();
+            return Err(Error::File { path: out.path().to_path_buf(), problem });
+        }
+        export::check_writable(out.path())?;
         let figures = figures::names(judgement::PAIRS).into_iter().map(|name| Figure::file(&name));
         let names: Vec<String> = figures.chain([TABLES, REPORT].map(String::from)).collect();
-        out.into().check_results(REPORT, &names)
+        out.check_results(REPORT, &names)
     }
 }
 

@@ -7,19 +7,22 @@ mod scenes;
 
 use std::path::Path;
 
+use parfocal::{
+    Solution,
+    internals::median,
+    internals::scene::{Kernel, Preset, Scene},
+};
+
 use self::scenes::{RATIO, USUAL};
-use super::errors::{BORDER, Errors, inside};
-use super::pairs::KnownPair;
-use super::section::{Case, Runner, Section};
-use crate::base::statistics::median;
-use crate::engine::Solution;
-use crate::lab::scene::{Kernel, Preset, Scene};
+use crate::errors::{BORDER, Errors, inside};
+use crate::pairs::KnownPair;
+use crate::section::{Case, Runner, Section};
 
 /// The heading in the report.
-pub(super) const HEADING: &str = "Default settings";
+pub(crate) const HEADING: &str = "Default settings";
 
 /// Measures everything.
-pub(super) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
+pub(crate) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
     let mut sections = vec![scenes::shading(runner), scenes::noise(runner), scenes::accuracy(runner)];
     let (part, part_smoothness, part_sigma) = photographs::part(runner, data);
     let [mut smoothness, mut sigma] = scenes::smoothness_and_sigma(runner);
@@ -124,14 +127,14 @@ fn close_to_jumps(relative_blur: &[f32], width: usize) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::{Samples, Settings};
-    use crate::engine::{Engine, testing};
-    use crate::lab::scene::Shape;
-    use crate::solve::{PairSolver, SolveOptions};
+    use parfocal::{
+        Engine, EngineOptions, PairSolver, Settings, SolveOptions, frame::Samples, internals::scene::Shape,
+    };
 
     #[test]
     fn outlines_lie_where_those_of_the_scene_do_in_either_order() {
-        let engine = Engine::new(&testing::on_any()).unwrap();
+        let engine =
+            Engine::new(&EngineOptions { device: Some("cpu".to_string()), ..EngineOptions::default() }).unwrap();
         for (seed, noise, nearer_first) in [(1, 0.003, true), (2, 0.01, false), (3, 0.003, false)] {
             let mut scene = Scene { width: 256, height: 256, seed, noise, ..Preset::Card.scene() };
             if let (Shape::Layers { lens, .. }, false) = (&mut scene.shape, nearer_first) {

@@ -1,17 +1,21 @@
 //! Focus sweeps that do not fit the model.
 
+use parfocal::{
+    Error, Frame, Region,
+    internals::scene::{Preset, Scene, Shape, SimulatedSweep, SweepScene},
+    transform::Similarity,
+};
+
 use super::alterations::{blank, composed, compressed, exposed, in_16_bits, mirrored, noisy, rotated};
 use super::answer::Input;
 use super::{Kind, Trial};
-use crate::base::{Error, Frame, Region, Similarity};
-use crate::lab::scene::{Preset, Scene, Shape, SimulatedSweep, SweepScene};
 
 /// Words for a frame that does not belong.
 const FOREIGN: &[&str] = &["scene", "blank", "merged", "does not", "belong", "left out"];
 /// Words for frames of one focus setting.
 const ONE_FOCUS: &[&str] = &["one focus", "same focus", "difference of blur", "differ in blur", "no defocus"];
 
-pub(super) const KINDS: &[Kind] = &[
+pub(crate) const KINDS: &[Kind] = &[
     Kind {
         name: "a frame of another seed",
         words: FOREIGN,

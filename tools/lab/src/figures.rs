@@ -1,24 +1,41 @@
 //! The figures: those of the paper, with its numbers, curves of robustness, and pairs on which the program warns.
 
-use super::Figure;
-use super::contact_sheet::{PALETTE, Panel, Row, Sheet};
-use super::pairs::PhotographedPair;
-use super::robustness::{Curve, PAPER_PX};
-use super::section::{METHODS, number};
-use crate::base::{Frame, Method, Samples};
-use crate::engine::Solution;
-use crate::files::export::{Nearer, Scale};
-use crate::files::image_io::preview;
-use crate::page::figure::{Axis, Plot, Series};
-use crate::page::view::{Surface, View};
+use image::{Rgb, RgbImage};
+use parfocal::{
+    Frame, Solution,
+    export::{Nearer, Scale},
+    frame::Samples,
+    page::figure::{Axis, Plot, Series},
+    page::view::{Surface, View},
+    settings::Method,
+};
+
+use crate::contact_sheet::{PALETTE, Panel, Row, Sheet};
+use crate::pairs::{PhotographedPair, intensities};
+use crate::robustness::{Curve, PAPER_PX};
+use crate::section::{METHODS, number};
+
+/// A picture and the name of its file.
+pub(crate) struct Figure {
+    pub name: String,
+    /// A sentence that describes the picture.
+    pub caption: String,
+    pub picture: RgbImage,
+}
+
+impl Figure {
+    pub(crate) fn file(name: &str) -> String {
+        format!("{name}.png")
+    }
+}
 
 /// The name of the solve without registration, with T held at the identity.
-pub(super) const NONE: &str = "no registration";
+pub(crate) const NONE: &str = "no registration";
 /// The name of the solve of the pair without displacement, with T held at the identity.
-pub(super) const ALIGNED: &str = "aligned pair";
+pub(crate) const ALIGNED: &str = "aligned pair";
 
 /// The name of a method, and its solution or the reason for its failure.
-pub(super) type Solved = (&'static str, Result<Solution, String>);
+pub(crate) type Solved = (&'static str, Result<Solution, String>);
 
 const SCENES: &str = "fig4-scenes";
 const PHOTOGRAPHS: &str = "fig6-photographs";
@@ -27,7 +44,7 @@ const ROBUSTNESS: &str = "robustness";
 const WARNED_ROWS: usize = 6;
 
 /// The names of all figures that an evaluation may have. `kinds` is the number of kinds of pairs that do not fit.
-pub(super) fn names(kinds: usize) -> Vec<String> {
+pub(crate) fn names(kinds: usize) -> Vec<String> {
     let surfaces = PhotographedPair::all().map(|pair| surface_name(&pair));
     let warned = (0..kinds.div_ceil(WARNED_ROWS)).map(warned_name);
     [SCENES, PHOTOGRAPHS, ROBUSTNESS].map(String::from).into_iter().chain(surfaces).chain(warned).collect()
@@ -40,7 +57,7 @@ fn surface_name(pair: &PhotographedPair) -> String {
 /// Rows of the sheets. They are drawn as soon as a pair is solved, since all solutions together would not fit into
 /// memory.
 #[derive(Default)]
-pub(super) struct Collector {
+pub(crate) struct Collector {
     scenes: Vec<Row>,
     photographs: Vec<Row>,
     surfaces: Vec<Figure>,
@@ -48,7 +65,7 @@ pub(super) struct Collector {
 
 impl Collector {
     /// Adds a row to Figure 4, with the corner error in px below each panel.
-    pub(super) fn scene(&mut self, name: &str, i1: &Frame, solved: &[Solved], corners: &[Option<f64>]) {
+    pub(crate) fn scene(&mut self, name: &str, i1: &Frame, solved: &[Solved], corners: &[Option<f64>]) {
         // The scale includes zero. Otherwise rounding would fill the colours where V is constant.
         let zero = [0.0];
         let trusted = [Method::Unified.name(), ALIGNED];
@@ -58,12 +75,12 @@ impl Collector {
             let caption = corner.map_or(String::new(), |corner| format!("corners {} px off", number(corner)));
             Panel { caption, ..blur(solution, &scale) }
         });
-        let panels = [Panel::new(preview(&clipped(i1)))].into_iter().chain(panels).collect();
+        let panels = [Panel::new(preview(i1))].into_iter().chain(panels).collect();
         self.scenes.push(Row { name: name.to_string(), panels, scale: Some(scale) });
     }
 
     /// Adds a row to Figure 6, and a surface for Figure 8.
-    pub(super) fn photographs(&mut self, pair: &PhotographedPair, [i1, _]: [&Frame; 2], solved: &[Solved]) {
+    pub(crate) fn photographs(&mut self, pair: &PhotographedPair, [i1, _]: [&Frame; 2], solved: &[Solved]) {
         let unified = solved.iter().find(|(name, _)| *name == Method::Unified.name());
         let name = pair.name.to_string();
         let Some(unified) = unified.and_then(|(_, solution)| solution.as_ref().ok()) else {
@@ -86,7 +103,7 @@ impl Collector {
     }
 
     /// All figures, in the order of the paper; sheets without a row are left out.
-    pub(super) fn finish(self, robustness: &[Curve]) -> Vec<Figure> {
+    pub(crate) fn finish(self, robustness: &[Curve]) -> Vec<Figure> {
         let methods = || ["I1", NONE].into_iter().chain(METHODS.map(Method::name));
         let known = "V of pairs whose registration is known (the paper's Figure 4).";
         let mut figures = Vec::from_iter(sheet(SCENES, known, 190, methods().chain([ALIGNED]), self.scenes));
@@ -99,9 +116,9 @@ impl Collector {
 }
 
 /// A pair that does not fit the model, V where it is measured, and what the program said.
-pub(super) fn warned_row(name: &str, images: [&Frame; 2], measured: &[f32], said: String) -> Row {
+pub(crate) fn warned_row(name: &str, images: [&Frame; 2], measured: &[f32], said: String) -> Row {
     let scale = Scale::common([measured, &[0.0]], Nearer::First);
-    let [i1, i2] = images.map(|image| Panel::new(preview(&clipped(image))));
+    let [i1, i2] = images.map(|image| Panel::new(preview(image)));
     let (width, height) = (images[0].width(), images[0].height());
     let v = if measured.is_empty() {
         Panel::missing("none")
@@ -112,7 +129,7 @@ pub(super) fn warned_row(name: &str, images: [&Frame; 2], measured: &[f32], said
 }
 
 /// The sheets of such pairs.
-pub(super) fn warned(rows: Vec<Row>) -> Vec<Figure> {
+pub(crate) fn warned(rows: Vec<Row>) -> Vec<Figure> {
     let caption = "Pairs that do not fit the model: V where it is measured, and what the program says.";
     let (mut rows, mut sheets) = (rows.into_iter().peekable(), Vec::new());
     while rows.peek().is_some() {
@@ -157,12 +174,15 @@ fn blur(solution: &Result<Solution, String>, scale: &Scale) -> Panel {
     }
 }
 
-/// A frame with its samples clipped to 0 to 1.
-fn clipped(frame: &Frame) -> Frame {
-    let Samples::F32(values) = frame.samples() else { return frame.clone() };
-    let clipped = values.iter().map(|v| v.clamp(0.0, 1.0)).collect();
-    Frame::new(frame.width(), frame.height(), frame.format().channels, Samples::F32(clipped))
-        .unwrap_or_else(|_| frame.clone())
+/// A frame as a picture, clipped to 0 to 1.
+fn preview(frame: &Frame) -> RgbImage {
+    let values = intensities(frame);
+    let channels = values.len() / (frame.width() * frame.height()) as usize;
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
+    RgbImage::from_fn(frame.width(), frame.height(), |x, y| {
+        let first = (y * frame.width() + x) as usize * channels;
+        Rgb([0, 1, 2].map(|c| byte(values[first + c % channels])))
+    })
 }
 
 /// Draws robustness: a plot for each property.
@@ -174,7 +194,7 @@ fn curves(curves: &[Curve]) -> Figure {
     Figure { name: ROBUSTNESS.to_string(), caption: caption.to_string(), picture: sheet.draw() }
 }
 
-fn plot(curve: &Curve) -> image::RgbImage {
+fn plot(curve: &Curve) -> RgbImage {
     let series = curve.series;
     let x = if series.logarithmic { Axis::log(series.quantity) } else { Axis::linear(series.quantity) };
     let plot = Plot::new(series.name, x, Axis::log("corner error, px").limits(1e-4, 100.0))

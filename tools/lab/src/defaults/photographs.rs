@@ -3,16 +3,15 @@
 use std::path::Path;
 
 use nalgebra::{DMatrix, DVector};
+use parfocal::{
+    Error, Frame, Solution, export::Registration, frame::Samples, image_io, internals::median, settings::Kernel,
+    transform::Homography,
+};
 
-use super::super::errors::{Coverage, inside};
-use super::super::pairs::default_settings;
-use super::super::section::{Case, Runner, Section};
 use super::scenes::{against_best, best_alpha};
-use crate::base::statistics::median;
-use crate::base::{Error, Frame, Homography, Kernel, Samples};
-use crate::engine::Solution;
-use crate::files::export::Registration;
-use crate::files::image_io;
+use crate::errors::{Coverage, inside};
+use crate::pairs::default_settings;
+use crate::section::{Case, Runner, Section};
 
 /// Folder of the part within the data folder.
 const PART: &str = "part/57";
@@ -32,7 +31,7 @@ struct Part {
 }
 
 /// Measures the section "Part", and cases of smoothness and of σ. A quick run has no cases of smoothness.
-pub(super) fn part(runner: &mut Runner, data: &Path) -> (Section, Option<Case>, Case) {
+pub(crate) fn part(runner: &mut Runner, data: &Path) -> (Section, Option<Case>, Case) {
     let (mut smoothness, mut sigma) = (None, Case::failed(PART_NAME, "not solved: see Part"));
     let accuracy = runner.case("part", PART_NAME, |runner, case| {
         let part = Part::read(&data.join(PART))?;
@@ -163,7 +162,7 @@ const LEAST_OBJECT: f64 = 0.01;
 
 /// Measures real asymmetric blur, with measured kernels: a sharp photograph against the view through each half of the
 /// aperture.
-pub(super) fn dual_pixel(runner: &mut Runner, data: &Path) -> Section {
+pub(crate) fn dual_pixel(runner: &mut Runner, data: &Path) -> Section {
     // One view takes longer than all other cases of a quick run.
     let scenes = if runner.quick { &SCENES[..0] } else { &SCENES[..] };
     let cases = scenes.iter().flat_map(|scene| dual_pixel_scene(runner, &data.join(DUAL_PIXEL), scene)).collect();
@@ -212,7 +211,10 @@ impl View {
         let objects = image_io::read(&file("objects"))?;
         let labels = match objects.samples() {
             Samples::U8(labels) if labels.len() == (sharp.width() * sharp.height()) as usize => labels.clone(),
-            _ => return Err(Error::file(&file("objects"), "must be grey, of 8 bits and the photograph's size")),
+            _ => {
+                let problem = "must be grey, of 8 bits and the photograph's size".to_string();
+                return Err(Error::File { path: file("objects"), problem });
+            }
         };
         Ok(Self { images: [sharp, blurred], kernel, labels })
     }

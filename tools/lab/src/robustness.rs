@@ -1,27 +1,32 @@
 //! The accuracy of the methods as a scene gets more difficult, and where they fail.
 
-use super::errors::spread;
-use super::section::{Case, METHODS, Runner, Section, number, settings};
-use crate::base::{Frame, Kernel, Method, Similarity};
-use crate::lab::scene::{Exposure, Preset, Scene, Shape};
+use parfocal::{
+    Frame,
+    internals::scene::{Exposure, Preset, Scene, Shape},
+    settings::{Kernel, Method},
+    transform::Similarity,
+};
+
+use crate::errors::spread;
+use crate::section::{Case, METHODS, Runner, Section, number, settings};
 
 /// The paper's bound on translation, px. A registration with a larger error counts as failed.
-pub(super) const PAPER_PX: f64 = 0.25;
+pub(crate) const PAPER_PX: f64 = 0.25;
 
 /// Corner errors as a function of one property of the scene.
-pub(super) struct Curve {
+pub(crate) struct Curve {
     pub series: &'static Series,
     pub points: Vec<Point>,
 }
 
 /// Corner errors at one value of the property: least, median and greatest of the seeds for each method, px.
-pub(super) struct Point {
+pub(crate) struct Point {
     pub value: f64,
     pub spreads: [[f64; 3]; METHODS.len()],
 }
 
 /// One property of the slanted plane, from easy to difficult.
-pub(super) struct Series {
+pub(crate) struct Series {
     pub name: &'static str,
     /// The property and its unit.
     pub quantity: &'static str,
@@ -95,7 +100,7 @@ fn plane() -> Scene {
 const SEEDS: [u64; 3] = [1, 2, 3];
 
 /// Runs every series.
-pub(super) fn run(runner: &mut Runner) -> Vec<Curve> {
+pub(crate) fn run(runner: &mut Runner) -> Vec<Curve> {
     SERIES.iter().map(|series| curve(runner, series)).collect()
 }
 
@@ -136,7 +141,7 @@ fn register(runner: &mut Runner, pair: [&Frame; 2], method: Method) -> Option<Si
 
 impl Curve {
     /// The medians as a table, and the value at which each method fails.
-    pub(super) fn section(&self) -> Section {
+    pub(crate) fn section(&self) -> Section {
         let Series { name, quantity, note, .. } = self.series;
         let row = |case: Case, value: &dyn Fn(usize) -> Option<f64>| {
             METHODS.iter().enumerate().fold(case, |case, (m, method)| case.value(method.name(), value(m)))

@@ -4,9 +4,7 @@
 //! a Gaussian window. A parabola is fitted to the logarithm of detail in the frame with the most detail and its
 //! neighbours, as the blur of a sweep suggests. Its vertex is u.
 
-use crate::base::color::LUMINANCE;
-use crate::base::{Decode, Error, Frame};
-use crate::engine::stages::ingest;
+use parfocal::{Error, Frame, internals::LUMINANCE, internals::stages::ingest, settings::Decode};
 
 /// Standard deviation of the window, px.
 const WINDOW: f64 = 4.0;
@@ -91,8 +89,10 @@ fn vertex([p0, p1, p2]: [f64; 3], [a, b, c]: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::statistics::median;
-    use crate::lab::scene::{Preset, Scene, SweepScene};
+    use parfocal::{
+        internals::median,
+        internals::scene::{Preset, Scene, SweepScene},
+    };
 
     #[test]
     fn the_vertex_of_a_parabola_is_recovered_from_uneven_positions() {

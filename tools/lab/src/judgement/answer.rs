@@ -1,25 +1,28 @@
 //! What is asked, what the program answers, and the definition of "noticed".
 
-use super::super::pairs::KnownPair;
-use super::super::section::{Runner, number};
+use parfocal::{
+    Error, Frame, Region, Settings, Solution, SolveOptions,
+    internals::scene::{Scene, SimulatedSweep, SweepScene},
+    internals::stages::uncertainty::LARGEST,
+    settings::Decode,
+    sweep::{Sweep, SweepOptions, SweepSolver},
+    transform::centre,
+};
+
 use super::alterations::DEEP;
-use crate::base::{Decode, Error, Frame, Region, Settings, centre};
-use crate::engine::Solution;
-use crate::engine::stages::uncertainty::LARGEST;
-use crate::lab::scene::{Scene, SimulatedSweep, SweepScene};
-use crate::solve::SolveOptions;
-use crate::solve::sweep::{Sweep, SweepOptions, SweepSolver};
+use crate::pairs::KnownPair;
+use crate::section::{Runner, number};
 
 /// A pixel is off if its error exceeds this multiple of its standard deviation: 0.3 % of Gaussian errors do.
-pub(super) const BEYOND: f64 = 3.0;
+pub(crate) const BEYOND: f64 = 3.0;
 /// The largest share of the valid pixels concerned that may be off. Errors of neighbours are alike, so that a single
 /// bend of V takes a few per cent of a small picture.
-pub(super) const MOST_BEYOND: f64 = 0.05;
+pub(crate) const MOST_BEYOND: f64 = 0.05;
 /// The largest error of T that counts as right, px. It is four times the paper's bound for a registration that failed.
-pub(super) const MOST_CORNER: f64 = 1.0;
+pub(crate) const MOST_CORNER: f64 = 1.0;
 
 /// Photographs to solve, with their truth.
-pub(super) enum Input {
+pub(crate) enum Input {
     Pair(Box<Pair>),
     Sweep {
         frames: Vec<Frame>,
@@ -29,7 +32,7 @@ pub(super) enum Input {
 }
 
 /// A pair of photographs with its truth.
-pub(super) struct Pair {
+pub(crate) struct Pair {
     /// The pair. Where its V is NaN, no value is right.
     pub known: KnownPair,
     /// Whether `known.transform` is true for the whole pair. If not, T is not judged.
@@ -42,14 +45,14 @@ pub(super) struct Pair {
 
 impl Pair {
     /// A rendered pair whose every pixel is concerned.
-    pub(super) fn render(scene: &Scene) -> Result<Self, Error> {
+    pub(crate) fn render(scene: &Scene) -> Result<Self, Error> {
         let known = KnownPair::render(scene).map_err(Error::Mismatch)?;
         let parts = vec![Region { x: 0, y: 0, width: scene.width, height: scene.height }];
         Ok(Self { known, has_transform: true, region: None, parts })
     }
 
     /// States that no V of a part of I1 is right.
-    pub(super) fn without_truth(mut self, part: Region) -> Self {
+    pub(crate) fn without_truth(mut self, part: Region) -> Self {
         let width = self.known.images[0].width();
         let values = self.known.relative_blur.iter_mut().enumerate();
         values.filter(|(i, _)| contains(part, *i, width)).for_each(|(_, v)| *v = f32::NAN);
@@ -64,13 +67,13 @@ impl From<Pair> for Input {
 }
 
 impl Input {
-    pub(super) fn sweep(scene: &SweepScene) -> Result<Self, Error> {
+    pub(crate) fn sweep(scene: &SweepScene) -> Result<Self, Error> {
         let SimulatedSweep { frames, focus, .. } = scene.render()?;
         Ok(Self::Sweep { frames, focus })
     }
 
     /// A sweep at whose pixels no focus is right.
-    pub(super) fn without_focus(frames: Vec<Frame>) -> Self {
+    pub(crate) fn without_focus(frames: Vec<Frame>) -> Self {
         let pixels = frames.first().map_or(0, |frame| frame.width() as usize * frame.height() as usize);
         Self::Sweep { frames, focus: vec![f32::NAN; pixels] }
     }
@@ -79,7 +82,7 @@ impl Input {
     ///
     /// # Errors
     /// Those that do not concern the input.
-    pub(super) fn solve(&self, runner: &mut Runner) -> Result<Answer, Error> {
+    pub(crate) fn solve(&self, runner: &mut Runner) -> Result<Answer, Error> {
         let answer = match self {
             Self::Pair(pair) => solve_pair(runner, pair),
             Self::Sweep { frames, focus } => solve_sweep(runner, frames, focus),
@@ -190,7 +193,7 @@ fn names(words: &[&str], warning: &str) -> bool {
 
 /// The answer of the program to an input.
 #[derive(Clone, Debug)]
-pub(super) enum Answer {
+pub(crate) enum Answer {
     /// The error that names the problem of the input.
     Refused(String),
     Solved {
@@ -207,12 +210,12 @@ pub(super) enum Answer {
 
 impl Answer {
     /// Whether the user learns that the input does not fit, or the result is right all the same.
-    pub(super) fn is_noticed(&self, words: &[&str]) -> bool {
+    pub(crate) fn is_noticed(&self, words: &[&str]) -> bool {
         self.is_noticed_by_word(words) || self.is_right()
     }
 
     /// Whether the input is refused, or not converged, or a warning has one of the words.
-    pub(super) fn is_noticed_by_word(&self, words: &[&str]) -> bool {
+    pub(crate) fn is_noticed_by_word(&self, words: &[&str]) -> bool {
         match self {
             Self::Refused(_) => true,
             Self::Solved { converged, warnings, .. } => {
@@ -227,21 +230,21 @@ impl Answer {
             && self.corner().is_none_or(|corner| corner <= MOST_CORNER)
     }
 
-    pub(super) fn is_without_alarm(&self) -> bool {
+    pub(crate) fn is_without_alarm(&self) -> bool {
         matches!(self, Self::Solved { converged: true, warnings, .. } if warnings.is_empty())
     }
 
-    pub(super) fn beyond(&self) -> Option<f64> {
+    pub(crate) fn beyond(&self) -> Option<f64> {
         if let Self::Solved { beyond, .. } = self { *beyond } else { None }
     }
 
     /// The largest error of T, px, if it has a truth.
-    pub(super) fn corner(&self) -> Option<f64> {
+    pub(crate) fn corner(&self) -> Option<f64> {
         if let Self::Solved { corner, .. } = self { *corner } else { None }
     }
 
     /// The warnings that name the reason, or all if none does.
-    pub(super) fn reasons(&self, words: &[&str]) -> String {
+    pub(crate) fn reasons(&self, words: &[&str]) -> String {
         match self {
             Self::Refused(error) => format!("Refused: {error}"),
             Self::Solved { converged, warnings, .. } => {
@@ -253,7 +256,7 @@ impl Answer {
     }
 
     /// What the program said, and what was wrong.
-    pub(super) fn words(&self) -> String {
+    pub(crate) fn words(&self) -> String {
         match self {
             Self::Refused(error) => format!("refused ({error})"),
             Self::Solved { converged, warnings, beyond, corner, .. } => {

@@ -1,14 +1,16 @@
 //! Sections of a report: cases, each a row of values with their bounds, as Markdown and JSON; and what measures them.
 
+use parfocal::{
+    Engine, Error, Frame, PairSolver, Settings, Solution, SolveOptions,
+    results::Registered,
+    settings::{Decode, Kernel, Method},
+    transform::Homography,
+};
 use serde::Serialize;
-
-use crate::base::{Decode, Error, Frame, Homography, Kernel, Method, Settings};
-use crate::engine::{Engine, Registered, Solution};
-use crate::solve::{PairSolver, SolveOptions};
 
 /// A group of cases with the same values.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Section {
+pub(crate) struct Section {
     pub name: String,
     /// The measured values and their data; sentences.
     pub what: String,
@@ -20,7 +22,7 @@ pub(super) struct Section {
 
 /// One pair, or one group of pairs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub(super) struct Case {
+pub(crate) struct Case {
     pub name: String,
     pub values: Vec<Value>,
     /// Remarks; the reason if there is no value.
@@ -29,7 +31,7 @@ pub(super) struct Case {
 
 /// One number with its bounds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Value {
+pub(crate) struct Value {
     /// The quantity, with its unit.
     pub name: &'static str,
     /// The number; `null` for no result.
@@ -43,34 +45,34 @@ pub(super) struct Value {
 }
 
 impl Case {
-    pub(super) fn new(name: impl Into<String>) -> Self {
+    pub(crate) fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), ..Self::default() }
     }
 
     /// Makes a case that cannot be measured, with the reason.
-    pub(super) fn failed(name: impl Into<String>, reason: impl Into<String>) -> Self {
+    pub(crate) fn failed(name: impl Into<String>, reason: impl Into<String>) -> Self {
         Self::new(name).note(reason)
     }
 
-    pub(super) fn note(mut self, note: impl Into<String>) -> Self {
+    pub(crate) fn note(mut self, note: impl Into<String>) -> Self {
         self.note = note.into();
         self
     }
 
     /// Adds a value without bounds.
-    pub(super) fn value(self, name: &'static str, value: impl Into<Option<f64>>) -> Self {
+    pub(crate) fn value(self, name: &'static str, value: impl Into<Option<f64>>) -> Self {
         self.bounded(name, value, [None, None])
     }
 
-    pub(super) fn at_most(self, name: &'static str, value: impl Into<Option<f64>>, most: f64) -> Self {
+    pub(crate) fn at_most(self, name: &'static str, value: impl Into<Option<f64>>, most: f64) -> Self {
         self.bounded(name, value, [None, Some(most)])
     }
 
-    pub(super) fn within(self, name: &'static str, value: impl Into<Option<f64>>, [least, most]: [f64; 2]) -> Self {
+    pub(crate) fn within(self, name: &'static str, value: impl Into<Option<f64>>, [least, most]: [f64; 2]) -> Self {
         self.bounded(name, value, [Some(least), Some(most)])
     }
 
-    pub(super) fn bounded(
+    pub(crate) fn bounded(
         mut self,
         name: &'static str,
         value: impl Into<Option<f64>>,
@@ -84,7 +86,7 @@ impl Case {
     }
 
     /// The value of this name; `None` if there is none.
-    pub(super) fn get(&self, name: &str) -> Option<f64> {
+    pub(crate) fn get(&self, name: &str) -> Option<f64> {
         self.values.iter().find(|value| value.name == name)?.value
     }
 }
@@ -104,11 +106,11 @@ impl Value {
 }
 
 impl Section {
-    pub(super) fn new(name: impl Into<String>, what: impl Into<String>, cases: Vec<Case>) -> Self {
+    pub(crate) fn new(name: impl Into<String>, what: impl Into<String>, cases: Vec<Case>) -> Self {
         Self { name: name.into(), what: what.into(), bounded: true, cases }
     }
 
-    pub(super) fn without_bounds(name: impl Into<String>, what: impl Into<String>, cases: Vec<Case>) -> Self {
+    pub(crate) fn without_bounds(name: impl Into<String>, what: impl Into<String>, cases: Vec<Case>) -> Self {
         Self { bounded: false, ..Self::new(name, what, cases) }
     }
 
@@ -147,7 +149,7 @@ impl Section {
 }
 
 /// A part of the report under a heading; empty without sections.
-pub(super) fn markdown(heading: &str, sections: &[Section]) -> String {
+pub(crate) fn markdown(heading: &str, sections: &[Section]) -> String {
     if sections.is_empty() {
         return String::new();
     }
@@ -160,7 +162,7 @@ pub(super) fn markdown(heading: &str, sections: &[Section]) -> String {
 const DASH: &str = "–";
 
 /// Formats a number with three significant digits; a dash if it is missing or not finite.
-pub(super) fn number(value: impl Into<Option<f64>>) -> String {
+pub(crate) fn number(value: impl Into<Option<f64>>) -> String {
     let Some(value) = value.into().filter(|v| v.is_finite()) else { return DASH.to_string() };
     if value == 0.0 {
         return "0".to_string();
@@ -173,32 +175,32 @@ pub(super) fn number(value: impl Into<Option<f64>>) -> String {
 }
 
 /// The compared methods, in the paper's order.
-pub(super) const METHODS: [Method; 3] = [Method::Appearance, Method::Sift, Method::Unified];
+pub(crate) const METHODS: [Method; 3] = [Method::Appearance, Method::Sift, Method::Unified];
 
 /// Number of solvers that are kept, one for each method.
 const MOST_SOLVERS: usize = METHODS.len();
 
 /// Solves pairs with reused solvers, and logs the current work.
-pub(super) struct Runner<'a> {
-    pub(super) engine: &'a Engine,
+pub(crate) struct Runner<'a> {
+    pub(crate) engine: &'a Engine,
     /// Small scenes and few cases.
-    pub(super) quick: bool,
+    pub(crate) quick: bool,
     log: &'a mut dyn FnMut(&str),
     /// The kept solvers; the last one was used last.
     solvers: Vec<PairSolver>,
 }
 
 impl<'a> Runner<'a> {
-    pub(super) fn new(engine: &'a Engine, quick: bool, log: &'a mut dyn FnMut(&str)) -> Self {
+    pub(crate) fn new(engine: &'a Engine, quick: bool, log: &'a mut dyn FnMut(&str)) -> Self {
         Self { engine, quick, log, solvers: Vec::new() }
     }
 
-    pub(super) fn log(&mut self, line: &str) {
+    pub(crate) fn log(&mut self, line: &str) {
         (self.log)(line);
     }
 
     /// Measures one case; an error becomes a case without values.
-    pub(super) fn case(
+    pub(crate) fn case(
         &mut self,
         section: &str,
         name: impl Into<String>,
@@ -209,12 +211,12 @@ impl<'a> Runner<'a> {
         measure(self, Case::new(name.clone())).unwrap_or_else(|e| Case::failed(name, e))
     }
 
-    pub(super) fn solve(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Solution, String> {
+    pub(crate) fn solve(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Solution, String> {
         self.attempt([i1, i2], settings, &SolveOptions::default()).map_err(|e| e.to_string())
     }
 
     /// Solves a pair. The error shows whether the pair was refused.
-    pub(super) fn attempt(
+    pub(crate) fn attempt(
         &mut self,
         frames: [&Frame; 2],
         settings: &Settings,
@@ -223,7 +225,7 @@ impl<'a> Runner<'a> {
         self.solver(settings)?.solve(frames, options)
     }
 
-    pub(super) fn register(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Registered, String> {
+    pub(crate) fn register(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Registered, String> {
         self.solver(settings).and_then(|s| s.register([i1, i2], &SolveOptions::default())).map_err(|e| e.to_string())
     }
 
@@ -245,12 +247,12 @@ impl<'a> Runner<'a> {
 }
 
 /// The default settings with a method and a kernel, with samples as stored.
-pub(super) fn settings(method: Method, kernel: &Kernel) -> Settings {
+pub(crate) fn settings(method: Method, kernel: &Kernel) -> Settings {
     Settings { method, kernel: kernel.clone(), decode: Decode::None, ..Settings::default() }
 }
 
 /// Settings that hold T at the identity.
-pub(super) fn unregistered(kernel: &Kernel) -> Settings {
+pub(crate) fn unregistered(kernel: &Kernel) -> Settings {
     Settings { start: Homography::IDENTITY, ..settings(Method::Aligned, kernel) }
 }
 

@@ -1,10 +1,14 @@
 //! Synthetic scenes: shading, noise, accuracy, smoothness, and the coverage of errors by σ.
 
-use super::super::errors::Errors;
-use super::super::pairs::KnownPair;
-use super::super::section::{Case, Runner, Section};
-use crate::base::{Frame, Samples, Settings};
-use crate::lab::scene::{Preset, Scene, Shape};
+use parfocal::{
+    Frame, Settings,
+    frame::Samples,
+    internals::scene::{Preset, Scene, Shape},
+};
+
+use crate::errors::Errors;
+use crate::pairs::KnownPair;
+use crate::section::{Case, Runner, Section};
 
 const CORNER: &str = "corner, px";
 const RMS: &str = "V rms, px²";
@@ -36,7 +40,7 @@ const AMOUNTS: [(f64, f64, f64); 2] = [(0.06, 0.012, 0.08), (0.15, 0.02, 0.12)];
 const SHADED_NOISE: f64 = 0.003;
 
 /// Measures the slanted plane with a smoothly shaded I2.
-pub(super) fn shading(runner: &mut Runner) -> Section {
+pub(crate) fn shading(runner: &mut Runner) -> Section {
     let shadings = if runner.quick { &SHADINGS[2..3] } else { &SHADINGS };
     let mut cases = Vec::new();
     for (amount, corner, rms) in AMOUNTS {
@@ -74,7 +78,7 @@ const NOISES: [(f64, f64, f64, f64); 3] =
 const SEEDS: [u64; 5] = [1, 2, 3, 4, 5];
 
 /// Measures the slanted plane with noise.
-pub(super) fn noise(runner: &mut Runner) -> Section {
+pub(crate) fn noise(runner: &mut Runner) -> Section {
     let noises = if runner.quick { &NOISES[1..2] } else { &NOISES[..] };
     let case = |&(noise, bias, rms, corner): &(f64, f64, f64, f64)| {
         runner.case("noise", noise.to_string(), |runner, case| {
@@ -118,7 +122,7 @@ const AS_GOOD: f64 = 1.1;
 const DIGIT: f64 = 0.0005;
 
 /// Measures every scene without noise.
-pub(super) fn accuracy(runner: &mut Runner) -> Section {
+pub(crate) fn accuracy(runner: &mut Runner) -> Section {
     let scenes = if runner.quick { &ACCURACY[..1] } else { &ACCURACY[..] };
     let case = |&(preset, sigma, [corner, rms]): &(Preset, f64, [f64; 2])| {
         let mut scene = preset.scene();
@@ -142,7 +146,7 @@ const SCENES: [Preset; 5] = [Preset::Plane, Preset::Relief, Preset::Steps, Prese
 const SCENE_NOISES: [f64; 4] = [0.0, 0.003, 0.01, 0.03];
 
 /// Measures scenes with noise, with default settings and with the best fixed α: the cases of smoothness and of σ.
-pub(super) fn smoothness_and_sigma(runner: &mut Runner) -> [Vec<Case>; 2] {
+pub(crate) fn smoothness_and_sigma(runner: &mut Runner) -> [Vec<Case>; 2] {
     let (scenes, noises) =
         if runner.quick { (&SCENES[..1], &SCENE_NOISES[2..3]) } else { (&SCENES[..], &SCENE_NOISES[..]) };
     let pairs = scenes.iter().flat_map(|preset| noises.iter().map(move |noise| (*preset, *noise)));
@@ -165,23 +169,23 @@ pub(super) fn smoothness_and_sigma(runner: &mut Runner) -> [Vec<Case>; 2] {
 }
 
 /// Adds the error with default settings relative to the least error with a fixed α.
-pub(super) fn against_best(case: Case, by_default: f64, [alpha, least]: [f64; 2]) -> Case {
+pub(crate) fn against_best(case: Case, by_default: f64, [alpha, least]: [f64; 2]) -> Case {
     let case = case.value("by default", by_default).value("best", least).value("best α", alpha);
     case.at_most(RATIO, by_default / least, WORST)
 }
 
 /// The name of the value of [`against_best`] that has a bound.
-pub(super) const RATIO: &str = "times the best";
+pub(crate) const RATIO: &str = "times the best";
 /// The bound on the ratio for each case, and the bound on their median.
 const WORST: f64 = 1.25;
-pub(super) const USUAL: f64 = 1.15;
+pub(crate) const USUAL: f64 = 1.15;
 
 /// The tested values of α, two per decade.
 const ALPHAS: [f64; 9] = [1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0];
 
 /// The fixed α with the least error, and that error. Descends from a guess based on noise, then tests the vertex of a
 /// parabola through the three best, in logarithms of α and error. The error has one minimum over α.
-pub(super) fn best_alpha(settings: &Settings, noise: f64, mut error: impl FnMut(&Settings) -> f64) -> [f64; 2] {
+pub(crate) fn best_alpha(settings: &Settings, noise: f64, mut error: impl FnMut(&Settings) -> f64) -> [f64; 2] {
     let mut known = [f64::NAN; ALPHAS.len()];
     let mut at = |i: usize, error: &mut dyn FnMut(&Settings) -> f64| {
         if known[i].is_nan() {

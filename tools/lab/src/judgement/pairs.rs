@@ -2,15 +2,19 @@
 
 use std::f64::consts::{PI, TAU};
 
+use parfocal::{
+    Error, Frame, Region,
+    internals::Random,
+    internals::scene::{Exposure, Preset, Radiance, Scene, Shape, Wave},
+    transform::Similarity,
+};
+
 use super::alterations::{
     blank, composed, compressed, denoised, exposed, in_8_bits, in_16_bits, mirrored, mixed, noisy, quantile, rotated,
     shaken, sharpened,
 };
 use super::answer::{Input, Pair};
 use super::{Kind, Trial};
-use crate::base::random::Random;
-use crate::base::{Error, Frame, Region, Similarity};
-use crate::lab::scene::{Exposure, Preset, Radiance, Scene, Shape, Wave};
 
 /// Words for photographs that do not show one scene.
 const OTHER: &[&str] = &["explain", "correlate", "scene", "belong", "mirror", "motion", "moved"];
@@ -25,7 +29,7 @@ const TEXTURE: &[&str] = &["texture", "determine", "contrast"];
 /// Words for a T that is not determined.
 const TRANSFORM: &[&str] = &["determine", "direction", "period", "repeat", "registration", "correlate", "overlap"];
 
-pub(super) const KINDS: &[Kind] = &[
+pub(crate) const KINDS: &[Kind] = &[
     Kind { name: "I2 of another seed", words: OTHER, input: |trial| replaced(trial, |_, other| other.clone()) },
     Kind { name: "half of I2 moved by 6 px", words: PART, input: half_moved },
     Kind { name: "I2 mirrored", words: OTHER, input: |trial| replaced(trial, |i2, _| mirrored(i2)) },

@@ -2,13 +2,17 @@
 
 use std::f64::consts::TAU;
 
+use parfocal::{
+    Error,
+    internals::scene::{Exposure, Preset, Radiance, Scene, Shape, SweepScene, Wave},
+    transform::Similarity,
+};
+
 use super::alterations::{compressed, exposed, in_8_bits, in_16_bits};
 use super::answer::{Input, Pair};
 use super::{Kind, Trial};
-use crate::base::{Error, Similarity};
-use crate::lab::scene::{Exposure, Preset, Radiance, Scene, Shape, SweepScene, Wave};
 
-pub(super) const KINDS: &[Kind] = &[
+pub(crate) const KINDS: &[Kind] = &[
     fits("plane", |trial| pair(&preset(Preset::Plane, trial))),
     fits("sweep of 8", |trial| Input::sweep(&sweep(trial, 8))),
     fits("relief", |trial| pair(&preset(Preset::Relief, trial))),

@@ -1,11 +1,7 @@
-//! CPU methods for comparison: registration by SIFT key-points, and shape from focus.
+//! Registration by SIFT key-points.
 //!
 //! Key-points of both images (crate `lowe-sift`, after Lowe 2004) are matched by the ratio test. RANSAC over pairs of
 //! matches (Fischler and Bolles 1981) finds the inliers. Least squares, reweighted by Tukey's biweight, fits them.
-
-mod shape_from_focus;
-
-pub use shape_from_focus::shape_from_focus;
 
 use lowe_sift::{GrayImage, Sift, SiftConfig};
 use nalgebra::Complex;

@@ -1,17 +1,28 @@
-//! `parfocal evaluate --quick` on a device: its tables and figures, with and without data.
+//! `tools/evaluate --quick` on the CPU device: its tables and figures, with and without data.
 
 use std::fs;
 use std::path::Path;
 
+use assert_cmd::Command;
+use assert_cmd::cargo::cargo_bin;
 use serde_json::Value;
+use tempfile::TempDir;
 
-use crate::desk::{Desk, stderr_of};
+/// Runs a quick evaluation in a folder. Returns its exit status and stderr.
+fn run(folder: &TempDir, arguments: &[&str]) -> (Option<i32>, String) {
+    let mut command = Command::new(cargo_bin("parfocal-lab"));
+    let output = command.current_dir(folder).args(["evaluate", "--quick", "--device", "cpu"]).args(arguments).output();
+    let output = output.unwrap();
+    assert!(output.stdout.is_empty());
+    (output.status.code(), String::from_utf8(output.stderr).unwrap())
+}
 
-/// Runs one part of the evaluation with a data folder. Returns report.json, report.md and stderr.
-fn evaluated(desk: &Desk, part: &str, data: &str) -> (Value, String, String) {
-    let output = desk.done(&["evaluate", "--quick", "--only", part, "--data", data, "-o", "made/out"]);
-    assert!(output.stdout.is_empty(), "{}", stderr_of(&output));
-    (desk.report("made/out"), desk.text("made/out/report.md"), stderr_of(&output))
+/// Evaluates one part with a data folder. Returns report.json, report.md and stderr.
+fn evaluated(folder: &TempDir, part: &str, data: &str) -> (Value, String, String) {
+    let (status, log) = run(folder, &["--only", part, "--data", data, "-o", "made/out"]);
+    assert_eq!(status, Some(0), "{log}");
+    let text = |name: &str| fs::read_to_string(folder.path().join("made/out").join(name)).unwrap();
+    (serde_json::from_str(&text("report.json")).unwrap(), text("report.md"), log)
 }
 
 fn cases(section: &Value) -> &Vec<Value> {
@@ -20,8 +31,8 @@ fn cases(section: &Value) -> &Vec<Value> {
 
 #[test]
 fn the_paper_s_part_without_data_writes_tables_figures_and_verdicts() {
-    let desk = Desk::new();
-    let (report, text, log) = evaluated(&desk, "paper", "pairs");
+    let folder = TempDir::new().unwrap();
+    let (report, text, log) = evaluated(&folder, "paper", "pairs");
     assert!(log.contains("table 1: plane") && log.contains("robustness"), "{log}");
     let sections = report["paper"].as_array().unwrap();
     let names: Vec<&str> = sections.iter().map(|section| section["name"].as_str().unwrap()).collect();
@@ -53,7 +64,7 @@ fn the_paper_s_part_without_data_writes_tables_figures_and_verdicts() {
     assert!(text.contains("absent: looked for pairs/cup/breakfast_near.png"), "{text}");
     let links: Vec<&str> = text.split("](").skip(1).filter_map(|rest| rest.split(')').next()).collect();
     assert_eq!(links, ["fig4-scenes.png", "robustness.png"]);
-    let out = desk.path("made/out");
+    let out = folder.path().join("made/out");
     for link in links {
         assert!(image::open(out.join(link)).unwrap().width() > 500, "{link}");
     }
@@ -62,9 +73,9 @@ fn the_paper_s_part_without_data_writes_tables_figures_and_verdicts() {
 
 #[test]
 fn bounds_of_the_default_settings_are_measured_where_data_exist() {
-    let desk = Desk::new();
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
-    let (report, text, log) = evaluated(&desk, "defaults", data.to_str().unwrap());
+    let folder = TempDir::new().unwrap();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data");
+    let (report, text, log) = evaluated(&folder, "defaults", data.to_str().unwrap());
     let sections = report["defaults"].as_array().unwrap();
     assert_eq!(sections.len(), 7);
     for section in sections {
@@ -81,8 +92,8 @@ fn bounds_of_the_default_settings_are_measured_where_data_exist() {
 
 #[test]
 fn absent_sweeps_get_a_row_and_the_simulated_sweep_is_solved() {
-    let desk = Desk::new();
-    let (report, text, log) = evaluated(&desk, "sweeps", "none");
+    let folder = TempDir::new().unwrap();
+    let (report, text, log) = evaluated(&folder, "sweeps", "none");
     assert!(log.contains("## Focus sweeps") && text.contains("### Simulated sweep: "), "{log}");
     let sections = report["sweeps"].as_array().unwrap();
     assert!(sections.len() == 4 && sections.iter().all(|section| cases(section).len() == 1), "{report}");
@@ -95,8 +106,8 @@ fn absent_sweeps_get_a_row_and_the_simulated_sweep_is_solved() {
 
 #[test]
 fn inputs_that_do_not_fit_are_asked_and_counted() {
-    let desk = Desk::new();
-    let (report, text, log) = evaluated(&desk, "judgement", "none");
+    let folder = TempDir::new().unwrap();
+    let (report, text, log) = evaluated(&folder, "judgement", "none");
     assert!(log.contains("## Judgement") && text.contains("### Sweeps that do not fit: "), "{log}");
     let sections = report["judgement"].as_array().unwrap();
     let names: Vec<&str> = sections.iter().map(|section| section["name"].as_str().unwrap()).collect();
@@ -113,8 +124,21 @@ fn inputs_that_do_not_fit_are_asked_and_counted() {
 }
 
 #[test]
-fn an_output_path_that_is_a_file_is_refused_before_any_work() {
-    let desk = Desk::new();
-    desk.write("out", "x");
-    desk.refuses_in_one_line(&["evaluate", "--quick", "-o", "out"], &["give a folder"]);
+fn a_file_and_files_of_other_programs_are_refused_before_any_work() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    fs::write(path("out"), "x").unwrap();
+    let (status, log) = run(&folder, &["-o", "out"]);
+    assert!(status == Some(1) && log.lines().count() == 1 && log.contains("give a folder"), "{log}");
+    for name in ["report.md", "robustness.png"] {
+        fs::create_dir_all(path("made")).unwrap();
+        fs::write(path("made").join(name), "mine").unwrap();
+        let (status, log) = run(&folder, &["-o", "made"]);
+        assert!(
+            status == Some(1) && [name, "is there already", "--force"].iter().all(|part| log.contains(part)),
+            "{log}"
+        );
+        assert_eq!(fs::read_to_string(path("made").join(name)).unwrap(), "mine");
+        fs::remove_file(path("made").join(name)).unwrap();
+    }
 }

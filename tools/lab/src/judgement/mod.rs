@@ -6,15 +6,16 @@ mod fitting;
 mod pairs;
 mod sweeps;
 
+use parfocal::Error;
+
 use self::alterations::DEEP;
 use self::answer::{Answer, BEYOND, Input, MOST_BEYOND, MOST_CORNER};
-use super::contact_sheet::Row;
-use super::section::{Case, Runner, Section};
-use super::{Figure, figures};
-use crate::base::Error;
+use crate::contact_sheet::Row;
+use crate::figures::{self, Figure};
+use crate::section::{Case, Runner, Section};
 
 /// The heading in the report.
-pub(super) const HEADING: &str = "Judgement";
+pub(crate) const HEADING: &str = "Judgement";
 
 /// A kind of inputs.
 struct Kind {
@@ -51,7 +52,7 @@ const FITTING_SIDES: [u32; TRIALS] = [192, 224, 256];
 const QUICK_KINDS: usize = 2;
 
 /// Number of kinds of pairs that do not fit.
-pub(super) const PAIRS: usize = pairs::KINDS.len();
+pub(crate) const PAIRS: usize = pairs::KINDS.len();
 
 /// What is known of an input before it is solved.
 #[derive(Clone, Copy, PartialEq)]
@@ -61,7 +62,7 @@ enum Expected {
 }
 
 /// Measures everything, and draws what was said of pairs that do not fit.
-pub(super) fn run(runner: &mut Runner) -> (Vec<Section>, Vec<Figure>) {
+pub(crate) fn run(runner: &mut Runner) -> (Vec<Section>, Vec<Figure>) {
     let mut rows = Vec::new();
     let noticed = format!(
         "An input is noticed if it is refused with an error, or not converged, or a warning names the reason (it has one \
