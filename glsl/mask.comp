@@ -10,7 +10,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer Samples { uint samples[]; };
 layout(binding = 1, std430) readonly buffer Mask { uint mask[]; };  // a byte per pixel of I1: 0 where it does not count
-layout(binding = 2, r32f) uniform writeonly image2DArray masks;     // of I1 and I2
+layout(binding = 2, r32f) uniform writeonly image2DArray counts; // 1 where a pixel counts, in the layer of the photograph
 layout(binding = 3, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     uint width, height, channels, bytes;
@@ -34,7 +34,7 @@ void main() {
             any_white = any_white || value >= white;
         }
         bool clipped = all_black || any_white, masked = (mask[pixel / 4] >> 8 * (pixel & 3) & 0xffu) == 0u;
-        imageStore(masks, ivec3(x, second), vec4(clipped || masked && second == 0u ? 0.0 : 1.0));
+        imageStore(counts, ivec3(x, second), vec4(clipped || masked && second == 0u ? 0.0 : 1.0));
         counted = uint(clipped && !masked);
     }
     uint sum = subgroupAdd(counted);

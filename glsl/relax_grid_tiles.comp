@@ -1,19 +1,21 @@
 #version 460
-// All relaxation sweeps on a coarse grid of the cascade, on tiles with a halo; JOINED: also on all coarser ones. CPU
+// Relaxation sweeps on a coarse grid of the cascade, on tiles with a halo; JOINED: also on all coarser ones. CPU
 // reference: src/engine/stages/relax_grid_tiles.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer GridEquations { vec4 equations[]; };
-layout(binding = 1, std430) readonly buffer CoarseSteps { float steps[]; };   // dV of the coarser grid
+layout(binding = 1, std430) readonly buffer CoarseSteps { float steps[]; };   // dV of the coarser grid, or its own
 layout(binding = 2, std430) writeonly buffer GridSteps { float own_steps[]; }; // dV of the grid, in the same buffer
 layout(push_constant) uniform Constants {
     int width, height;
     int first;                       // its first cell
-    int sweeps;
+    int to;                          // where its dV is stored
+    int sweeps, halo;                // sweeps here, and those that the halo of a tile is for
     float over_relaxation;
-    int next;                        // first cell of the coarser grid; JOINED: of the finest small grid
+    int next;                        // first cell of the coarser grid, JOINED: of the finest small grid; CONTINUES: of dV;
+                                     // -1: dV is 0
     int grids;                       // JOINED: grids between that one and this
     int small_grids;                 // JOINED
     int coarsest_sweeps;             // JOINED
@@ -29,10 +31,10 @@ void main() {
     place_tile(corner_of(0));
     load_grid(first, size);
     start(size);
-    relax_tile(sweeps, over_relaxation);
+    relax_tile();
     [[unroll]] for (int row = 0; row < ROWS; row++) {
-        if (!is_written(row, size, sweeps)) continue;
-        int place = first + (own.y + row) * width + 2 * own.x;
+        if (!is_written(row, size)) continue;
+        int place = to + (own.y + row) * width + 2 * own.x;
         own_steps[place] = dv[row & 1][row];
         if (2 * own.x + 1 < width) own_steps[place + 1] = dv[1 - (row & 1)][row];
     }

@@ -1,6 +1,6 @@
 #version 460
-// All relaxation sweeps on the linear system for dV, on tiles with a halo; then V ← V + share clamp(dV). JOINED: also
-// those on all grids, before. CPU reference: src/engine/stages/relax_tiles.rs.
+// Relaxation sweeps on the linear system for dV, on tiles with a halo; then V ← V + share clamp(dV). JOINED: also those
+// on all grids, before. CPU reference: src/engine/stages/relax_tiles.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -10,21 +10,21 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray normal_equations; // layer 0: D, averaged; RIGHT_SIDE
 layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // by color; right, left, down, up
-layout(binding = 2, std430) readonly buffer GridSteps { float steps[]; };   // dV of the first coarse grid
+layout(binding = 2, std430) readonly buffer GridSteps { float steps[]; };   // dV of the first coarse grid, or of the level
 layout(binding = 3, r32f) uniform image2DArray relative_blur;
 layout(binding = 4, std430) buffer StateBuffer { State state; };
 layout(binding = 5, r32f) uniform image2DArray kept; // layer KEPT: the sums of a whole step over blocks of 2 x 2 pixels
 layout(binding = 6, std430) readonly buffer GridEquations { vec4 equations[]; };
 layout(push_constant) uniform Constants {
     int width, height;
-    int sweeps;
+    int sweeps, halo;                    // sweeps here, and those that the halo of a tile is for
     float over_relaxation;
     float largest_step;                  // px² of the level, or
     float relative_step;                 // a share of |V|, if that is more
     float limit;                         // px² of the level
     float share;                         // of dV that is added
     int extrapolation;                   // KEEP, EXTRAPOLATE, or 0
-    int next;                            // first cell of the first grid; JOINED: of the finest small grid
+    int next;                            // first cell of the first grid, JOINED: of the finest small grid; CONTINUES: of dV
     int grids;                           // JOINED: grids between that one and the level
     int small_grids;                     // JOINED
     int coarsest_sweeps;                 // JOINED
@@ -65,19 +65,19 @@ void main() {
     place_tile(corner_of(0));
     load(size);
     start(size);
-    relax_tile(sweeps, over_relaxation);
+    relax_tile();
     Block blocks[ROWS / 2];
     // The blocks of the halo are written by other workgroups, and must not be read.
     [[unroll]] for (int row = 0; row < ROWS; row += 2) {
         blocks[row / 2] = Block(float[4](0.0, 0.0, 0.0, 0.0), float[4](0.0, 0.0, 0.0, 0.0), 0.0);
-        if (is_written(row, size, sweeps)) blocks[row / 2] = load_block(ivec2(2 * own.x, own.y + row));
+        if (is_written(row, size)) blocks[row / 2] = load_block(ivec2(2 * own.x, own.y + row));
     }
     uvec3 moving = uvec3(0);
     [[unroll]] for (int row = 0; row < ROWS; row += 2) {
         // By rows; a row begins with a red pixel, the next one with a black one.
         float change[4] = { dv[0][row], dv[1][row], dv[1][row + 1], dv[0][row + 1] };
         ivec2 first = ivec2(2 * own.x, own.y + row);
-        moving += update_block(first, change, blocks[row / 2], is_written(row, size, sweeps));
+        moving += update_block(first, change, blocks[row / 2], is_written(row, size));
     }
     count(moving);
 }

@@ -1,8 +1,6 @@
 #version 460
 // A filter along x, then one along y, with mirrored borders, in one dispatch. With stride 2 it halves the image. CPU
 // reference: src/engine/stages/separable.rs.
-//
-// On a GPU this halves the traffic and the number of dispatches of two passes of convolve.
 
 #extension GL_EXT_control_flow_attributes : require // arrays stay in registers only if loops are unrolled
 
@@ -13,11 +11,11 @@ const int VECTORS = 1024;            // of four weights: the 16 KiB that each de
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32ui) uniform readonly uimage2DArray from;
 layout(binding = 1, r32ui) uniform readonly uimage2DArray second;   // of the second layer, with JOINS
-layout(binding = 2, r32ui) uniform writeonly uimage2DArray to;
-layout(binding = 3, std140) uniform Filters { vec4 weights[VECTORS]; };
+layout(binding = 2, r32ui) uniform uimage2DArray to;
+layout(binding = 3, std140) uniform Filters { vec4 filters[VECTORS]; };
 layout(binding = 4, std430) readonly buffer Tiles { uint tiles[]; };
 layout(binding = 5, std430) readonly buffer StateBuffer { State state; };
-layout(constant_id = 2) const bool LONG = false;    // filters of more than TAPS weights
+layout(constant_id = 2) const bool ANY = false;     // any filters on any sides; else of TAPS weights
 layout(constant_id = 3) const bool JOINS = false;   // two layers of floats, of two images; with PACKED they are packed
 layout(constant_id = 5) const bool HALVING = false; // stores every other result of either axis
 layout(push_constant) uniform Constants {
@@ -30,45 +28,40 @@ layout(push_constant) uniform Constants {
     int period_x, period_y;     // pixels after which the mirrored image repeats
     int listed;                 // first entry of the list of tiles
     int blocks_x, blocks_y;     // blocks of weights of the filters
+    int add;                    // 1: adds to the target, which is not packed; only with ANY
 };
 
 #include "tiles.glsl"
 #include "stacks.glsl"
 
-// Adjacent results per invocation: each weight and each value is loaded once for all of them.
-const int SPAN = 8;
-// The most weights of a filter that is not LONG. Others are zero.
-const int TAPS = 19;
-// Weights per block of a LONG filter, and its largest radius.
-const int BLOCK = 20, REACH = 24;
 // Results from one that is stored to the next.
 const int STRIDE = HALVING ? 2 : 1;
-const int TOTAL = 256;               // invocations
-// Columns of results of a workgroup, and lines that it filters along x, with LONG filters.
-const int COLUMNS = 32, LINES = 64, LONG_LINES = 96;
-const int TALL = LONG ? LONG_LINES : LINES;
-// Rounds in which the invocations take the spans along x.
-const int ROUNDS = TALL * COLUMNS / SPAN > TOTAL ? 2 : 1;
-// Lines of results of a workgroup.
-const int RESULTS = (LONG ? LONG_LINES - 2 * REACH : LINES - TAPS + 1) / STRIDE;
-// Weights at once, and values for the results of an invocation.
-const int COUNT = LONG ? BLOCK : TAPS, VALUES = COUNT + STRIDE * (SPAN - 1);
+// Weights per block of ANY filter.
+const int BLOCK = 20;
 
+#include "filter.glsl"
+
+const int TOTAL = 256;               // invocations
 // Photographs that a workgroup filters.
 const int PHOTOGRAPHS = PACKED ? 2 : 1;
+// Columns of results of a workgroup. Lines that it filters along x, for TAPS weights along y.
+const int COLUMNS = 32, LINES = 64;
+// With ANY: lines of the image that become results, and the blocks of weights along y for which lines are filtered
+// along x at once: as many as shared memory allows.
+const int ANY_LINES = 48, CHUNK = PACKED ? 3 : 6;
+const int RESULTS = (ANY ? ANY_LINES : LINES - TAPS + 1) / STRIDE;
+const int TALL = ANY ? ANY_LINES + BLOCK * CHUNK : LINES;
+// Rounds in which the invocations take the spans along x.
+const int ROUNDS = (TALL * COLUMNS / SPAN + TOTAL - 1) / TOTAL;
 
 // Filtered along x. One column more, so that lines begin in different banks.
 shared float filtered[PHOTOGRAPHS][TALL][COLUMNS + 1];
 
 int mirrored(int place, int period, int length) {
     place = abs(place);
+    // Filters of TAPS weights on long sides reach beyond one end only, and by less than a period.
+    if (ANY) place -= period * int(floor(float(place) / float(period)));
     return clamp(min(place, period - place), 0, length - 1);
-}
-
-void add(inout float sums[SPAN], float values[VALUES], int offset) {
-    [[unroll]] for (int j = 0; j < SPAN; j++) {
-        [[unroll]] for (int m = 0; m < COUNT; m++) sums[j] += weights[offset + m / 4][m % 4] * values[STRIDE * j + m];
-    }
 }
 
 // The texels of a span along x, from the image of a layer.
@@ -82,55 +75,63 @@ void load(int plane, int x, int y, int layer, out uint texels[VALUES]) {
     }
 }
 
-const float NONE[SPAN] = { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 };
-
-void main() {
-    int plane = int(gl_WorkGroupID.z), source = from_layer + plane * from_step, target = to_layer + plane * to_step;
-    ivec2 tile = ivec2(COLUMNS, RESULTS) * ivec2(tile_at(listed));
-    ivec2 size = (ivec2(width, height) + STRIDE - 1) / STRIDE;
-    int n = int(gl_LocalInvocationIndex);
+// Filters `lines` lines from y on along x.
+void filter_along_x(int x, int y, int lines, int plane) {
+    int n = int(gl_LocalInvocationIndex), source = from_layer + plane * from_step;
     // Packed coefficients are in whites.
     float scale = PACKED && JOINS ? 1.0 / max(uintBitsToFloat(state.white), LEAST_WHITE) : 1.0;
-    // Spans along x.
     [[unroll]] for (int round = 0; round < ROUNDS; round++) {
         int line = (n + round * TOTAL) / (COLUMNS / SPAN), column = n % (COLUMNS / SPAN) * SPAN;
-        if (line >= TALL) continue;
-        int y = mirrored(STRIDE * tile.y - radius_y + line, period_y, height);
-        int x = STRIDE * (tile.x + column) - radius_x;
+        if (line >= lines) continue;
+        int from_y = mirrored(y + line, period_y, height), from_x = x + STRIDE * column;
         float sums[PHOTOGRAPHS][SPAN];
         [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) sums[i] = NONE;
-        for (int block = 0; block < (LONG ? blocks_x : 1); block++) {
+        for (int block = 0; block < (ANY ? blocks_x : 1); block++) {
             uint texels[VALUES];
             [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) {
                 // Packed texels are loaded once for both photographs.
-                if (i == 0 || JOINS) load(PACKED ? i : plane, x + BLOCK * block, y, source + i * from_step, texels);
+                if (i == 0 || JOINS)
+                    load(PACKED ? i : plane, from_x + BLOCK * block, from_y, source + i * from_step, texels);
                 float values[VALUES];
                 [[unroll]] for (int m = 0; m < VALUES; m++)
                     values[m] = PACKED && !JOINS ? unpacked(texels[m], i + 1) : uintBitsToFloat(texels[m]);
-                add(sums[i], values, offset_x + BLOCK / 4 * block);
+                weigh(offset_x + BLOCK / 4 * block, values, sums[i]);
             }
         }
         [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++)
             [[unroll]] for (int j = 0; j < SPAN; j++) filtered[i][line][column + j] = scale * sums[i][j];
     }
     barrier();
-    if (n < (RESULTS + SPAN - 1) / SPAN * COLUMNS) {
-        int line = n / COLUMNS * SPAN, column = n % COLUMNS;
-        ivec2 x = tile + ivec2(column, line);
-        float sums[PHOTOGRAPHS][SPAN];
+}
+
+void main() {
+    int plane = int(gl_WorkGroupID.z), target = to_layer + plane * to_step;
+    ivec2 tile = ivec2(COLUMNS, RESULTS) * ivec2(tile_at(listed));
+    ivec2 size = (ivec2(width, height) + STRIDE - 1) / STRIDE;
+    int n = int(gl_LocalInvocationIndex), line = n / COLUMNS * SPAN, column = n % COLUMNS;
+    float sums[PHOTOGRAPHS][SPAN];
+    [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) sums[i] = NONE;
+    for (int first = 0; first < (ANY ? blocks_y : 1); first += CHUNK) {
+        int lines = STRIDE * (RESULTS - 1) + (ANY ? min(BLOCK * CHUNK, 2 * radius_y + 1 - BLOCK * first) : TAPS);
+        if (first > 0) barrier();
+        filter_along_x(STRIDE * tile.x - radius_x, STRIDE * tile.y - radius_y + BLOCK * first, lines, plane);
+        if (line >= RESULTS) continue;
         [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) {
-            sums[i] = NONE;
-            for (int block = 0; block < (LONG ? blocks_y : 1); block++) {
+            for (int block = 0; block < (ANY ? min(CHUNK, blocks_y - first) : 1); block++) {
                 float values[VALUES];
                 [[unroll]] for (int m = 0; m < VALUES; m++)
-                    values[m] = filtered[i][min(STRIDE * line + BLOCK * block + m, TALL - 1)][column];
-                add(sums[i], values, offset_y + BLOCK / 4 * block);
+                    values[m] = filtered[i][min(STRIDE * line + BLOCK * block + m, lines - 1)][column];
+                weigh(offset_y + BLOCK / 4 * (first + block), values, sums[i]);
             }
         }
-        [[unroll]] for (int j = 0; j < SPAN; j++) {
-            uint texel = PACKED ? packed_texel(sums[0][j], sums[PHOTOGRAPHS - 1][j]) : floatBitsToUint(sums[0][j]);
-            if (line + j < RESULTS && x.x < size.x && x.y + j < size.y)
-                imageStore(to, ivec3(x.x, x.y + j, target), uvec4(texel));
-        }
+    }
+    if (line >= RESULTS) return;
+    ivec2 x = tile + ivec2(column, line);
+    [[unroll]] for (int j = 0; j < SPAN; j++) {
+        if (line + j >= RESULTS || x.x >= size.x || x.y + j >= size.y) continue;
+        ivec3 place = ivec3(x.x, x.y + j, target);
+        float sum = sums[0][j];
+        if (ANY && !PACKED && add == 1) sum += uintBitsToFloat(imageLoad(to, place).r);
+        imageStore(to, place, uvec4(PACKED ? packed_texel(sum, sums[PHOTOGRAPHS - 1][j]) : floatBitsToUint(sum)));
     }
 }

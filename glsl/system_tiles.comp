@@ -1,7 +1,7 @@
 #version 460
-// The linear system for the step of the unknown, as `system` computes it, in one dispatch with the window over D and b
-// before it and with the sums on the first grids of the cascade behind it, by a workgroup for each tile. CPU reference:
-// src/engine/stages/system_tiles.rs.
+// The linear system for the step of the unknown: V of a pair, or u of a sweep. Averages D and b over a window, combines
+// them with the smoothness, for a sweep also for the step of c, and sums the system on the first grids of the cascade,
+// by a workgroup for each tile. Equations 26 to 28. CPU reference: src/engine/stages/system_tiles.rs.
 
 #extension GL_EXT_control_flow_attributes : require // arrays stay in registers only if loops are unrolled
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -30,6 +30,10 @@ layout(push_constant) uniform Constants {
     int grids;                       // to store, at most GRIDS
 };
 
+const bool ANY = false;
+const int BLOCK = 0, STRIDE = 1;
+
+#include "filter.glsl"
 #include "system.glsl"
 
 const int RIGHT_SIDE = 1;            // the layer of the right sides
@@ -37,12 +41,7 @@ const int TOTAL = 256;               // invocations
 const int TILE = 32;                 // pixels along x and y
 const int CELLS = 16;                // of the first grid: one for an invocation
 const int GRIDS = 5;                 // the last has one cell for a tile
-// Adjacent means of an invocation: each weight and each value is loaded once for all of them.
-const int SPAN = 8;
-// The most weights of the window. Others are zero.
-const int TAPS = 19;
 const int LINES = 50;                // filtered along x, for TILE lines of means
-const int VALUES = TAPS + SPAN - 1;
 const int LAYERS = SWEEP ? 3 : 2;
 // Spans along x and along y of a layer, and rounds in which the invocations take those of all layers.
 const int ALONG_X = LINES * TILE / SPAN, ALONG_Y = TILE * TILE / SPAN;
@@ -67,11 +66,9 @@ void filter_along_x(ivec2 corner) {
         float values[VALUES];
         [[unroll]] for (int m = 0; m < VALUES; m++)
             values[m] = imageLoad(normal_equations, ivec3(mirrored(x + m, width), y, layer)).r;
-        [[unroll]] for (int j = 0; j < SPAN; j++) {
-            float sum = 0.0;
-            [[unroll]] for (int m = 0; m < TAPS; m++) sum += filters[offset + m / 4][m % 4] * values[j + m];
-            means[layer][line][column + j] = sum;
-        }
+        float sums[SPAN] = NONE;
+        weigh(offset, values, sums);
+        [[unroll]] for (int j = 0; j < SPAN; j++) means[layer][line][column + j] = sums[j];
     }
     barrier();
 }
@@ -83,11 +80,8 @@ void filter_along_y() {
         int layer = min(span / ALONG_Y, LAYERS - 1), line = span % ALONG_Y / TILE * SPAN, column = span % TILE;
         float values[VALUES];
         [[unroll]] for (int m = 0; m < VALUES; m++) values[m] = means[layer][line + m][column];
-        [[unroll]] for (int j = 0; j < SPAN; j++) {
-            float sum = 0.0;
-            [[unroll]] for (int m = 0; m < TAPS; m++) sum += filters[offset + m / 4][m % 4] * values[j + m];
-            sums[round][j] = sum;
-        }
+        sums[round] = NONE;
+        weigh(offset, values, sums[round]);
     }
     barrier();
     [[unroll]] for (int round = 0; round < ROUNDS_Y; round++) {

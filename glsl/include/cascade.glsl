@@ -6,6 +6,8 @@
 
 // The cascade from the coarsest grid on is computed here. Otherwise the target starts from `steps`.
 layout(constant_id = 2) const bool JOINED = false;
+// The target starts from its own dV, which an earlier dispatch has relaxed.
+layout(constant_id = 3) const bool CONTINUES = false;
 
 const int TOTAL = 256;               // invocations
 const int PER_COLOR = 2;             // cells of each color that an invocation relaxes of a small grid
@@ -158,13 +160,13 @@ ivec2 corner_before;                 // of the tile of the coarser grid
 // The corner of this workgroup's tile of the target, or of the n-th grid from it: even, and far enough outside for the
 // halo. With up to four sweeps the interior of each grid's tile covers the next finer grid's tile.
 ivec2 corner_of(int n) {
-    ivec2 corner = interior(sweeps) * ivec2(gl_WorkGroupID.xy) - 2 * sweeps;
-    return n == 0 ? corner : (corner >> n & ~1) - (4 * sweeps + 2);
+    ivec2 corner = interior() * ivec2(gl_WorkGroupID.xy) - 2 * halo;
+    return n == 0 ? corner : (corner >> n & ~1) - (4 * halo + 2);
 }
 
 // dV of a cell of the coarser grid, which has this number of columns.
 float coarse_step(ivec2 x, int columns) {
-    if (!JOINED) return steps[next + x.y * columns + x.x];
+    if (!JOINED) return CONTINUES || next < 0 ? 0.0 : steps[next + x.y * columns + x.x];
     if (starts_from_small) return small_steps[x.y * columns + x.x];
     ivec2 at = x - corner_before;
     return of_tile[((at.x + at.y & 1) * SIDE + at.y) * COLUMNS + at.x / 2];
@@ -192,7 +194,7 @@ void relax_coarser_grids() {
         place_tile(corner_of(n));
         load_grid(first, size);
         start(size);
-        relax_tile(sweeps, over_relaxation);
+        relax_tile();
         starts_from_small = false;
         corner_before = corner_of(n);
     }

@@ -9,10 +9,3 @@ vec4 sum_of(vec4 left, vec4 right, vec4 left_below, vec4 right_below) {
     vec2 dr = left.xy + right.xy + left_below.xy + right_below.xy;
     return vec4(dr, 0.5 * (right.z + right_below.z), 0.5 * (left_below.w + right_below.w));
 }
-
-// An over-relaxed value. `around` holds the values of the right, left, lower and upper neighbour, `links` their
-// weights.
-float relaxed(float before, vec2 dr, vec4 links, vec4 around, float over_relaxation) {
-    float target = (dr.y + dot(links, around)) / max(dr.x + links.x + links.y + links.z + links.w, 1e-12);
-    return mix(before, target, over_relaxation);
-}

@@ -1,7 +1,7 @@
 // Red-black relaxation sweeps on a tile and its halo, by a workgroup of 256 invocations (temporal blocking). Included
 // by cascade.glsl, before the function `weights_at`.
 //
-// A halo is as wide as there are half-sweeps. Each half-sweep carries wrong values at its rim one pixel inwards, so
+// A halo is as wide as there are half-sweeps, or wider. Each half-sweep carries wrong values at its rim one pixel inwards, so
 // that none reaches the interior.
 //
 // An invocation relaxes two columns of ROWS rows, in registers. Of the four neighbours of a pixel all but one are its
@@ -22,7 +22,7 @@ ivec2 in_tile, own;
 float dv[2][ROWS], right_side[2][ROWS];
 
 // The pixels of a tile without its halo, along x and y.
-int interior(int sweeps) { return SIDE - 4 * sweeps; }
+int interior() { return SIDE - 4 * halo; }
 
 // Finds this invocation's pixels of the tile with an even corner.
 void place_tile(ivec2 corner) {
@@ -32,10 +32,10 @@ void place_tile(ivec2 corner) {
 }
 
 // Whether a row of this invocation is in the interior, and in an image of this size. Rows begin at even pixels.
-bool is_written(int row, ivec2 size, int sweeps) {
+bool is_written(int row, ivec2 size) {
     ivec2 x = in_tile + ivec2(0, row);
-    return all(greaterThanEqual(x, ivec2(sweeps, 2 * sweeps))) &&
-        all(lessThan(x, ivec2(COLUMNS - sweeps, SIDE - 2 * sweeps))) &&
+    return all(greaterThanEqual(x, ivec2(halo, 2 * halo))) &&
+        all(lessThan(x, ivec2(COLUMNS - halo, SIDE - 2 * halo))) &&
         2 * own.x < size.x && own.y + row < size.y;
 }
 
@@ -44,19 +44,25 @@ vec4 weights_at(int color, int row);
 
 int place_of(int color, int row) { return (color * SIDE + row) * COLUMNS + in_tile.x; }
 
-// Sets dV before the first sweep: that of a cell of the coarser grid for each pair of rows.
+// dV before the first sweep, of a cell of the coarser grid for each pair of rows; with CONTINUES of each pixel.
+float started(int color, int row, float values[ROWS / 2], ivec2 size) {
+    int x = 2 * own.x + (row + color & 1);
+    if (x >= size.x) return 0.0;     // nothing beyond an odd width
+    return CONTINUES ? steps[next + clamp(own.y + row, 0, size.y - 1) * size.x + max(x, 0)] : values[row / 2];
+}
+
+// Sets dV before the first sweep.
 void start_from(float values[ROWS / 2], ivec2 size) {
     [[unroll]] for (int row = 0; row < ROWS; row++) {
         [[unroll]] for (int color = 0; color < 2; color++) {
-            // Nothing beyond an odd width.
-            dv[color][row] = 2 * own.x + (row + color & 1) < size.x ? values[row / 2] : 0.0;
+            dv[color][row] = started(color, row, values, size);
             of_tile[place_of(color, in_tile.y + row)] = dv[color][row];
         }
     }
     barrier();
 }
 
-void relax(int color, float over_relaxation) {
+void relax(int color) {
     int other = 1 - color;
     int left = in_tile.x > 0 ? -1 : 0, right = in_tile.x + 1 < COLUMNS ? 1 : 0;
     // Read before anything is written: the compiler does not know the two colors apart.
@@ -86,9 +92,9 @@ void relax(int color, float over_relaxation) {
     barrier();
 }
 
-void relax_tile(int sweeps, float over_relaxation) {
+void relax_tile() {
     for (int sweep = 0; sweep < sweeps; sweep++) {
-        relax(0, over_relaxation);
-        relax(1, over_relaxation);
+        relax(0);
+        relax(1);
     }
 }

@@ -8,7 +8,7 @@
 // pixels.
 
 // Indirect arguments of a level; the last are those of the passes that warp I2 again.
-const int WORDS = 237, WARP_WORDS = 144;
+const int WORDS = 225, WARP_WORDS = 144;
 
 // I2 is warped again once a corner has moved by more, pixels of the level: following T by gradients changes V by the
 // shift squared, 0.0004 px².

@@ -35,10 +35,9 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
-    /// Whether passes are shaped for a GPU: on all devices but software ones. `PARFOCAL_SHAPE=gpu` shapes them so on
-    /// any device, to test them without a GPU.
-    pub(crate) fn is_shaped_for_gpu(&self) -> bool {
-        self.kind != CPU || std::env::var_os("PARFOCAL_SHAPE").is_some_and(|shape| shape == "gpu")
+    /// Whether it is the processor without a driver.
+    pub(crate) fn is_cpu_device(&self) -> bool {
+        self.name == CPU_DEVICE
     }
 
     /// Returns the devices to use together: the usable GPUs, each once even if two drivers list it. Without a GPU, the

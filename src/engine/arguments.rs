@@ -18,7 +18,7 @@ use super::stages::state::{LevelState, MAX_LEVELS};
 /// The most coarse grids that have workgroups of their own: those of a level of 65536 x 65536 pixels.
 const COARSE: usize = 11;
 /// The number of [`Over`] without those of coarse grids.
-const FIRST: usize = 9;
+const FIRST: usize = 5;
 /// The number of all [`Over`]: each coarse grid has one, and one for its tiles.
 const GRIDS: usize = FIRST + 2 * COARSE;
 /// Words of all grids of a level.
@@ -75,14 +75,6 @@ pub(crate) enum Over {
     Tiles,
     /// The pixels of one color.
     Half,
-    /// All pixels.
-    Pixels,
-    /// Blocks of 2 x 2 pixels.
-    Blocks,
-    /// The tiles of a filter along x, of D and of b.
-    AlongX,
-    /// The same along y.
-    AlongY,
     /// The tiles of `system_tiles`.
     SystemTiles,
     /// One workgroup.
@@ -123,8 +115,8 @@ impl Grid {
 impl Over {
     /// All, in the order of their words.
     pub(crate) fn all() -> [Over; GRIDS] {
-        use Over::{AlongX, AlongY, Blocks, Half, One, Pixels, RelaxTiles, SystemTiles, Tiles};
-        let first = [Tiles, Half, Pixels, Blocks, AlongX, AlongY, SystemTiles, One, RelaxTiles].into_iter();
+        use Over::{Half, One, RelaxTiles, SystemTiles, Tiles};
+        let first = [Tiles, Half, SystemTiles, One, RelaxTiles].into_iter();
         let mut all = first.chain((0..COARSE).map(Over::Coarse)).chain((0..COARSE).map(Over::CoarseTiles));
         std::array::from_fn(|_| all.next().unwrap_or(One))
     }
@@ -133,13 +125,9 @@ impl Over {
         match self {
             Over::Tiles => 0,
             Over::Half => 1,
-            Over::Pixels => 2,
-            Over::Blocks => 3,
-            Over::AlongX => 4,
-            Over::AlongY => 5,
-            Over::SystemTiles => 6,
-            Over::One => 7,
-            Over::RelaxTiles => 8,
+            Over::SystemTiles => 2,
+            Over::One => 3,
+            Over::RelaxTiles => 4,
             Over::Coarse(n) => FIRST + n,
             Over::CoarseTiles(n) => FIRST + COARSE + n,
         }
@@ -228,7 +216,7 @@ mod tests {
         done[0][1].iterations = 3;
         done[0][1].warps = 0b10;
         done[1][1].iterations = 5;
-        let grid = Grid::Level { level: 1, over: Over::Pixels };
+        let grid = Grid::Level { level: 1, over: Over::Tiles };
         let place = Place::level(1);
         assert!(place.executed(Grid::Direct([1; 3]), &done));
         let runs: Vec<bool> = (0..5).map(|k| place.iteration(k).executed(grid, &done)).collect();

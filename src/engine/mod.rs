@@ -170,7 +170,7 @@ impl Engine {
         formats: [impl Into<PixelFormat>; 2],
         settings: &Settings,
     ) -> Result<(), Error> {
-        Plan::new(width, height, formats, settings)?.shaped_for(device).check_described(device)
+        Plan::new(width, height, formats, settings)?.for_device(device).check_described(device)
     }
 
     /// Shares memory of the embedding program, a camera's ring buffer for example, with the device, for

@@ -6,7 +6,7 @@ use super::frame_in_flight::Start;
 use super::plan::{Plan, halving_filter};
 use super::prepared_solver::{PairOptions, PreparedSolver};
 use super::solution::{self, Solution};
-use super::stages::{Field, convolve, ingest};
+use super::stages::{Field, ingest, separable};
 use crate::base::color::LUMINANCE;
 use crate::base::{
     Decode, Error, Format, Frame, Homography, Method, Photometric, Progress, Region, Settings, Shading, Similarity,
@@ -170,7 +170,7 @@ pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
         let end = (2 * rows.end + reach).min(height);
         let strip = Region { x: 0, y: first, width, height: end - first };
         let luminance: Field = ingest::cpu_reference(&frame.cropped(strip).map_err(Error::Region)?, decode, LUMINANCE);
-        let small = convolve::filtered(&luminance, [&filter; 2], 2);
+        let small = separable::filtered(&luminance, [&filter; 2], 2);
         let skipped = (rows.start - first / 2) as usize * small.width;
         Ok(small.data[skipped..][..rows.len() * small.width].iter().map(|&v| v as f32).collect::<Vec<f32>>())
     };
@@ -190,7 +190,7 @@ impl Engine {
 
     /// Whether a pair fits one solve, or why not.
     fn admits_pair(&self, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<(), Error> {
-        self.admits(&Plan::new(size[0], size[1], formats, settings)?.shaped_for(self.info()), 1)
+        self.admits(&Plan::new(size[0], size[1], formats, settings)?.for_device(self.info()), 1)
     }
 }
 
@@ -261,7 +261,7 @@ fn copy_interior(whole: &mut Solution, solved: &Solution, part: Part) {
 
 /// The largest parts that the device holds.
 fn grid(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<Grid, Error> {
-    let plan = Plan::new(size[0], size[1], formats, settings)?.shaped_for(engine.info());
+    let plan = Plan::new(size[0], size[1], formats, settings)?.for_device(engine.info());
     let (on_device, host) = plan.bytes();
     let share = engine.memory() as f64 / (on_device + host) as f64;
     let sides = (share * f64::from(size[0]) * f64::from(size[1])).sqrt().min(engine.info().max_image_size.into());
@@ -395,7 +395,7 @@ mod tests {
         let frame = Frame::gray(width, height, values).unwrap();
         let filter: Filter = halving_filter();
         let luminance: Field = ingest::cpu_reference(&frame, Decode::None, LUMINANCE);
-        let whole = convolve::filtered(&luminance, [&filter; 2], 2);
+        let whole = separable::filtered(&luminance, [&filter; 2], 2);
         let found = halved(&frame, Decode::None).unwrap();
         assert_eq!([found.width(), found.height()], [19, ROWS + 36]);
         let found = found.intensities(Decode::None);

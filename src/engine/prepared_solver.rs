@@ -58,7 +58,7 @@ impl PreparedSolver {
         is_masked: Option<bool>,
         reading: Reading,
     ) -> Result<Self, Error> {
-        let plan = Plan::new(width, height, formats, settings)?.shaped_for(engine.info());
+        let plan = Plan::new(width, height, formats, settings)?.for_device(engine.info());
         Self::of_plan(engine, plan, frames_in_flight, is_masked, reading)
     }
 
@@ -449,34 +449,32 @@ mod tests {
         println!("the device has conditional rendering: {is_conditional}");
     }
 
-    /// Passes shaped for a GPU give the same V but for rounding: with odd sizes, a coarsest grid too long for shared
+    /// Vulkan devices give the V of the CPU device but for rounding: with odd sizes, a coarsest grid too long for shared
     /// memory, more sweeps than one tile of each grid has room for, and more than tiles have room for.
     #[test]
-    fn passes_shaped_for_a_gpu_give_the_same_relative_blur() {
+    fn devices_give_the_same_relative_blur() {
         let default = Settings::default().relaxation_sweeps;
         for (size, sweeps) in [([331, 287], default), ([1501, 45], default), ([331, 287], 6), ([163, 141], 9)] {
-            check_passes_shaped_for_a_gpu(size, false, Settings { relaxation_sweeps: sweeps, ..Settings::default() });
+            check_devices(size, false, Settings { relaxation_sweeps: sweeps, ..Settings::default() });
         }
-        check_passes_shaped_for_a_gpu([163, 141], true, Settings { motion: Motion::Homography, ..Settings::default() });
+        check_devices([163, 141], true, Settings { motion: Motion::Homography, ..Settings::default() });
         let kernel = Kernel::HalfGaussian;
-        check_passes_shaped_for_a_gpu(
-            [163, 141],
-            false,
-            Settings { kernel, photometric: false, ..Settings::default() },
-        );
+        check_devices([163, 141], false, Settings { kernel, photometric: false, ..Settings::default() });
     }
 
-    fn check_passes_shaped_for_a_gpu(size: [u32; 2], masked: bool, settings: Settings) {
-        let (engine, frames) = (Engine::new(&testing::options()).unwrap(), testing::pair(size));
-        let [plain, shaped] = [false, true].map(|for_gpu| {
+    fn check_devices(size: [u32; 2], masked: bool, settings: Settings) {
+        let frames = testing::pair(size);
+        let cpu = EngineOptions { device: Some("CPU".into()), ..EngineOptions::default() };
+        let [vulkan, cpu] = [testing::options(), cpu].map(|options| {
+            let engine = Engine::new(&options).unwrap();
             let plan = Plan::new(size[0], size[1], frames.each_ref().map(Frame::format), &settings).unwrap();
-            let plan = if for_gpu { plan.shaped_for_gpu() } else { plan };
+            let plan = Plan { may_pack: false, ..plan.for_device(engine.info()) };
             let mut solver = PreparedSolver::of_plan(&engine, plan, 1, Some(masked), Reading::Never).unwrap();
             let mut pending = submit(&mut solver, &frames);
             pending.wait().unwrap().relative_blur().to_vec()
         });
         let difference = |(a, b): (&f32, &f32)| if a.is_nan() && b.is_nan() { 0.0 } else { (a - b).abs() };
-        let largest = plain.iter().zip(&shaped).map(difference).max_by(f32::total_cmp).unwrap();
+        let largest = vulkan.iter().zip(&cpu).map(difference).max_by(f32::total_cmp).unwrap();
         println!("largest difference of V: {largest} px²");
         assert!(largest < 1e-3, "{size:?}: {largest}");
     }

@@ -39,10 +39,12 @@ impl Costs {
     /// many have is known only when they run.
     fn on_host(pass: &str) -> f64 {
         match pass {
-            "relax" | "relax_tiles" => 0.1,
-            "relax_grid" | "relax_grid_tiles" => 0.2,
+            "relax" => 0.1,
+            "relax_grid_tiles" => 0.2,
+            "relax_tiles" => 0.5,
             "shape" => 0.5,
-            "convolve" | "subdivide" | "system" | "update" | "halve_grid" => 0.6,
+            "subdivide" | "halve_grid" => 0.6,
+            "separable" | "system_tiles" => 1.2,
             "uncertainty" => 1.2,
             "fuse" => 1.7,
             "edge_coarsen" => 1.9,

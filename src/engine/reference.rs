@@ -95,42 +95,9 @@ fn results(plan: &Plan, mut memory: Memory<f64>) -> Reference {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::{Channels, Decode, Depth, Kernel, Motion, Samples};
+    use crate::base::{Channels, Decode, Depth, Samples};
     use crate::engine::testing;
     use crate::engine::testing::random;
-
-    /// The largest difference of two fields; of pixels that only one of them has, infinite.
-    fn largest(a: &Field, b: &Field) -> f64 {
-        let difference = |(a, b): (&f64, &f64)| match (a.is_nan(), b.is_nan()) {
-            (true, true) => 0.0,
-            (false, false) => (a - b).abs(),
-            _ => f64::INFINITY,
-        };
-        a.data.iter().zip(&b.data).map(difference).fold(0.0, f64::max)
-    }
-
-    /// Passes shaped for GPUs compute the same as the others. In double precision no rounding hides a layer that is
-    /// overwritten before it is read.
-    #[test]
-    fn both_shapes_give_the_same_solution() {
-        let size = [201, 133];
-        let [i1, i2] = &testing::pair(size);
-        let kernels = [Kernel::Auto, Kernel::HalfGaussian];
-        for (kernel, motion) in kernels.into_iter().zip([Motion::Similarity, Motion::Homography]) {
-            let settings = Settings { kernel, motion, ..Settings::default() };
-            let plan = Plan::new(size[0], size[1], [i1.format(), i2.format()], &settings).unwrap();
-            let [plain, shaped] =
-                [plan.clone(), plan.shaped_for_gpu()].map(|p| solve_plan(&p, [i1, i2], None).unwrap());
-            let iterations = |r: &Reference| r.energies.iter().map(Vec::len).collect::<Vec<_>>();
-            assert_eq!(iterations(&plain), iterations(&shaped));
-            assert!(plain.relative_blur.data.iter().filter(|v| v.is_finite()).count() > 20_000);
-            let v = largest(&plain.relative_blur, &shaped.relative_blur);
-            let deviation = largest(&plain.uncertainty, &shaped.uncertainty);
-            let t = plain.transform.corner_distance(shaped.transform, size[0], size[1]);
-            println!("V {v:.1e} px², its deviation {deviation:.1e} px², T {t:.1e} px");
-            assert!(v < 1e-9 && deviation < 1e-9 && t < 1e-9);
-        }
-    }
 
     /// Blur stacks of 16 bits change V by little of its deviation, whatever the range of the photographs.
     #[test]
@@ -156,7 +123,7 @@ mod tests {
         let [i1, i2] = &images;
         // Depth edges are decisions, which a step may turn.
         let settings = Settings { edges: false, max_relative_blur: 30.0, ..Settings::default() };
-        let packed = Plan::new(width, height, [i1.format(), i2.format()], &settings).unwrap().shaped_for_gpu();
+        let packed = Plan::new(width, height, [i1.format(), i2.format()], &settings).unwrap();
         let plan = Plan { may_pack: false, ..packed.clone() };
         assert!(packed.packs(&packed.pyramid[0]) && packed.stack_layers() < plan.stack_layers());
         let [floats, packed] = [plan, packed].map(|plan| solve_plan(&plan, [i1, i2], None).unwrap());

@@ -27,10 +27,8 @@ pub(crate) enum Slot {
     Weights,
     /// Equations of the coarse grids of the cascade.
     GridEquations,
-    /// dV of the coarse grids of the cascade. After the solve the list of the cells at depth edges.
+    /// dV of the coarse grids of the cascade, and of the level if it takes several dispatches. After the solve the list of the cells at depth edges.
     GridSteps,
-    /// dV of the red (0) or of the black pixels (1).
-    Change { color: usize },
     /// Terms of the uncertainty, on every other pixel; before the end the blur-matched pair, and the latest whole step
     /// of V.
     UncertaintyTerms,
@@ -143,11 +141,9 @@ quantities! {
     /// Spline coefficients of I2.
     Spline2: Image, Scalar;
     /// Right sides of the linear system.
-    RightSides: Image;
     /// Weights of the linear system.
     Weights: Image;
     /// dV of one colour.
-    Change: Image;
     /// Equations of the coarse grids.
     GridEquations: Buffer;
     /// dV of the coarse grids.
@@ -231,7 +227,6 @@ pub(crate) const STACKS: Handle<Stacks> = Handle::new(Slot::Stacks);
 pub(crate) const RESULTS: Handle<Results> = Handle::new(Slot::Stacks);
 pub(crate) const SPLINE2: Handle<Spline2> = Handle::new(Slot::Spline2);
 pub(crate) const SCRATCH: Handle<Plane> = Handle::new(Slot::Scratch);
-pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::Scratch);
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
 pub(crate) const GRID_EQUATIONS: Handle<GridEquations> = Handle::new(Slot::GridEquations);
 pub(crate) const GRID_STEPS: Handle<GridSteps> = Handle::new(Slot::GridSteps);
@@ -273,10 +268,6 @@ pub(crate) fn masks(level: usize) -> Handle<Masks> {
 
 pub(crate) fn relative_blur(level: usize) -> Handle<RelativeBlur> {
     Handle::new(Slot::RelativeBlur { level })
-}
-
-pub(crate) fn change(color: usize) -> Handle<Change> {
-    Handle::new(Slot::Change { color })
 }
 
 pub(crate) fn filters(bank: usize) -> Handle<Filters> {

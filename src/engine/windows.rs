@@ -9,7 +9,7 @@ use super::filter;
 use super::processing::{LEAST_BLUR, Noise, Steps};
 use super::stages::spline::{Field, near, read};
 use super::stages::sums::{UNKNOWNS, displacements};
-use super::stages::{convolve, ingest};
+use super::stages::{ingest, separable};
 use super::vulkan::Buffer;
 use crate::base::color::LUMINANCE;
 use crate::base::{
@@ -240,14 +240,14 @@ impl Pair<'_> {
         let steps = [Steps::of(&i1, [part.x, part.y]), Steps::of(&original, [counterpart.x, counterpart.y])];
         let photographs = [i1, self.registered(part, &original, counterpart)];
         let clear = self.clear(part, &photographs, reach as usize);
-        let alike = (widest <= NEARLY_ALIKE).then(|| photographs.each_ref().map(|i| convolve::smoothed(i, SMOOTHING)));
+        let alike = (widest <= NEARLY_ALIKE).then(|| photographs.each_ref().map(|i| separable::smoothed(i, SMOOTHING)));
         let sides = [(&photographs[0], 1.0), (&photographs[1], -1.0)].map(|(image, sign)| {
             // No blur where V is not valid: such places are around the window.
             let v = |x: usize, y: usize| (sign * self.v(part.x + x as u32, part.y + y as u32)).clamp(0.0, widest);
             let v = |x, y| Some(v(x, y)).filter(|v| v.is_finite()).unwrap_or(0.0);
             blurred(image, &Field::from_fn(image.width, image.height, v))
         });
-        let smooth = sides.each_ref().map(|side| convolve::smoothed(side, SMOOTHING));
+        let smooth = sides.each_ref().map(|side| separable::smoothed(side, SMOOTHING));
         let splines = sides.each_ref().map(spline);
         let whole = centre(self.size()[0], self.size()[1]);
         let (mut sums, mut matched, mut unmatched) = (Gradients::none(), Contrast::default(), Contrast::default());
@@ -390,7 +390,7 @@ impl Pair<'_> {
 /// Spline coefficients.
 fn spline(image: &Field) -> Field {
     let prefilter = filter::spline_prefilter();
-    convolve::filtered(image, [&prefilter; 2], 1)
+    separable::filtered(image, [&prefilter; 2], 1)
 }
 
 /// The central difference at a pixel.
@@ -417,7 +417,7 @@ fn blurred(image: &Field, variance: &Field) -> Field {
     while let Some(&last) = sigmas.last().filter(|&&last| last < most) {
         sigmas.push((last + STEP.max(last / 3.0)).min(most));
     }
-    let node = |&sigma: &f64| if sigma < SHARP { image.clone() } else { convolve::smoothed(image, sigma) };
+    let node = |&sigma: &f64| if sigma < SHARP { image.clone() } else { separable::smoothed(image, sigma) };
     let nodes: Vec<Field> = sigmas.iter().map(node).collect();
     let value = |x: usize, y: usize| {
         let v = variance.get(x, y);

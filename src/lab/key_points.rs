@@ -9,7 +9,7 @@ use nalgebra::Complex;
 use crate::base::color::LUMINANCE;
 use crate::base::{Decode, Error, Frame, Mask, Similarity, centre};
 use crate::engine::filter;
-use crate::engine::stages::{Field, convolve, ingest, unit};
+use crate::engine::stages::{Field, ingest, separable, unit};
 
 /// Least number of key-points, matches and inliers. A similarity needs two, and a third may agree by chance.
 const LEAST: usize = 6;
@@ -88,7 +88,7 @@ fn detect(luminance: &Field) -> Features {
 fn reduced(mut image: Field) -> (Field, f64) {
     let (filter, mut factor) = (filter::gaussian(1.0), 1.0);
     while image.data.len() > MOST_PIXELS {
-        image = convolve::filtered(&image, [&filter; 2], 2);
+        image = separable::filtered(&image, [&filter; 2], 2);
         factor *= 2.0;
     }
     (image, factor)

@@ -3,7 +3,7 @@
 use crate::base::color::{LUMINANCE, stored};
 use crate::base::{Brightness, Channels, Decode, Frame, Homography, Region, centre, workers};
 use crate::engine::filter;
-use crate::engine::stages::convolve::weigh;
+use crate::engine::stages::separable::weigh;
 use crate::engine::stages::spline::{self, mirror};
 
 /// The cubic B-spline through the pixels of an image of one to three channels, mirrored about the border pixels.

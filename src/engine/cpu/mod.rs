@@ -4,59 +4,28 @@ pub(super) mod pair;
 pub(super) mod sweep;
 
 use super::script::{Action, Dispatch, Entry, Executable};
-use super::stages::pass::{Memory, Pass};
-use super::stages::{Number, convolve, relax, relax_grid};
-use super::vulkan::Variant;
+use super::stages::Number;
+use super::stages::pass::Memory;
 use crate::base::Error;
 
-/// Runs entries of a script. `proceed` is called before each, or after those that run together with the one before, and
-/// ends the run by an error.
+/// Runs entries of a script. `proceed` is called before each, and ends the run by an error.
 pub(crate) fn run<'a, N: Executable>(
     entries: impl IntoIterator<Item = &'a Entry>,
     memory: &mut Memory<N>,
     proceed: &mut dyn FnMut(&Entry) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    let entries: Vec<&Entry> = entries.into_iter().collect();
-    let mut n = 0;
-    while let Some(entry) = entries.get(n) {
+    for entry in entries {
         proceed(entry)?;
-        let mut count = 1;
         match &entry.action {
-            Action::Dispatch(dispatch) if !runs(dispatch, memory) => {}
-            Action::Dispatch(dispatch) => match run_several(&entries[n..], memory) {
-                0 => N::run(dispatch, memory),
-                several => count = several,
-            },
+            Action::Dispatch(dispatch) if runs(dispatch, memory) => N::run(dispatch, memory),
+            Action::Dispatch(_) => {}
             Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
             Action::Clear { image, size, layers } => memory.clear(*image, *size, layers.clone()),
             // The results are read from the blur stacks.
             Action::Download { .. } => {}
         }
-        entries[n + 1..n + count].iter().try_for_each(|entry| proceed(entry))?;
-        n += count;
     }
     Ok(())
-}
-
-/// Runs the first dispatches at once, so that rows stay in the cache: a filter along x and one along y, or all
-/// relaxation sweeps of a level or of a grid. Returns how many they are; 0 for others.
-fn run_several<N: Number>(entries: &[&Entry], memory: &mut Memory<N>) -> usize {
-    if let [x, y, ..] = first_of::<convolve::Bindings, N>(entries, memory)[..] {
-        return if convolve::run_both([x, y], memory) { 2 } else { 0 };
-    }
-    match relax::run_all(&first_of(entries, memory), memory) {
-        0 => relax_grid::run_all(&first_of(entries, memory), memory),
-        count => count,
-    }
-}
-
-/// The first dispatches, those of one pass.
-fn first_of<P: Pass, N: Number>(entries: &[&Entry], memory: &Memory<N>) -> Vec<(P, P::Constants, Variant)> {
-    let of_pass = |entry: &&Entry| match &entry.action {
-        Action::Dispatch(dispatch) if runs(dispatch, memory) => dispatch.of(),
-        _ => None,
-    };
-    entries.iter().map_while(of_pass).collect()
 }
 
 /// Whether a dispatch has any workgroups.

@@ -10,8 +10,8 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::cascade::Coarser;
 use crate::engine::stages::state::{LevelState, MAX_LEVELS};
 use crate::engine::stages::{
-    convolve, edge, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles,
-    separable, subdivide, update_transform,
+    edge, edge_cells, exposure, half_pair, linearise, pixels, relax, relax_grid_tiles, relax_tiles, separable,
+    subdivide, update_transform,
 };
 use crate::engine::sweep::model as sweep;
 use crate::engine::vulkan::{Stage, Variant};
@@ -119,7 +119,7 @@ impl Solve {
     fn pair(pair: &Measured, registers: bool) -> Self {
         let [width, height] = pair.size;
         let format = Format { channels: pair.channels, depth: Depth::U8 };
-        let plan = Plan::new(width, height, [format; 2], &Settings::default()).unwrap().shaped_for_gpu();
+        let plan = Plan::new(width, height, [format; 2], &Settings::default()).unwrap();
         let mut script = compose(&plan, pair.masked);
         if registers {
             script.parts.truncate(script.registered);
@@ -296,7 +296,6 @@ fn rounds(dispatch: &Dispatch) -> f64 {
             }
         }
         ("relax", _) => f64::from(bytemuck::pod_read_unaligned::<relax::Constants>(c).rows) / 8.0,
-        ("convolve", true) => f64::from(bytemuck::pod_read_unaligned::<convolve::Constants>(c).blocks) / 8.0,
         ("separable", true) => {
             let [x, y] = bytemuck::pod_read_unaligned::<separable::Constants>(c).blocks;
             f64::from(x.max(y)) / 8.0
@@ -330,10 +329,6 @@ fn share_of_tiles(dispatch: &Dispatch, tiles: f64) -> f64 {
         ("half_pair", _) => {
             let c: half_pair::Constants = bytemuck::pod_read_unaligned(c);
             (half_pair::TILE, [c.width, c.height])
-        }
-        ("convolve", true) => {
-            let c: convolve::Constants = bytemuck::pod_read_unaligned(c);
-            (convolve::tile(convolve::is_vertical(dispatch.variant)), [c.length, c.breadth])
         }
         ("separable", true) => {
             let c: separable::Constants = bytemuck::pod_read_unaligned(c);

@@ -8,7 +8,8 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::state::State;
 use crate::engine::stages::sums::Layout;
 use crate::engine::stages::{
-    convolve, edge, exposure, grid, half_pair, linearise, pixels, shape_windows, system, uncertainty_terms,
+    edge, exposure, grid, half_pair, linearise, pixels, separable, shape_windows, system, system_tiles,
+    uncertainty_terms,
 };
 use crate::engine::tiles;
 use crate::engine::vulkan::{MIB, Texel, image_limits};
@@ -115,7 +116,7 @@ impl Plan {
         list.extend([
             image(Slot::Stacks, self.size, self.stack_layers()),
             image(Slot::NormalEquations, self.size, linearise::LAYERS),
-            image(Slot::UncertaintyTerms, uncertainty_terms::size(self.size), uncertainty_terms::LAYERS as u32),
+            image(Slot::UncertaintyTerms, uncertainty_terms::size(self.size), uncertainty_terms::STORED as u32),
         ]);
         for level in &self.pyramid {
             list.extend([0, 1].map(|image| self::image(Slot::Luminance { image, level: level.index }, level.size, 1)));
@@ -161,14 +162,14 @@ impl Plan {
             image(Slot::NormalEquations, self.size, half_pair::LAYERS),
             image(Slot::Luminance { image: 0, level: 0 }, self.size, 1),
             image(Slot::Aligned, self.size, frames),
-            // `update` binds it; steps of sweeps are not kept.
-            image(Slot::UncertaintyTerms, [1; 2], uncertainty_terms::LAYERS as u32),
+            // `relax_tiles` binds it; steps of sweeps are not kept.
+            image(Slot::UncertaintyTerms, [1; 2], uncertainty_terms::STORED as u32),
         ]);
         list.extend(self.pyramid.iter().map(|level| image(Slot::Frames { level: level.index }, level.size, frames)));
         // The sums of all half-pairs, four of a frame at most on either side.
         let [columns, rows, _] = half_pair::tiles(self.size);
         let half_pairs = 8 * u64::from(frames) * u64::from(columns * rows) * 4 * Layout::of(true).length as u64;
-        let [columns, rows, _] = system::tiles(self.size);
+        let [columns, rows, _] = system_tiles::tiles(self.size);
         let steps = 4 * (system::SUMS as u64) * u64::from(columns * rows);
         // A bit a frame.
         let hidden = 4 * u64::from(frames.div_ceil(32)) * self.pixels();
@@ -183,6 +184,7 @@ impl Plan {
 
     fn common_layout(&self) -> Vec<Allocation> {
         let (half, cells) = (self.pyramid[0].half(), grid::cells(self.size));
+        let steps = self.pyramid.iter().map(|level| self.grid_steps(level)).max().unwrap_or(cells);
         let mut list = vec![
             image(Slot::Spline2, self.size, 1),
             image(Slot::Scratch, self.size, SCRATCH_LAYERS),
@@ -191,16 +193,13 @@ impl Plan {
                 kind: AllocationKind::Image { size: half, layers: 2, texel: Texel::FourHalf },
             },
             buffer(Slot::GridEquations, 4 * grid::FLOATS as u64 * cells, HostAccess::None),
-            buffer(Slot::GridSteps, 4 * cells, HostAccess::None),
+            buffer(Slot::GridSteps, 4 * steps, HostAccess::None),
             buffer(Slot::State, size_of::<State>() as u64, HostAccess::None),
             self.photograph(0),
         ];
-        if !self.relaxes_tiles() {
-            list.extend([0, 1].map(|color| image(Slot::Change { color }, half, 1)));
-        }
         let solved = &self.pyramid[..self.solved];
         list.extend(solved.iter().map(|level| image(Slot::RelativeBlur { level: level.index }, level.size, 1)));
-        let weights = 4 * convolve::WEIGHTS as u64;
+        let weights = 4 * separable::WEIGHTS as u64;
         list.extend(
             (0..self.weights.banks.len()).map(|bank| buffer(Slot::Filters { bank }, weights, HostAccess::Upload)),
         );

@@ -2,14 +2,14 @@
 
 use crate::base::{Channels, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
 use crate::engine::filter::{self, Filter};
-use crate::engine::shaders::system_tiles::TAPS;
+use crate::engine::shaders::filter::TAPS;
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::noise::Noise;
-use crate::engine::stages::stack::{self, Sampling, Slopes, node_count};
+use crate::engine::stages::stack::{self, Slopes, node_count};
 use crate::engine::stages::state::MAX_LEVELS;
 use crate::engine::stages::{
-    self, convolve, edge, linearise, relax_tiles, separable, shape_windows, uncertainty_terms,
+    self, cascade, edge, grid, linearise, relax_tiles, separable, shape_windows, uncertainty_terms,
 };
 
 mod layout;
@@ -67,10 +67,7 @@ pub(crate) struct Plan {
     pub(crate) layers: Vec<StackLayer>,
     /// Filters of the frames of a sweep: a low pass; then along x and along y the part that a high pass adds.
     pub(crate) band: [FilterRange; 3],
-    /// Whether passes are shaped for a GPU, where the traffic and the number of dispatches cost most, rather than for a
-    /// processor, where instructions do.
-    pub(crate) for_gpu: bool,
-    /// Whether blur stacks may be packed; not for comparisons with floats.
+    /// Whether a texel of the blur stacks may hold a coefficient of each photograph in 16 bits, instead of a float.
     pub(crate) may_pack: bool,
 }
 
@@ -94,46 +91,37 @@ impl Plan {
         let mut weights = Weights::default();
         let layers = (1..pyramid[0].nodes * Slopes::of(&settings.kernel).layers()).map(|n| {
             let stack::Layer { from, sampling, terms } = stack::layer(&settings.kernel, n);
-            let terms = terms.iter().map(|filters| filters.each_ref().map(|f| weights.add(f))).collect();
+            let terms = terms.iter().map(|filters| weights.add(filters.each_ref())).collect();
             StackLayer { from: from as u32, sampling, terms }
         });
         let layers = layers.collect();
+        let [low, wide, less] = band();
+        let [along_x, along_y] = weights.add([&wide, &less]);
         Ok(Self {
             size: [width, height],
             packed,
             formats,
             settings: Settings { decode: settings.decode.resolved(formats.map(|f| f.depth)), ..settings.clone() },
             solved,
-            halve: weights.add(&halving_filter()),
-            prefilter: weights.add(&filter::spline_prefilter()),
-            window: weights.add(&uncertainty_terms::window()),
+            halve: weights.add_one(&halving_filter()),
+            prefilter: weights.add_one(&filter::spline_prefilter()),
+            window: weights.add_one(&uncertainty_terms::window()),
             layers,
-            band: band().map(|filter| weights.add(&filter)),
-            for_gpu: false,
+            band: [weights.add_one(&low), along_x, along_y],
             may_pack: true,
             pyramid,
             weights,
         })
     }
 
-    /// The plan with passes shaped for a device.
-    pub(crate) fn shaped_for(self, device: &DeviceInfo) -> Self {
-        if device.is_shaped_for_gpu() { self.shaped_for_gpu() } else { self }
-    }
-
-    /// The plan with passes shaped for a GPU.
-    pub(crate) fn shaped_for_gpu(mut self) -> Self {
-        assert!(2 * self.window.radius < TAPS, "the window of `system_tiles` has at most {TAPS} weights");
-        // The tiles of the finest level also state the deviation of T, which is not to depend on the device.
-        for level in &mut self.pyramid[1..] {
-            level.rows = linearise::rows(level.size, true);
+    /// The plan for a device. The CPU device stores blur stacks as floats, which it need not unpack, and takes longer
+    /// tiles of `linearise`, since it runs fewer at once.
+    pub(crate) fn for_device(mut self, device: &DeviceInfo) -> Self {
+        if device.is_cpu_device() {
+            self.may_pack = false;
+            self.pyramid.iter_mut().for_each(|level| level.rows = linearise::rows_on_processor(level.size));
         }
-        Self { for_gpu: true, ..self }
-    }
-
-    /// Whether all relaxation sweeps on a level or a grid are one dispatch over tiles.
-    pub(crate) fn relaxes_tiles(&self) -> bool {
-        self.for_gpu && relax_tiles::takes(self.settings.relaxation_sweeps)
+        self
     }
 
     /// The levels solved, coarsest first.
@@ -279,40 +267,40 @@ impl Plan {
         2 * self.layers_of(level) > self.layers_with(self.layers_of(&self.pyramid[0]).max(RESULT_LAYERS))
     }
 
-    /// Whether the spline coefficients of both photographs of a level are computed in one dispatch.
-    pub(crate) fn joins_photographs(&self, level: &Level) -> bool {
-        self.for_gpu && takes_both_axes(level.size, [self.prefilter; 2], level.size.map(|side| 2 * (side - 1)))
+    /// The first of a level's coarse grids whose relaxation another dispatch computes in shared memory; `None` if each
+    /// grid has dispatches of its own: with more sweeps than tiles take, and on long strips, of which even the coarsest
+    /// grid does not fit.
+    pub(crate) fn small_grid(&self, level: &Level) -> Option<usize> {
+        let small = || grid::grids(level.size).iter().position(|grid| cascade::fits(grid.size));
+        (self.settings.relaxation_sweeps <= relax_tiles::MOST_SWEEPS).then(small).flatten()
     }
 
-    /// Whether a texel of the blur stacks holds a coefficient of each photograph in 16 bits, instead of a float: on
-    /// GPUs, where all filters run along both axes in one dispatch.
+    /// The number of a level's coarse grids up to which dispatches sum the system.
+    pub(crate) fn summed_grids(&self, level: &Level) -> usize {
+        self.small_grid(level).map_or_else(|| grid::grids(level.size).len(), |small| small + 1)
+    }
+
+    /// Relaxation sweeps on the n-th of a level's coarse grids.
+    pub(crate) fn sweeps_on_grid(&self, level: &Level, n: usize) -> u32 {
+        let is_coarsest = n + 1 == grid::grids(level.size).len();
+        if is_coarsest { cascade::COARSEST_SWEEPS } else { self.settings.relaxation_sweeps }
+    }
+
+    /// Numbers of dV of a level's grids, and of the spare place behind them: for a grid with several dispatches, and for
+    /// the level if its half-sweeps are stored.
+    pub(crate) fn grid_steps(&self, level: &Level) -> u64 {
+        let grids = grid::grids(level.size);
+        let spare = match self.small_grid(level) {
+            Some(_) => 0,
+            None if self.settings.relaxation_sweeps > relax_tiles::MOST_SWEEPS => level.pixels(),
+            None => grids.last().map_or(0, |grid| stages::pixels(grid.size[0], grid.size[1])),
+        };
+        grid::cells(level.size) + spare
+    }
+
+    /// Whether blur stacks are packed, at least those of the finest level.
     pub(crate) fn packs_stacks(&self) -> bool {
-        let mut packed = self.pyramid.iter().filter(|level| self.exceeds_packed(level));
-        self.for_gpu
-            && self.may_pack
-            && self.slopes() == Slopes::Laplacian
-            && packed.all(|level| self.filters_by_both_axes(level))
-    }
-
-    /// Whether all filters of a level's stacks run along both axes in one dispatch.
-    fn filters_by_both_axes(&self, level: &Level) -> bool {
-        let periods = level.size.map(|side| 2 * (side - 1));
-        let mut every = self.layers_on(level).filter(|layer| layer.sampling == Sampling::Every);
-        self.joins_photographs(level)
-            && every.all(|layer| takes_both_axes(level.size, layer.terms[0], periods))
-            && self.halves_by_both_axes(level)
-    }
-
-    /// Whether the half-size layers of a level's stacks are filtered along both axes in one dispatch.
-    pub(crate) fn halves_by_both_axes(&self, level: &Level) -> bool {
-        let (half, periods) = (level.size.map(|side| side.div_ceil(2)), level.size.map(|side| side - 1));
-        let mut halved = self.layers_on(level).filter(|layer| layer.sampling != Sampling::Every);
-        self.for_gpu && halved.all(|layer| takes_both_axes(half, layer.terms[0], periods))
-    }
-
-    /// The layers of a level's stacks after the first.
-    fn layers_on(&self, level: &Level) -> impl Iterator<Item = &StackLayer> {
-        self.layers[..self.layers_of(level) as usize - 1].iter()
+        self.may_pack && self.slopes() == Slopes::Laplacian
     }
 
     /// Layers of both blur stacks as a device stores them, and of the results.
@@ -345,11 +333,6 @@ impl Plan {
     pub(crate) fn slopes(&self) -> Slopes {
         Slopes::of(&self.settings.kernel)
     }
-}
-
-/// Whether one dispatch can filter an image of a size along both axes.
-pub(crate) fn takes_both_axes(size: [u32; 2], filters: [FilterRange; 2], periods: [u32; 2]) -> bool {
-    filters[0].bank == filters[1].bank && separable::takes(size, filters.map(|filter| filter.radius), periods)
 }
 
 /// Outer iterations of a level after which the steps of V and T are damped. Most levels settle before. Of the others,
@@ -436,7 +419,8 @@ impl Level {
             length: f64::from(size[0]).hypot(size[1].into()) / 4.0,
             limit,
             nodes: node_count(READ_BEYOND * limit),
-            rows: linearise::rows(size, false),
+            // The tiles of the finest level also state the deviation of T, which is not to depend on the device.
+            rows: if index == 0 { linearise::rows_on_processor(size) } else { linearise::rows_on_gpu(size) },
             noise: Noise::new(index),
         }
     }
@@ -487,19 +471,27 @@ pub(crate) struct Weights {
 }
 
 impl Weights {
-    fn add(&mut self, filter: &Filter) -> FilterRange {
-        let blocks = (filter.len() as u32).div_ceil(convolve::BLOCK);
-        let length = (blocks * convolve::BLOCK) as usize;
-        if self.banks.last().is_none_or(|bank| bank.len() + length > convolve::WEIGHTS) {
+    /// Adds a filter along x and one along y, which are in one bank.
+    fn add(&mut self, filters: [&Filter; 2]) -> [FilterRange; 2] {
+        let length = |filter: &Filter| filter.len().next_multiple_of(separable::BLOCK as usize);
+        let both: usize = filters.map(length).iter().sum();
+        if self.banks.last().is_none_or(|bank| bank.len() + both > separable::WEIGHTS) {
             self.banks.push(Vec::new());
         }
         let bank = self.banks.len() - 1;
-        let weights = &mut self.banks[bank];
-        let (offset, radius) = (weights.len() as u32 / 4, (filter.len() / 2) as u32);
-        let end = weights.len() + length;
-        weights.extend(filter);
-        weights.resize(end, 0.0);
-        FilterRange { bank, offset, blocks, radius }
+        filters.map(|filter| {
+            let weights = &mut self.banks[bank];
+            let (offset, end) = (weights.len() as u32 / 4, weights.len() + length(filter));
+            weights.extend(filter);
+            weights.resize(end, 0.0);
+            let blocks = (length(filter) as u32) / separable::BLOCK;
+            FilterRange { bank, offset, blocks, radius: (filter.len() / 2) as u32 }
+        })
+    }
+
+    /// Adds a filter that serves along both axes.
+    fn add_one(&mut self, filter: &Filter) -> FilterRange {
+        self.add([filter, &Filter::new()])[0]
     }
 }
 
@@ -572,8 +564,9 @@ mod tests {
     fn bytes_a_pixel() {
         for (width, height) in [(4000, 3000), (1024, 1024), (640, 480), (320, 240)] {
             let bytes = |plan: &Plan| plan.bytes().0 as f64 / f64::from(width * height);
-            let [processor, gpu] = [plan(width, height), plan(width, height).shaped_for_gpu()].map(|plan| bytes(&plan));
-            assert!(processor < 166.5 && gpu < 120.0, "{width}x{height}: {processor}, {gpu}");
+            let packed = plan(width, height);
+            let [packed, floats] = [&packed, &Plan { may_pack: false, ..packed.clone() }].map(bytes);
+            assert!(floats < 166.5 && packed < 120.0, "{width}x{height}: {floats}, {packed}");
         }
     }
 

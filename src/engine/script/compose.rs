@@ -9,7 +9,7 @@ use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
-use crate::engine::stages::{convolve, grid, linearise, relax, relax_grid, relax_tiles, system, system_tiles, update};
+use crate::engine::stages::{grid, halve_grid, relax, relax_tiles, system_tiles};
 use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
@@ -99,17 +99,13 @@ fn groups(plan: &Plan, level: &Level, over: Over) -> [u32; 3] {
     match over {
         Over::Tiles => level.tiles(),
         Over::Half => relax::tiles(level.size),
-        Over::Pixels => system::STAGE.groups(level.size),
-        Over::Blocks => update::tiles(level.size),
-        Over::AlongX => convolve::groups([level.size[0], level.size[1]], false, linearise::LAYERS),
-        Over::AlongY => convolve::groups([level.size[1], level.size[0]], true, linearise::LAYERS),
         Over::SystemTiles => system_tiles::tiles(level.size),
         Over::One => [1, 1, 1],
-        // A number of sweeps without tiles has no dispatch over them.
-        Over::RelaxTiles | Over::CoarseTiles(_) if !relax_tiles::takes(sweeps) => [0; 3],
-        Over::RelaxTiles => relax_tiles::tiles(level.size, sweeps),
-        Over::Coarse(n) => of_grid(n, &relax_grid::tiles),
-        Over::CoarseTiles(n) => of_grid(n, &|size| relax_tiles::tiles(size, sweeps)),
+        Over::RelaxTiles => relax_tiles::tiles(level.size, sweeps.min(relax_tiles::MOST_SWEEPS)),
+        Over::Coarse(n) => of_grid(n, &|size| halve_grid::STAGE.groups(grid::halved(size))),
+        Over::CoarseTiles(n) => {
+            of_grid(n, &|size| relax_tiles::tiles(size, relax_tiles::dispatches(plan.sweeps_on_grid(level, n))[0]))
+        }
     }
 }
 
@@ -132,8 +128,6 @@ pub(super) struct Composer<'a> {
     pub(super) warping_again: Option<usize>,
     /// The workgroups of those passes, by level.
     pub(super) warps: Vec<Vec<[u32; 3]>>,
-    /// The level on which filters run unless it has settled.
-    pub(super) unsettled: Option<usize>,
     /// Whether levels settle, so that their passes are dispatched indirectly.
     pub(super) settles: bool,
     /// The place of the next pass in the method.
@@ -154,7 +148,6 @@ impl<'a> Composer<'a> {
             plan,
             masked,
             warping_again: None,
-            unsettled: None,
             warps: vec![Vec::new(); plan.solved],
             settles: true,
             place: Place::default(),
@@ -175,12 +168,12 @@ impl<'a> Composer<'a> {
         Script { parts: self.parts, registered, arguments, tiles: self.lists }
     }
 
-    /// Joins parts to batches. On a processor each part is one.
+    /// Joins parts to batches.
     fn end_batches(&mut self, registered: usize) {
         let (mut bytes, count) = (0, self.parts.len());
         for (n, part) in self.parts.iter_mut().enumerate() {
             bytes += part.bytes();
-            part.ends_batch = !self.plan.for_gpu || bytes >= BATCH_BYTES || [registered, count].contains(&(n + 1));
+            part.ends_batch = bytes >= BATCH_BYTES || [registered, count].contains(&(n + 1));
             if part.ends_batch {
                 bytes = 0;
             }
@@ -340,7 +333,6 @@ impl<'a> Composer<'a> {
                 self.exposure(level, plan.adopts(level), true);
             }
             self.linearise(level, k);
-            self.update_transform(level, k);
             // The last iteration only evaluates the result of the others.
             if k + 1 < plan.settings.outer_iterations {
                 self.step(level, k);

@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 use super::compose::Composer;
-use crate::engine::arguments::{Grid, Over, Place};
-use crate::engine::plan::{FilterRange, Level, SCRATCH_LAYERS, StackLayer, takes_both_axes};
+use crate::engine::arguments::{Grid, Place};
+use crate::engine::plan::{FilterRange, Level, StackLayer};
 use crate::engine::slot::{self, Handle, Plane};
 use crate::engine::stages::stack::Sampling;
-use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, separable, subdivide, warp};
+use crate::engine::stages::{NO_VARIANT, apply_shading, separable, subdivide, warp};
 
 /// A layer of an image.
 type Layer = (Handle<Plane>, u32);
@@ -46,20 +46,27 @@ fn scratch(count: u32) -> Layers {
 /// Pixels beyond weigh less than 1e-5.
 const REACH: u32 = 16;
 
-/// The axis of a filter.
-struct Axis {
-    /// Pixels along the axis, before the filter.
-    length: u32,
-    /// Pixels across it.
-    breadth: u32,
+/// A filter along x and one along y of an image.
+struct Filters {
+    /// Width and height before the filters.
+    size: [u32; 2],
+    /// The filters along x and along y.
+    along: [FilterRange; 2],
     /// 1, or 2 to halve.
     stride: u32,
-    /// Pixels after which the mirrored image repeats.
-    period: u32,
-    /// Along y instead of x.
-    vertical: bool,
-    /// Pixels of the level from one filtered pixel to the next, along the axis and across it.
-    spacing: [u32; 2],
+    /// Pixels after which the mirrored image repeats, along x and along y.
+    periods: [u32; 2],
+    /// Pixels of the level from one filtered pixel to the next.
+    spacing: u32,
+    /// Whether the results are added to the target.
+    adds: bool,
+}
+
+impl Filters {
+    /// Filters on every pixel of an image of a size.
+    fn on(size: [u32; 2], along: [FilterRange; 2]) -> Self {
+        Self { size, along, stride: 1, periods: size.map(|side| 2 * (side - 1)), spacing: 1, adds: false }
+    }
 }
 
 impl Composer<'_> {
@@ -69,10 +76,10 @@ impl Composer<'_> {
         for (parent, level) in plan.pyramid.iter().zip(&plan.pyramid[1..]) {
             self.place = Place::level(level.index);
             let images = [parent, level].map(|level| (slot::luminance(image, level.index), 0));
-            self.separable(images, parent.size, [plan.halve; 2], 2, false);
+            self.halve(images, parent.size);
             if self.masked {
                 let masks = [parent, level].map(|level| (slot::masks(level.index).plane(), image as u32));
-                self.separable(masks, parent.size, [plan.halve; 2], 2, false);
+                self.halve(masks, parent.size);
             }
         }
     }
@@ -83,11 +90,7 @@ impl Composer<'_> {
             self.spline2(level);
         }
         let shaded = self.shaded(level);
-        if self.plan.joins_photographs(level) {
-            return self.both_splines(level, shaded);
-        }
-        self.spline(level, (slot::luminance(0, level.index), 0), (slot::STACKS.plane(), 0));
-        self.spline(level, shaded, (slot::STACKS.plane(), self.plan.second_stack(level)));
+        self.both_splines(level, shaded);
     }
 
     /// I2 with its shading applied, on levels where it is warped on I1's pixels, in the scratch image.
@@ -103,10 +106,9 @@ impl Composer<'_> {
 
     /// Spline coefficients of I1 and of the shaded I2, in one dispatch.
     fn both_splines(&mut self, level: &Level, shaded: Layer) {
-        let (periods, first) = (level.size.map(|side| 2 * (side - 1)), slot::luminance(0, level.index));
-        let from = Layers { step: shaded.1, count: 2, ..(first, 0).into() };
+        let from = Layers { step: shaded.1, count: 2, ..(slot::luminance(0, level.index), 0).into() };
         let to = self.stacks(level, 0..2, 0);
-        self.both_axes([from, to], Some(shaded.0), level.size, [self.plan.prefilter; 2], 1, periods, 1);
+        self.filter([from, to], Some(shaded.0), &Filters::on(level.size, [self.plan.prefilter; 2]));
     }
 
     /// Layer n of the level's blur stacks of some images. A single one is not packed.
@@ -124,21 +126,16 @@ impl Composer<'_> {
         let StackLayer { from, sampling, terms } = &plan.layers[n as usize - 1];
         if *sampling != Sampling::Every {
             let first = *sampling == Sampling::Halving;
-            if plan.halves_by_both_axes(level) {
-                debug_assert!(first || *from == n - 1, "half-size layers follow each other");
-                let last = Layers { is_packed: to.is_packed, ..scratch(to.count) };
-                let half = if n + 1 < plan.layers_of(level) { layer(n + 1) } else { last };
-                // The half-size layer before is in this layer's place.
-                self.half_by_both_axes(level, [if first { layer(*from) } else { to }, half], first, terms[0]);
-                self.subdivide(level, half, to);
-            } else {
-                self.half_layer(level, [layer(*from), to], first, terms[0]);
-                self.subdivide(level, scratch(to.count), to);
-            }
+            debug_assert!(first || *from == n - 1, "half-size layers follow each other");
+            let last = Layers { is_packed: to.is_packed, ..scratch(to.count) };
+            let half = if n + 1 < plan.layers_of(level) { layer(n + 1) } else { last };
+            // The half-size layer before is in this layer's place.
+            self.half_layer(level, [if first { layer(*from) } else { to }, half], *sampling, terms[0]);
+            self.subdivide(level, half, to);
             return u64::from(to.count);
         }
         for (add, &term) in terms.iter().enumerate() {
-            self.separable([layer(*from), to], level.size, term, 1, add > 0);
+            self.filter([layer(*from), to], None, &Filters { adds: add > 0, ..Filters::on(level.size, term) });
         }
         u64::from(to.count) * terms.len() as u64
     }
@@ -161,20 +158,28 @@ impl Composer<'_> {
 
     /// Spline coefficients of an image.
     pub(super) fn spline(&mut self, level: &Level, from: Layer, to: Layer) {
-        self.separable([from, to], level.size, [self.plan.prefilter; 2], 1, false);
+        self.separable([from, to], level.size, [self.plan.prefilter; 2]);
     }
 
-    /// The mean over the window around each pixel of an image's first `count` layers, in place.
-    pub(super) fn smooth(&mut self, image: Handle<Plane>, count: u32, size: [u32; 2]) {
-        for first in (0..count).step_by(SCRATCH_LAYERS as usize) {
-            self.smooth_layers(Layers { count: SCRATCH_LAYERS.min(count - first), ..(image, first).into() }, size);
-        }
+    /// The mean over the window around each pixel.
+    pub(super) fn smooth(&mut self, layers: [Layer; 2], size: [u32; 2]) {
+        self.separable(layers, size, [self.plan.window; 2]);
     }
 
-    /// The same of some layers, at most as many as the scratch image has.
-    pub(super) fn smooth_layers(&mut self, layers: impl Into<Layers>, size: [u32; 2]) {
-        let layers = layers.into();
-        self.separable([layers; 2], size, [self.plan.window; 2], 1, false);
+    /// Halves an image of a size.
+    pub(super) fn halve(&mut self, layers: [Layer; 2], size: [u32; 2]) {
+        let filters = Filters { stride: 2, ..Filters::on(size, [self.plan.halve; 2]) };
+        self.filter(layers.map(Into::into), None, &filters);
+    }
+
+    /// A filter along x and one along y, of one layer into another.
+    pub(super) fn separable(&mut self, layers: [Layer; 2], size: [u32; 2], along: [FilterRange; 2]) {
+        self.filter(layers.map(Into::into), None, &Filters::on(size, along));
+    }
+
+    /// Adds the results of a filter along x and one along y to another layer.
+    pub(super) fn add_separable(&mut self, layers: [Layer; 2], size: [u32; 2], along: [FilterRange; 2]) {
+        self.filter(layers.map(Into::into), None, &Filters { adds: true, ..Filters::on(size, along) });
     }
 
     /// I2 with its shading applied, on I1's pixels, into a layer.
@@ -216,39 +221,22 @@ impl Composer<'_> {
         Grid::IfMoved { level, n: warps.len() - 1 }
     }
 
-    /// Layers on every other pixel.
-    ///
-    /// A half-size layer is in the corner of the scratch image, which holds the layer before unless this is the
-    /// first. The layer's own place holds the result of the first direction in between.
-    fn half_layer(
-        &mut self,
-        level: &Level,
-        [from, layers]: [Layers; 2],
-        first: bool,
-        [along_x, along_y]: [FilterRange; 2],
-    ) {
-        let ([width, height], [half_width, half_height]) = (level.size, level.size.map(|side| side.div_ceil(2)));
-        let (stride, period) = if first { (2, 2) } else { (1, 1) };
-        let [length, breadth] = if first { [width, height] } else { [half_width, half_height] };
-        let spacing = if first { [1, 1] } else { [2, 2] };
-        let x = Axis { length, breadth, stride, period: period * (width - 1), vertical: false, spacing };
-        let length = if first { height } else { half_height };
-        let spacing = if first { [1, 2] } else { [2, 2] };
-        let y = Axis { length, breadth: half_width, stride, period: period * (height - 1), vertical: true, spacing };
-        let half = scratch(layers.count);
-        self.convolve([if first { from } else { half }, layers], &x, along_x, false);
-        self.convolve([layers, half], &y, along_y, false);
-    }
-
     /// A half-size layer, from the full-size one or from the half-size one before.
     ///
     /// It is in the corner of the layer that comes next, which is not computed yet, or of the scratch image.
-    fn half_by_both_axes(&mut self, level: &Level, layers: [Layers; 2], first: bool, filters: [FilterRange; 2]) {
-        let periods = level.size.map(|side| side - 1);
-        match first {
-            true => self.both_axes(layers, None, level.size, filters, 2, periods.map(|period| 2 * period), 1),
-            false => self.both_axes(layers, None, level.size.map(|side| side.div_ceil(2)), filters, 1, periods, 2),
-        }
+    fn half_layer(&mut self, level: &Level, layers: [Layers; 2], sampling: Sampling, along: [FilterRange; 2]) {
+        let halves = Filters { stride: 2, ..Filters::on(level.size, along) };
+        let filters = match sampling {
+            Sampling::Half => Filters {
+                size: level.size.map(|side| side.div_ceil(2)),
+                stride: 1,
+                periods: level.size.map(|side| side - 1),
+                spacing: 2,
+                ..halves
+            },
+            _ => halves,
+        };
+        self.filter(layers, None, &filters);
     }
 
     /// Layers on every pixel from half-size ones.
@@ -277,47 +265,16 @@ impl Composer<'_> {
         }
     }
 
-    /// A filter along x, then one along y: in one dispatch where that is faster and possible, else by way of the
-    /// scratch image. The results replace the target layers or are added to them.
-    pub(super) fn separable(
-        &mut self,
-        layers: [impl Into<Layers>; 2],
-        size @ [width, height]: [u32; 2],
-        filters @ [along_x, along_y]: [FilterRange; 2],
-        stride: u32,
-        add: bool,
-    ) {
-        let (spacing, periods) = ([1, 1], size.map(|side| 2 * (side - 1)));
-        let x = Axis { length: width, breadth: height, stride, period: 2 * (width - 1), vertical: false, spacing };
-        let breadth = width.div_ceil(stride);
-        let y = Axis { length: height, breadth, stride, period: 2 * (height - 1), vertical: true, spacing };
-        let [from, to] = layers.map(Into::into);
-        let in_place = from.image.slot() == to.image.slot() && from.first == to.first;
-        if self.plan.for_gpu && !add && !in_place && takes_both_axes(size, filters, periods) {
-            return self.both_axes([from, to], None, size, filters, stride, periods, 1);
-        }
-        self.convolve([from, scratch(from.count)], &x, along_x, false);
-        self.convolve([scratch(from.count), to], &y, along_y, add);
-    }
-
-    /// Filters along x and along y in one dispatch, from layers to others. `spacing`: pixels of the level from one
-    /// filtered pixel to the next. `second`: the image of the second layer, if it is another than that of the first.
-    #[allow(clippy::too_many_arguments)]
-    fn both_axes(
-        &mut self,
-        [from, to]: [Layers; 2],
-        second: Option<Handle<Plane>>,
-        size @ [width, height]: [u32; 2],
-        filters: [FilterRange; 2],
-        stride: u32,
-        periods: [u32; 2],
-        spacing: u32,
-    ) {
-        debug_assert!(self.unsettled.is_none(), "its grid is not that of a level");
-        let radii = filters.map(|filter| filter.radius);
-        let long = separable::is_long(radii);
-        let tile = separable::tile(stride, long).map(|side| side * stride * spacing);
-        let (grid, list) = self.extent(tile, separable::groups(size, stride, long, to.groups()));
+    /// Filters along x and along y in one dispatch, from layers to others. `second`: the image of the second layer, if it
+    /// is another than that of the first.
+    fn filter(&mut self, [from, to]: [Layers; 2], second: Option<Handle<Plane>>, filters: &Filters) {
+        let &Filters { size: size @ [width, height], along, stride, periods, spacing, adds } = filters;
+        debug_assert!(along[0].bank == along[1].bank, "a dispatch binds one bank");
+        debug_assert!(from.image.slot() != to.image.slot() || from.first != to.first, "it does not work in place");
+        let radii = along.map(|filter| filter.radius);
+        let any = adds || separable::is_any(size, radii, periods);
+        let tile = separable::tile(stride, any).map(|side| side * stride * spacing);
+        let (grid, list) = self.extent(tile, separable::groups(size, stride, any, to.groups()));
         let constants = separable::Constants {
             width,
             height,
@@ -326,60 +283,22 @@ impl Composer<'_> {
             from_step: from.step,
             to_step: to.step,
             planes: from.count,
-            offsets: filters.map(|filter| filter.offset),
+            offsets: along.map(|filter| filter.offset),
             radii,
-            periods,
+            periods: periods.map(|period| period.max(1)),
             listed: list.unwrap_or(0),
-            blocks: filters.map(|filter| filter.blocks),
+            blocks: along.map(|filter| filter.blocks),
+            add: u32::from(adds),
         };
         let bindings = separable::Bindings {
             from: from.image.words().read(),
             second: second.unwrap_or(from.image).words().read(),
-            to: to.image.words().write(),
-            filters: slot::filters(filters[0].bank).read(),
+            to: to.image.words().update(),
+            filters: slot::filters(along[0].bank).read(),
             tiles: slot::TILES.read(),
             state: slot::STATE.read(),
         };
-        let variant = separable::variant(stride, [long, list.is_some(), second.is_some(), to.is_packed]);
-        self.dispatch(bindings, &constants, variant, grid);
-    }
-
-    /// A filter along one axis.
-    fn convolve(
-        &mut self,
-        [from, to]: [Layers; 2],
-        &Axis { length, breadth, stride, period, vertical, spacing: [along, across] }: &Axis,
-        FilterRange { bank, offset, blocks, radius }: FilterRange,
-        add: bool,
-    ) {
-        let [width, height] = convolve::tile(vertical);
-        let tile = if vertical { [across * width, along * height] } else { [along * width, across * height] };
-        let constants = convolve::Constants {
-            length,
-            breadth,
-            from_layer: from.first,
-            to_layer: to.first,
-            from_step: from.step,
-            to_step: to.step,
-            planes: from.count,
-            offset,
-            blocks,
-            radius,
-            add: u32::from(add),
-            period: period.max(1),
-            listed: 0,
-        };
-        let (grid, list) = self.extent(tile, convolve::groups([length, breadth], vertical, from.count));
-        let over = if vertical { Over::AlongY } else { Over::AlongX };
-        let grid = self.unsettled.map_or(grid, |level| Grid::Level { level, over });
-        let constants = convolve::Constants { listed: list.unwrap_or(0), ..constants };
-        let variant = convolve::variant(&constants, vertical, stride, list.is_some());
-        let bindings = convolve::Bindings {
-            from: from.image.read(),
-            to: to.image.update(),
-            filters: slot::filters(bank).read(),
-            tiles: slot::TILES.read(),
-        };
+        let variant = separable::variant(stride, [any, list.is_some(), second.is_some(), to.is_packed]);
         self.dispatch(bindings, &constants, variant, grid);
     }
 }

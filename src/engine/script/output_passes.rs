@@ -34,7 +34,7 @@ impl Composer<'_> {
         let constants = residual::Constants {
             width,
             height,
-            layer: uncertainty_terms::RESIDUAL as u32,
+            layer: uncertainty_terms::RESIDUAL as u32 + 1,
             nodes: finest.nodes as u32,
             second_stack: plan.second_stack(finest),
             centre: single(finest.centre),
@@ -44,7 +44,9 @@ impl Composer<'_> {
         let variant = linearise::variant(plan.slopes(), plan.warps(finest), false, false);
         let variant = stack::packed(variant, plan.packs(finest));
         self.over(size, bindings, &constants, variant);
-        self.smooth(slot::UNCERTAINTY_TERMS.plane(), uncertainty_terms::LAYERS as u32, size);
+        for n in 0..uncertainty_terms::LAYERS as u32 {
+            self.smooth([n + 1, n].map(|n| (slot::UNCERTAINTY_TERMS.plane(), n)), size);
+        }
         let bindings = ambiguity::Bindings {
             i1: slot::i1(0).read(),
             v: slot::relative_blur(0).read(),

@@ -9,18 +9,15 @@ use crate::base::{Decode, RegistrationStep};
 use crate::engine::arguments::{Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
 use crate::engine::slot;
-use crate::engine::stages::cascade::Coarser;
+use crate::engine::stages::cascade::Start;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::{
-    NO_VARIANT, appearance, blur_matched_pair, cascade, coarsest_grids, exposure, grid, halve_grid, ingest, linearise,
-    mask, pair_samples, pixels, prolong, relax, relax_grid, relax_grid_tiles, relax_level, relax_tiles, shape,
-    shape_median, shape_windows, sums, system, system_tiles, uncertainty_terms, unit, unpack, update, update_transform,
+    NO_VARIANT, appearance, blur_matched_pair, cascade, exposure, grid, halve_grid, ingest, linearise, mask,
+    pair_samples, prolong, relax, relax_grid_tiles, relax_tiles, shape, shape_median, shape_windows, sums, system,
+    system_tiles, uncertainty_terms, unit, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
-
-const RED: usize = 0;
-const BLACK: usize = 1;
 
 /// The finest level settles once no corner moves by more than this in an iteration, pixels of the level. At 0.01, pairs
 /// under a half-Gaussian stop 0.004 px off instead of 0.002.
@@ -101,11 +98,11 @@ impl Composer<'_> {
 
     /// Determines which pixels of a photograph count, on the finest level.
     pub(super) fn mask(&mut self, image: usize) {
-        let masks = slot::masks(0);
+        let counts = (slot::SCRATCH, image as u32);
         let bindings = mask::Bindings {
             samples: slot::samples(image).read(),
             mask: slot::MASK.read(),
-            masks: masks.write(),
+            counts: counts.0.write(),
             state: slot::STATE.update(),
         };
         let ([width, height], format) = (self.plan.size, self.plan.formats[image]);
@@ -118,7 +115,7 @@ impl Composer<'_> {
             clipped: self.plan.settings.clipped(format.depth),
         };
         self.over(self.plan.size, bindings, &constants, NO_VARIANT);
-        self.smooth_layers((masks.plane(), image as u32), self.plan.size);
+        self.smooth([counts, (slot::masks(0).plane(), image as u32)], self.plan.size);
     }
 
     /// Matches gain, offset and shading, or measures the correlation alone. Without blur stacks V is zero, and I2 is
@@ -223,7 +220,8 @@ impl Composer<'_> {
         self.within(level, Over::Tiles, bindings, &constants, variant);
     }
 
-    /// Residuals, D, b and the registration integrals, equations 22 to 32.
+    /// Residuals, D, b and the registration integrals, equations 22 to 32. Its last workgroup updates T and determines
+    /// whether the level has settled.
     pub(super) fn linearise(&mut self, level: &Level, k: u32) {
         let (plan, s) = (self.plan, &self.plan.settings);
         let bindings = linearise::Bindings {
@@ -240,8 +238,6 @@ impl Composer<'_> {
             start_arguments: slot::START_ARGUMENTS.read(),
         };
         let step = transform_step(plan, level, k);
-        // On a processor a dispatch for it takes no longer.
-        let flags = if plan.for_gpu { step.flags | update_transform::STEPS } else { step.flags };
         let constants = linearise::Constants {
             width: level.size[0],
             height: level.size[1],
@@ -259,19 +255,11 @@ impl Composer<'_> {
             elimination: if descends(plan) { 1e20 } else { linearise::ELIMINATION },
             mean: single(s.kernel.mean()),
             noise: level.noise,
-            step: update_transform::Step { flags, ..step },
+            step: update_transform::Step { flags: step.flags | update_transform::STEPS, ..step },
         };
         let variant = linearise::variant(plan.slopes(), plan.warps(level), self.masked, plan.sums_all(level));
         let variant = stack::packed(variant, plan.packs(level));
         self.within(level, Over::Tiles, bindings, &constants, variant);
-    }
-
-    /// Updates T in iteration k of a level that solves for V, and determines whether the level has settled. On a GPU
-    /// the last workgroup of `linearise` does.
-    pub(super) fn update_transform(&mut self, level: &Level, k: u32) {
-        if !self.plan.for_gpu {
-            self.dispatch_update_transform(level, transform_step(self.plan, level, k));
-        }
         self.place = self.place.after_step();
     }
 
@@ -287,11 +275,6 @@ impl Composer<'_> {
             flatness: if level.index == 0 && step_share(k) == 1.0 { FINEST_FLAT } else { COARSER_FLAT },
             ..step
         };
-        self.dispatch_update_transform(level, step);
-        self.place = self.place.after_step();
-    }
-
-    fn dispatch_update_transform(&mut self, level: &Level, step: update_transform::Step) {
         let bindings = update_transform::Bindings {
             partials: slot::PARTIALS.read(),
             state: slot::STATE.update(),
@@ -304,6 +287,7 @@ impl Composer<'_> {
         let constants = update_transform::Constants { rows: columns * rows, factor, length, half_size, step };
         let variant = if self.plan.sums_all(level) { sums::PROJECTIVE } else { NO_VARIANT };
         self.within(level, Over::One, bindings, &constants, variant);
+        self.place = self.place.after_step();
     }
 }
 
@@ -340,7 +324,7 @@ fn transform_step(plan: &Plan, level: &Level, k: u32) -> update_transform::Step 
 /// Whether a level has enough tiles for the scatter over them. By those of a processor, so that levels settle alike on
 /// all devices.
 fn has_tiles(level: &Level) -> bool {
-    let [columns, rows, _] = linearise::tiles(level.size, linearise::rows(level.size, false));
+    let [columns, rows, _] = linearise::tiles(level.size, linearise::rows_on_processor(level.size));
     f64::from(columns * rows) > update_transform::TOO_FEW
 }
 
@@ -378,84 +362,48 @@ impl Composer<'_> {
 
     /// The linear system for the step of the unknown: V of a pair, u of a sweep.
     pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) {
-        let (unknown, weights) = (slot::relative_blur(level.index).read(), slot::WEIGHTS.write());
-        let (partials, state, grid) = (slot::PARTIALS.write(), slot::STATE.read(), slot::GRID_EQUATIONS.write());
-        let equations = slot::NORMAL_EQUATIONS.read();
-        if self.plan.relaxes_tiles() {
-            let window = self.plan.window;
-            let (smoothed, filters) = (slot::SCRATCH.write(), slot::filters(window.bank).read());
-            let bindings =
-                system_tiles::Bindings { unknown, equations, smoothed, weights, partials, state, grid, filters };
-            let grids = self.first_small_grid(&grid::grids(level.size)) + 1;
-            let constants = system_tiles::Constants::new(constants, window, grids);
-            return self.within(level, Over::SystemTiles, bindings, &constants, variant);
-        }
-        self.unsettled = self.settles.then_some(level.index);
-        self.smooth(slot::NORMAL_EQUATIONS, system::layers(variant), level.size);
-        self.unsettled = None;
-        let right_sides = slot::RIGHT_SIDES.write();
-        let bindings = system::Bindings { unknown, equations, right_sides, weights, partials, state, grid };
-        self.within(level, Over::Pixels, bindings, constants, variant);
-    }
-
-    /// The finest grid that one workgroup takes with all coarser ones: on tiles in shared memory. With too many
-    /// relaxation sweeps for tiles, a GPU runs the passes of a processor. There `coarsest_grids` takes longer than in
-    /// shared memory, as it waits for a buffer in each half-sweep.
-    fn first_small_grid(&self, grids: &[grid::Place]) -> usize {
-        let is_small = |grid: &grid::Place| {
-            if self.plan.relaxes_tiles() {
-                cascade::fits(grid.size)
-            } else {
-                pixels(grid.size[0], grid.size[1]) <= coarsest_grids::MOST_CELLS
-            }
+        let window = self.plan.window;
+        let bindings = system_tiles::Bindings {
+            unknown: slot::relative_blur(level.index).read(),
+            equations: slot::NORMAL_EQUATIONS.read(),
+            smoothed: slot::SCRATCH.write(),
+            weights: slot::WEIGHTS.write(),
+            partials: slot::PARTIALS.write(),
+            state: slot::STATE.read(),
+            grid: slot::GRID_EQUATIONS.write(),
+            filters: slot::filters(window.bank).read(),
         };
-        grids.iter().position(is_small).unwrap_or(grids.len() - 1)
+        let constants = system_tiles::Constants::new(constants, window, self.plan.summed_grids(level));
+        self.within(level, Over::SystemTiles, bindings, &constants, variant);
     }
 
     /// dV by the cascade: up to the coarsest grid, and back with relaxation sweeps on each grid and on the level. Then
     /// V.
+    ///
+    /// The finest grid or level of few tiles computes all coarser grids too. With many sweeps it is the one that follows
+    /// the small grids. Where [`Plan::joins_grids`] says no, each grid has dispatches of its own.
     pub(super) fn relaxation(&mut self, level: &Level, update: &update::Constants) {
-        let grids = grid::grids(level.size);
-        let small = self.first_small_grid(&grids);
-        if self.plan.relaxes_tiles() {
-            return self.relaxation_on_tiles(level, &grids, small, update);
+        let (plan, grids) = (self.plan, grid::grids(level.size));
+        let summed = plan.summed_grids(level);
+        for n in system_tiles::GRIDS..summed {
+            self.halve_grid(level, n - 1, [grids[n - 1], grids[n]]);
         }
-        for n in 0..small {
-            self.halve_grid(level, n, [grids[n], grids[n + 1]]);
-        }
-        self.coarsest_grids(level, &grids[small..]);
-        for n in (0..small).rev() {
-            for sweep in 0..self.plan.settings.relaxation_sweeps {
-                self.relax_grid(level, n, [grids[n], grids[n + 1]], RED, sweep);
-                self.relax_grid(level, n, [grids[n], grids[n + 1]], BLACK, sweep);
-            }
-        }
-        self.relax_pixels(level);
-        self.update(level, update);
-    }
-
-    /// The same on tiles. The finest grid or level of few tiles computes all coarser grids too. With many sweeps it is
-    /// the one that follows the small grids. If even the coarsest grid does not fit, it has a dispatch of its own.
-    fn relaxation_on_tiles(&mut self, level: &Level, grids: &[grid::Place], small: usize, update: &update::Constants) {
-        for n in system_tiles::GRIDS - 1..small {
-            self.halve_grid(level, n, [grids[n], grids[n + 1]]);
-        }
-        let joins = cascade::fits(grids[small].size);
-        // The grids that are relaxed by dispatches of their own.
-        let alone = if joins {
+        if let Some(small) = plan.small_grid(level) {
             let sizes = [level.size].into_iter().chain(grids.iter().map(|grid| grid.size));
-            sizes.take(small + 1).position(|size| self.joins_tiles(size)).unwrap_or(small)
-        } else {
-            self.coarsest_grids(level, &grids[small..]);
-            small
-        };
-        let coarser = |n: usize| {
-            if joins && n == alone { Coarser::joined(&grids[n..], small - n) } else { Coarser::stored(grids[n].first) }
-        };
-        for n in (0..alone).rev() {
-            self.relax_grid_tiles(level, n, grids[n], coarser(n + 1));
+            let alone = sizes.take(small + 1).position(|size| self.joins_tiles(size)).unwrap_or(small);
+            let joined = || Start::Joined { grids: &grids[alone..], small: small - alone };
+            for n in (0..alone).rev() {
+                let start = if n + 1 == alone { joined() } else { Start::Coarser(grids[n + 1].first) };
+                self.relax_grid(level, n, start);
+            }
+            let start = if alone == 0 { joined() } else { Start::Coarser(grids[0].first) };
+            return self.relax_tiles(level, start, plan.settings.relaxation_sweeps, update);
         }
-        self.relax_tiles(level, coarser(0), update);
+        for n in (0..grids.len()).rev() {
+            let start = grids.get(n + 1).map_or(Start::Zero, |coarser| Start::Coarser(coarser.first));
+            self.relax_grid(level, n, start);
+        }
+        self.relax_pixels(level, update);
     }
 
     /// Whether a grid or level of this size also relaxes coarser grids that do not fit shared memory.
@@ -472,61 +420,59 @@ impl Composer<'_> {
         self.within(level, Over::Coarse(n), bindings, &constants, NO_VARIANT);
     }
 
-    /// Half a relaxation sweep on the n-th grid: one color.
-    fn relax_grid(&mut self, level: &Level, n: usize, [grid, next]: [grid::Place; 2], color: usize, sweep: u32) {
-        let ([width, height], over_relaxation) = (grid.size, self.plan.settings.over_relaxation as f32);
-        let (first, next, color) = (grid.first, next.first, color as u32);
-        let constants = relax_grid::Constants { width, height, first, next, color, over_relaxation };
-        let bindings =
-            relax_grid::Bindings { equations: slot::GRID_EQUATIONS.read(), steps: slot::GRID_STEPS.update() };
-        let variant = if sweep == 0 { relax_grid::FIRST } else { NO_VARIANT };
-        self.within(level, Over::Coarse(n), bindings, &constants, variant);
-    }
-
-    /// All relaxation sweeps on the n-th grid.
-    fn relax_grid_tiles(&mut self, level: &Level, n: usize, grid: grid::Place, coarser: Coarser) {
-        let ([width, height], settings) = (grid.size, &self.plan.settings);
-        let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
-        let constants =
-            relax_grid_tiles::Constants { width, height, first: grid.first, sweeps, over_relaxation, coarser };
-        let bindings = relax_grid_tiles::Bindings {
-            equations: slot::GRID_EQUATIONS.read(),
-            coarse: slot::GRID_STEPS.read(),
-            steps: slot::GRID_STEPS.write(),
-        };
-        self.within(level, Over::CoarseTiles(n), bindings, &constants, coarser.variant());
-    }
-
-    /// The smallest grids, by one workgroup.
-    fn coarsest_grids(&mut self, level: &Level, grids: &[grid::Place]) {
-        let ([width, height], settings) = (grids[0].size, &self.plan.settings);
-        let constants = coarsest_grids::Constants {
-            width,
-            height,
-            first: grids[0].first,
-            grids: grids.len() as u32,
-            sweeps: settings.relaxation_sweeps,
-            coarsest_sweeps: coarsest_grids::COARSEST_SWEEPS,
-            over_relaxation: settings.over_relaxation as f32,
-        };
-        let bindings =
-            coarsest_grids::Bindings { equations: slot::GRID_EQUATIONS.update(), steps: slot::GRID_STEPS.update() };
-        self.within(level, Over::One, bindings, &constants, NO_VARIANT);
-    }
-
-    /// All relaxation sweeps on the level: two dispatches each, or one dispatch for all on a small level.
-    fn relax_pixels(&mut self, level: &Level) {
-        if relax_level::takes(level.size) {
-            return self.relax_level(level);
-        }
-        for sweep in 0..self.plan.settings.relaxation_sweeps {
-            self.relax(level, RED, sweep);
-            self.relax(level, BLACK, sweep);
+    /// All relaxation sweeps on the n-th grid: as many dispatches as halos of tiles ask for. Each stores dV in the place
+    /// of the grid or in the spare one, in turn, so that none reads what it writes. The last stores it in the grid's.
+    fn relax_grid(&mut self, level: &Level, n: usize, start: Start) {
+        let (plan, grid) = (self.plan, grid::grids(level.size)[n]);
+        let ([width, height], over_relaxation) = (grid.size, plan.settings.over_relaxation as f32);
+        let sweeps = plan.sweeps_on_grid(level, n);
+        let [halo, count] = relax_tiles::dispatches(sweeps);
+        let place = |k: u32| if (count - k) % 2 == 1 { grid.first } else { grid::cells(level.size) as u32 };
+        for k in 0..count {
+            let start = if k > 0 { Start::Own(place(k - 1)) } else { start };
+            let constants = relax_grid_tiles::Constants {
+                width,
+                height,
+                first: grid.first,
+                to: place(k),
+                sweeps: halo.min(sweeps - k * halo),
+                halo,
+                over_relaxation,
+                coarser: start.constants(),
+            };
+            let bindings = relax_grid_tiles::Bindings {
+                equations: slot::GRID_EQUATIONS.read(),
+                coarse: slot::GRID_STEPS.read(),
+                steps: slot::GRID_STEPS.write(),
+            };
+            self.within(level, Over::CoarseTiles(n), bindings, &constants, start.variant());
         }
     }
 
-    /// All relaxation sweeps on the level, and the update of V.
-    fn relax_tiles(&mut self, level: &Level, coarser: Coarser, update: &update::Constants) {
+    /// All relaxation sweeps on the level, and the update of V. Those beyond the most that tiles take are half-sweeps of
+    /// one color after the other.
+    fn relax_pixels(&mut self, level: &Level, update: &update::Constants) {
+        let ([width, height], sweeps) = (level.size, self.plan.settings.relaxation_sweeps);
+        let on_tiles = sweeps.min(relax_tiles::MOST_SWEEPS);
+        let first = grid::cells(level.size) as u32;
+        for half in 0..2 * (sweeps - on_tiles) {
+            let bindings = relax::Bindings {
+                smoothed: slot::SCRATCH.read(),
+                weights: slot::WEIGHTS.read(),
+                steps: slot::GRID_STEPS.read(),
+                own_steps: slot::GRID_STEPS.write(),
+            };
+            let (color, over_relaxation) = (half % 2, self.plan.settings.over_relaxation as f32);
+            let constants = relax::Constants { width, height, color, rows: relax::ROWS, over_relaxation, first };
+            let variant = if half < 2 { relax::FIRST } else { NO_VARIANT };
+            self.within(level, Over::Half, bindings, &constants, variant);
+        }
+        let start = if sweeps > on_tiles { Start::Own(first) } else { Start::Coarser(0) };
+        self.relax_tiles(level, start, on_tiles, update);
+    }
+
+    /// Relaxation sweeps on the level, and the update of V.
+    fn relax_tiles(&mut self, level: &Level, start: Start, sweeps: u32, update: &update::Constants) {
         let bindings = relax_tiles::Bindings {
             smoothed: slot::SCRATCH.read(),
             weights: slot::WEIGHTS.read(),
@@ -536,53 +482,8 @@ impl Composer<'_> {
             kept: slot::UNCERTAINTY_TERMS.update(),
             equations: slot::GRID_EQUATIONS.read(),
         };
-        let constants = relax_tiles::Constants::new(coarser, &self.sweeps(level), update);
-        self.within(level, Over::RelaxTiles, bindings, &constants, coarser.variant());
-    }
-
-    fn relax_level(&mut self, level: &Level) {
-        let bindings = relax_level::Bindings {
-            right_sides: slot::RIGHT_SIDES.read(),
-            weights: slot::WEIGHTS.read(),
-            red: slot::change(RED).update(),
-            black: slot::change(BLACK).update(),
-            coarse: slot::GRID_STEPS.read(),
-        };
-        self.within(level, Over::One, bindings, &self.sweeps(level), NO_VARIANT);
-    }
-
-    /// The relaxation sweeps on a level.
-    fn sweeps(&self, level: &Level) -> relax_level::Constants {
-        let ([width, height], settings) = (level.size, &self.plan.settings);
-        let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
-        relax_level::Constants { width, height, sweeps, over_relaxation }
-    }
-
-    /// Half a relaxation sweep: one color.
-    fn relax(&mut self, level: &Level, color: usize, sweep: u32) {
-        let bindings = relax::Bindings {
-            right_sides: slot::RIGHT_SIDES.read(),
-            weights: slot::WEIGHTS.read(),
-            other: slot::change(1 - color).read(),
-            own: slot::change(color).update(),
-            coarse: slot::GRID_STEPS.read(),
-        };
-        let ([width, height], over_relaxation) = (level.size, self.plan.settings.over_relaxation as f32);
-        let constants = relax::Constants { width, height, color: color as u32, rows: relax::ROWS, over_relaxation };
-        let variant = if sweep == 0 { relax::FIRST } else { NO_VARIANT };
-        self.within(level, Over::Half, bindings, &constants, variant);
-    }
-
-    /// Adds a share of clamp(dV) to V.
-    fn update(&mut self, level: &Level, constants: &update::Constants) {
-        let bindings = update::Bindings {
-            red: slot::change(RED).read(),
-            black: slot::change(BLACK).read(),
-            v: slot::relative_blur(level.index).update(),
-            equations: slot::NORMAL_EQUATIONS.read(),
-            state: slot::STATE.update(),
-            kept: slot::UNCERTAINTY_TERMS.update(),
-        };
-        self.within(level, Over::Blocks, bindings, constants, NO_VARIANT);
+        let relaxation = (sweeps, self.plan.settings.over_relaxation as f32);
+        let constants = relax_tiles::Constants::new(start.constants(), relaxation, update);
+        self.within(level, Over::RelaxTiles, bindings, &constants, start.variant());
     }
 }

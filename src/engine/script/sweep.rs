@@ -5,7 +5,7 @@ use super::compose::Composer;
 use super::outlines::Search;
 use crate::engine::arguments::Place;
 use crate::engine::plan::{Level, Plan};
-use crate::engine::slot::{self, Slot};
+use crate::engine::slot::{self, Handle, Plane, Slot};
 use crate::engine::stages::{NO_VARIANT, align, copy, edge, edge_costs, half_pair, prolong, system, update};
 use crate::engine::tiles::NeededCells;
 
@@ -30,7 +30,7 @@ pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
             s.over(plan.size, bindings, &copy::Constants { width, height, layer }, NO_VARIANT);
             for (parent, level) in plan.pyramid.iter().zip(&plan.pyramid[1..]) {
                 let layers = [parent, level].map(|level| (slot::frames(level.index), layer));
-                s.separable(layers, parent.size, [plan.halve; 2], 2, false);
+                s.halve(layers, parent.size);
             }
         }
     })
@@ -38,10 +38,10 @@ pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
 
 impl Composer<'_> {
     /// Resamples a frame onto the reference's pixels of a level.
-    fn aligned(&mut self, level: &Level, frame: u32, constants: &align::Constants) {
+    fn aligned(&mut self, level: &Level, frame: u32, constants: &align::Constants, (to, layer): (Handle<Plane>, u32)) {
         self.spline(level, (slot::frames(level.index), frame), (slot::SPLINE2.plane(), 0));
-        let bindings = align::Bindings { spline: slot::SPLINE2.plane().read(), aligned: slot::ALIGNED.write() };
-        self.over(level.size, bindings, constants, NO_VARIANT);
+        let bindings = align::Bindings { spline: slot::SPLINE2.plane().read(), aligned: to.write() };
+        self.over(level.size, bindings, &align::Constants { layer, ..*constants }, NO_VARIANT);
     }
 }
 
@@ -49,11 +49,13 @@ impl Composer<'_> {
 pub(crate) fn align(plan: &Plan, level: &Level, frames: &[(u32, align::Constants)]) -> Script {
     script(plan, level.index, |s| {
         for (frame, constants) in frames {
-            s.aligned(level, *frame, constants);
             let [low, along_x, along_y] = plan.band;
-            let layers = [(slot::ALIGNED, *frame); 2];
-            s.separable(layers, level.size, [low; 2], 1, false);
-            s.separable(layers, level.size, [along_x, along_y], 1, true);
+            let [resampled, filtered] = [0, 1].map(|layer| (slot::SCRATCH, layer));
+            let to = (slot::ALIGNED, *frame);
+            s.aligned(level, *frame, constants, resampled);
+            s.separable([resampled, filtered], level.size, [low; 2]);
+            s.separable([resampled, to], level.size, [low; 2]);
+            s.add_separable([filtered, to], level.size, [along_x, along_y]);
         }
     })
 }
@@ -143,7 +145,7 @@ pub(crate) fn begin_outlines(plan: &Plan) -> Script {
 pub(crate) fn outlines(plan: &Plan, Outlines { level, search, frames, pairs }: &Outlines) -> Script {
     script(plan, level.index, |s| {
         for (frame, constants) in frames {
-            s.aligned(level, *frame, constants);
+            s.aligned(level, *frame, constants, (slot::ALIGNED, *frame));
         }
         let [first, last] = [edge::COSTS, edge::REVERSED_COSTS].map(|n| n as u32);
         s.empty(Slot::Stacks, level.size, first..last + 1);

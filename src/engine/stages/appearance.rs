@@ -99,7 +99,7 @@ pub fn cpu_reference<N: Number>(
 mod tests {
     use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random_field, smooth_field};
-    use super::super::linearise::{rows, tiles};
+    use super::super::linearise::{rows_on_processor, tiles};
     use super::super::state::State;
     use super::super::sums::{Sums, UNKNOWNS};
     use super::super::update_transform;
@@ -110,7 +110,7 @@ mod tests {
         Constants {
             width: width as u32,
             height: height as u32,
-            rows: rows([width as u32, height as u32], false),
+            rows: rows_on_processor([width as u32, height as u32]),
             factor: 2.0,
             centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
             length: 20.0,

@@ -550,7 +550,7 @@ mod tests {
     use super::testing::{constants, of_pair};
     use super::*;
     use crate::base::{Photometric, Similarity};
-    use crate::engine::stages::{NO_VARIANT, convolve, edge_cells, edge_straighten};
+    use crate::engine::stages::{NO_VARIANT, edge_cells, edge_straighten, separable};
 
     #[test]
     fn matches_the_cpu_reference() {
@@ -620,15 +620,15 @@ mod tests {
         let cases = [[5.0, -4.0], [9.0, -8.0], [2.0, -3.0], [-1.0, -6.0], [6.0, 1.0]];
         for (seed, levels) in (1..).zip(cases) {
             let [front, back] =
-                [seed, seed + 10].map(|seed| convolve::smoothed(&random_field(width, height, seed), 1.0));
+                [seed, seed + 10].map(|seed| separable::smoothed(&random_field(width, height, seed), 1.0));
             let matte = Field::from_fn(width, height, |x, _| f64::from(u8::from(x >= 48)));
             // V = σ2² - σ1² of each layer, the sharper one in focus.
             let photograph = |image: usize| {
                 let sigma = levels.map(|v: f64| if (v > 0.0) == (image == 0) { 0.6 } else { (0.36 + v.abs()).sqrt() });
                 let lit =
                     Field { data: front.data.iter().zip(&matte.data).map(|(i, m)| i * m).collect(), ..front.clone() };
-                let [lit, cover] = [lit, matte.clone()].map(|field| convolve::smoothed(&field, sigma[0]));
-                let behind = convolve::smoothed(&back, sigma[1]);
+                let [lit, cover] = [lit, matte.clone()].map(|field| separable::smoothed(&field, sigma[0]));
+                let behind = separable::smoothed(&back, sigma[1]);
                 Field::from_fn(width, height, |x, y| lit.get(x, y) + (1.0 - cover.get(x, y)) * behind.get(x, y))
             };
             let photographs = [photograph(0), photograph(1)];

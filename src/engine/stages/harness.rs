@@ -9,7 +9,7 @@ use super::pass::{Memory, Pass};
 use super::stack::{self, Layer, Sampling, Slopes, White, layer};
 use super::state::{DoubleState, Registration, State};
 use super::sums::{Layout, Sums};
-use super::{Field, NO_VARIANT, convolve, subdivide};
+use super::{Field, NO_VARIANT, separable, subdivide};
 use crate::base::{Channels, Frame, Kernel, Mask, Samples};
 use crate::engine::slot::Slot;
 use crate::engine::vulkan::{
@@ -113,7 +113,7 @@ impl Rig {
     /// A bank of filter weights that holds a filter from an offset on, in units of four weights, and 9 before it.
     pub(crate) fn filter(&self, offset: u32, filter: &[f64]) -> Arc<Buffer> {
         let mut weights = [vec![9.0; 4 * offset as usize], filter.to_vec()].concat();
-        weights.resize(convolve::WEIGHTS, 0.0);
+        weights.resize(separable::WEIGHTS, 0.0);
         self.numbers(weights)
     }
 
@@ -461,7 +461,7 @@ fn blank(written: Option<&Vec<Field>>) -> Vec<Field> {
 /// The layers of an image's [blur stack](super::stack), by direct filters: spline coefficients first.
 pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<Field> {
     let prefilter = filter::spline_prefilter();
-    let mut stack = vec![convolve::filtered(image, [&prefilter; 2], 1)];
+    let mut stack = vec![separable::filtered(image, [&prefilter; 2], 1)];
     // The last layer computed on every other pixel, before subdivision.
     let mut half: Option<Field> = None;
     for n in 1..nodes * Slopes::of(kernel).layers() {
@@ -474,7 +474,7 @@ pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<F
         }
         let mut sum = Field::zeros(image.width, image.height);
         for [along_x, along_y] in &terms {
-            let term = convolve::filtered(&stack[from], [along_x, along_y], 1);
+            let term = separable::filtered(&stack[from], [along_x, along_y], 1);
             sum.data.iter_mut().zip(term.data).for_each(|(sum, t)| *sum += t);
         }
         stack.push(sum);
@@ -485,10 +485,9 @@ pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<F
 /// A layer on every other pixel of the image.
 fn on_half(from: &Field, [along_x, along_y]: &[filter::Filter; 2], sampling: Sampling, image: &Field) -> Field {
     if sampling == Sampling::Halving {
-        return convolve::filtered(from, [along_x, along_y], 2);
+        return separable::filtered(from, [along_x, along_y], 2);
     }
-    let rows = convolve::cpu_reference_mirrored(from, along_x, 1, false, image.width - 1);
-    convolve::cpu_reference_mirrored(&rows, along_y, 1, true, image.height - 1)
+    separable::filtered_mirrored(from, [along_x, along_y], 1, [image.width - 1, image.height - 1])
 }
 
 /// Two photographs of a smooth texture. The first has the more contrast.
@@ -537,7 +536,7 @@ pub(crate) fn random_field(width: usize, height: usize, seed: u64) -> Field {
 
 /// White noise smoothed to σ 2 px, around ½.
 pub(crate) fn smooth_field(width: usize, height: usize, seed: u64) -> Field {
-    let mut field = convolve::smoothed(&random_field(width, height, seed), 2.0);
+    let mut field = separable::smoothed(&random_field(width, height, seed), 2.0);
     field.data.iter_mut().for_each(|v| *v = 0.5 + 3.0 * (*v - 0.5));
     field
 }

@@ -35,21 +35,19 @@ use crate::engine::vulkan::Variant;
 /// The most lines of two pixels per invocation. Values that adjacent lines share are loaded once, and the sums of a
 /// workgroup are reduced once for all lines.
 const MOST_ROWS: u32 = 8;
-/// Levels with fewer pixels use more workgroups, so that small levels do not leave most of a device idle: on a
-/// processor and on a GPU.
-const SPREAD: [u64; 2] = [1 << 15, 1 << 19];
-/// On a GPU, levels with fewer pixels have one line per invocation: there are too few waves to hide the latency of
-/// more.
-const ONE_LINE: u64 = 1 << 15;
-
-/// Lines per invocation on a level.
-pub(crate) fn rows([width, height]: [u32; 2], for_gpu: bool) -> u32 {
-    let pixels = pixels(width, height);
-    match () {
-        () if for_gpu && pixels < ONE_LINE => 1,
-        () if pixels < SPREAD[usize::from(for_gpu)] => MOST_ROWS / 4,
-        () => MOST_ROWS,
+/// Lines per invocation on a level, on a GPU: fewer on small levels, so that they do not leave most of it idle. With
+/// one line there are enough waves to hide their latency.
+pub(crate) fn rows_on_gpu([width, height]: [u32; 2]) -> u32 {
+    match pixels(width, height) {
+        ..0x8000 => 1,
+        0x8000..0x8_0000 => MOST_ROWS / 4,
+        _ => MOST_ROWS,
     }
+}
+
+/// Lines per invocation on a level, on a processor.
+pub(crate) fn rows_on_processor([width, height]: [u32; 2]) -> u32 {
+    if pixels(width, height) < 0x8000 { MOST_ROWS / 4 } else { MOST_ROWS }
 }
 
 /// Layers of the equations: D, b.

@@ -41,8 +41,8 @@ bindings! {
     MASK:
     samples: Reads<Samples>,
     mask: Reads<MaskBytes>,
-    /// Masks of I1 and I2.
-    masks: Writes<Masks>,
+    /// 1 where a pixel counts, in the layer of the photograph.
+    counts: Writes<Plane>,
     /// State, with the count.
     state: Updates<State>,
 }
@@ -61,7 +61,7 @@ impl Pass for Bindings {
         if second == 0 && mask.is_some() {
             counts = cpu_reference(frame, c.clipped, mask);
         }
-        memory.set_layer(self.masks, second, counts);
+        memory.set_layer(self.counts, second, counts);
         memory.state_mut(self.state).clipped[second] += clipped;
     }
 }

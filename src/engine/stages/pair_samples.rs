@@ -5,8 +5,8 @@
 //! of the pair.
 
 use super::blur_matched_pair::LAYERS;
-use super::convolve::weigh;
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::separable::weigh;
 use super::spline::fold;
 use super::{Number, Raster, pixels};
 use crate::engine::plan::FilterRange;
@@ -93,14 +93,14 @@ pub fn cpu_reference<N: Number>(c: &Constants, window: &[N], layer: &Raster<N>) 
 
 #[cfg(test)]
 mod tests {
-    use super::super::convolve::filtered;
     use super::super::harness::{Rig, assert_numbers, random_field};
+    use super::super::separable::filtered;
     use super::super::uncertainty_terms::window;
     use super::*;
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn matches_the_cpu_reference_and_samples_what_convolve_smooths() {
+    fn matches_the_cpu_reference_and_samples_what_separable_smooths() {
         let window = window();
         for ([width, height], every) in [([37, 21], 4), ([150, 80], 3), ([8, 9], 1), ([5, 2], 1), ([64, 64], 8)] {
             let layers: Vec<_> = (0..u64::from(LAYERS)).map(|seed| random_field(width, height, seed)).collect();

@@ -99,6 +99,8 @@ pub(crate) struct Memory<N> {
     pub(super) states: HashMap<Slot, DoubleState>,
     pub(super) numbers: HashMap<Slot, Vec<N>>,
     pub(super) words: HashMap<Slot, Vec<u32>>,
+    /// Rasters whose memory passes use for what they do not store.
+    spare: Vec<Raster<N>>,
 }
 
 impl<N: Number> Memory<N> {
@@ -111,7 +113,18 @@ impl<N: Number> Memory<N> {
             states: HashMap::new(),
             numbers: HashMap::new(),
             words: HashMap::new(),
+            spare: Vec::new(),
         }
+    }
+
+    /// A raster of any size and contents.
+    pub(super) fn take_spare(&mut self) -> Raster<N> {
+        self.spare.pop().unwrap_or_default()
+    }
+
+    /// Keeps a raster for [`Self::take_spare`].
+    pub(super) fn keep_spare(&mut self, raster: Raster<N>) {
+        self.spare.push(raster);
     }
 
     /// Memory in which only the banks of filter weights were written.

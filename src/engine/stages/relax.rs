@@ -6,6 +6,7 @@ use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::segments::vectorised;
 use super::{Field, Number, Raster, WORKGROUP, grid, pixels};
+use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
 push_constants! {
@@ -19,6 +20,8 @@ push_constants! {
     rows: u32,
     /// ω of successive over-relaxation.
     over_relaxation: f32,
+    /// Place of dV of the level.
+    first: u32,
 }
 
 /// Lines of one color per invocation.
@@ -34,16 +37,14 @@ pub(crate) const FIRST: Variant = [true, false, false, false, false];
 
 bindings! {
     RELAX:
-    /// Right sides.
-    right_sides: Reads<RightSides>,
+    /// Right sides, in their layer.
+    smoothed: Reads<Plane>,
     /// Weights.
     weights: Reads<Weights>,
-    /// dV of the other color.
-    other: Reads<Change>,
-    /// dV of this color.
-    own: Updates<Change>,
-    /// dV of the coarse grids.
-    coarse: Reads<GridSteps>,
+    /// dV of the coarse grids, and of the level.
+    steps: Reads<GridSteps>,
+    /// The same buffer.
+    own_steps: Writes<GridSteps>,
 }
 
 impl Pass for Bindings {
@@ -59,27 +60,29 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let mut own = memory.take_layer(self.own, 0);
-        let start = |reused, color| started(reused, memory.numbers(self.coarse), [c.width, c.height], color);
-        if variant == FIRST {
-            own = start(own, c.color);
+        let (size, color, first) = ([c.width, c.height], c.color as usize, c.first as usize);
+        let level = first..first + (c.width * c.height) as usize;
+        memory.numbers_mut(self.own_steps, level.end);
+        let steps = memory.numbers(self.steps);
+        let from = |color: usize, is_coarse: bool| {
+            let mut dv = Raster::zeros(c.width.div_ceil(2) as usize, c.height as usize);
+            let (coarse, own) = (start_of(steps, c.width, color), own_of(&steps[level.clone()], c.width, color));
+            dv.fill_rows(|y, row| if is_coarse { coarse(y, row) } else { own(y, row) });
+            dv
+        };
+        let is_first = variant == FIRST;
+        let (other, mut own) = (from(1 - color, is_first && color == 0), from(color, is_first));
+        let system = memory.system((self.smoothed, RIGHT_SIDE + color), self.weights, color);
+        cpu_reference(c, &system, &other, &mut own);
+        let dv = &mut memory.numbers_mut(self.own_steps, level.end)[level];
+        for (y, row) in dv.chunks_exact_mut(size[0] as usize).enumerate() {
+            row.iter_mut().skip((y + color) & 1).step_by(2).zip(own.row(y)).for_each(|(to, dv)| *to = *dv);
         }
-        let system = memory.system((self.right_sides, c.color as usize), self.weights, c.color as usize);
-        if variant == FIRST && c.color == 0 {
-            cpu_reference(c, &system, &start(Raster::default(), 1), &mut own);
-        } else {
-            cpu_reference(c, &system, memory.layer(self.other, 0), &mut own);
-        }
-        memory.set_layer(self.own, 0, own);
     }
 }
 
-/// dV of one color of a level before the first relaxation sweep, by dV of its coarse grids, in the memory of a raster.
-fn started<N: Number>(reused: Raster<N>, steps: &[N], [width, height]: [u32; 2], color: u32) -> Raster<N> {
-    let mut start = reused.of_size([width.div_ceil(2) as usize, height as usize]);
-    start.fill_rows(start_of(steps, width, color as usize));
-    start
-}
+/// The layer of the right sides of red, as [`system_tiles`](super::system_tiles) stores them.
+const RIGHT_SIDE: usize = shaders::relax::RIGHT_SIDE as usize;
 
 /// Sets a row of dV of one color before the first relaxation sweep; 0 where a row has no pixel left.
 pub(super) fn start_of<N: Number>(steps: &[N], width: u32, color: usize) -> impl Fn(usize, &mut [N]) {
@@ -92,35 +95,26 @@ pub(super) fn start_of<N: Number>(steps: &[N], width: u32, color: usize) -> impl
     }
 }
 
-/// Runs adjacent dispatches that are all relaxation sweeps of a level, from the first on. Returns how many: 0 for
-/// others.
-pub(crate) fn run_all<N: Number>(halves: &[(Bindings, Constants, Variant)], memory: &mut Memory<N>) -> usize {
-    let is_next = |(n, (_, c, variant)): (usize, &(Bindings, Constants, Variant))| {
-        c.color as usize == n % 2 && (*variant == FIRST) == (n < 2)
-    };
-    let [(red, c, _), (black, ..), ..] = halves else { return 0 };
-    if halves.len() % 2 == 1 || !halves.iter().enumerate().all(is_next) {
-        return 0;
+/// Sets a row of dV of one color to that of the level; 0 where a row has no pixel left.
+pub(super) fn own_of<N: Number>(dv: &[N], width: u32, color: usize) -> impl Fn(usize, &mut [N]) {
+    move |y, row| {
+        row.fill(N::default());
+        let own = dv[y * width as usize..][..width as usize].iter().skip((y + color) & 1).step_by(2);
+        row.iter_mut().zip(own).for_each(|(to, dv)| *to = *dv);
     }
-    let reused = [red, black].map(|half| memory.take_layer(half.own, 0));
-    let system = [0, 1].map(|color| memory.system((red.right_sides, color), red.weights, color));
-    let sweeps = (halves.len() as u32 / 2, c.over_relaxation);
-    let relaxed = relaxed(reused, [c.width, c.height], sweeps, &system, memory.numbers(red.coarse));
-    [red, black].into_iter().zip(relaxed).for_each(|(half, dv)| memory.set_layer(half.own, 0, dv));
-    halves.len()
 }
 
-/// dV of both colors after all relaxation sweeps on a level, from dV of its coarse grids; in the memory of rasters. The
-/// same numbers as by one half of a sweep after the other.
+/// dV of both colors after relaxation sweeps on a level. `start` sets a row of each color before; the rasters in `reused`
+/// give their memory. The numbers are those of one half of a sweep after the other.
 pub(super) fn relaxed<N: Number>(
     reused: [Raster<N>; 2],
     [width, height]: [u32; 2],
     (sweeps, over_relaxation): (u32, f32),
     system: &[[&Raster<N>; 5]; 2],
-    steps: &[N],
+    start: [impl Fn(usize, &mut [N]) + Sync; 2],
 ) -> [Raster<N>; 2] {
     let ([columns, height], halves) = ([width.div_ceil(2), height].map(|side| side as usize), 2 * sweeps as usize);
-    let (start, omega) = ([0, 1].map(|color| start_of(steps, width, color)), N::of(over_relaxation.into()));
+    let omega = N::of(over_relaxation.into());
     let mut relaxed = reused.map(|raster| raster.of_size([columns, height]));
     let lines = grid::band(halves);
     rows::map(relaxed.each_mut().map(|raster| Rows::from(raster).joined(lines)), |band, results| {
@@ -210,14 +204,12 @@ pub fn interleaved(system: &[[Field; 5]; 2]) -> [Field; 2] {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use std::sync::Arc;
-
     use ::half::f16;
 
     use super::super::Field;
-    use super::super::harness::{Rig, random_field};
+    use super::super::harness::{Rig, assert_numbers, random_field};
     use super::*;
-    use crate::engine::vulkan::{Buffer, Resource};
+    use crate::engine::vulkan::Resource;
 
     /// A random system like those of `system`: half-precision weights, zero across the border, with a sum below one.
     pub(crate) fn system(width: usize, height: usize) -> [[Field; 5]; 2] {
@@ -239,7 +231,7 @@ pub(crate) mod tests {
 
     fn constants(width: usize, height: usize, color: usize) -> Constants {
         let (width, height, color) = (width as u32, height as u32, color as u32);
-        Constants { width, height, color, rows: ROWS, over_relaxation: 1.8 }
+        Constants { width, height, color, rows: ROWS, over_relaxation: 1.8, first: 0 }
     }
 
     /// Relaxes the pixels of one color.
@@ -249,15 +241,13 @@ pub(crate) mod tests {
         cpu_reference(c, &system[color].each_ref(), &other, &mut change[color]);
     }
 
-    /// dV of a random coarse grid, and as the device stores it.
-    pub(crate) fn coarse_steps(rig: &Rig, width: usize, height: usize) -> (Arc<Buffer>, Vec<f64>) {
-        let coarse = random_field(width.div_ceil(2), height.div_ceil(2), 30).data;
-        (rig.numbers(coarse.clone()), coarse)
-    }
-
     /// dV of both colors of a level before the first relaxation sweep.
     fn start(coarse: &[f64], width: usize, height: usize) -> [Field; 2] {
-        [0, 1].map(|color| started(Field::default(), coarse, [width as u32, height as u32], color))
+        [0, 1].map(|color| {
+            let mut start = Field::zeros(width.div_ceil(2), height);
+            start.fill_rows(start_of(coarse, width as u32, color));
+            start
+        })
     }
 
     #[test]
@@ -271,55 +261,40 @@ pub(crate) mod tests {
                 }
                 let size = [width as u32, height as u32];
                 let parts = system.each_ref().map(|parts| parts.each_ref());
-                let actual = relaxed(Default::default(), size, (sweeps as u32, 1.8), &parts, &coarse);
+                let starts = [0, 1].map(|color| start_of(&coarse, size[0], color));
+                let actual = relaxed(Default::default(), size, (sweeps as u32, 1.8), &parts, starts);
                 assert!(actual == expected, "{width} x {height}, {sweeps} sweeps");
             }
         }
     }
 
-    #[test]
-    fn the_first_relaxation_sweep_starts_from_the_coarse_grid() {
-        let (width, height) = (37usize, 21usize);
-        let (system, rig) = (system(width, height), Rig::new());
-        let (steps, coarse) = coarse_steps(&rig, width, height);
-        let mut change = start(&coarse, width, height);
-        let right_sides = rig.image(&[0, 1].map(|color: usize| system[color][0].clone()));
-        let weights = rig.weights(&interleaved(&system));
-        let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
-        let changes = [0, 1].map(|_| rig.field(&nothing));
-        for color in [0, 1] {
-            let c = constants(width, height, color);
-            relax(&c, &system, &mut change);
-            let mut resources =
-                [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image).to_vec();
-            resources.push(Resource::Buffer(&steps));
-            rig.run_variant(&STAGE, [true, false, false, false, false], &resources, &c, tiles([c.width, c.height]));
+    /// Runs half-sweeps on the device. Returns dV of both colors.
+    fn on_device(rig: &Rig, [width, height]: [usize; 2], coarse: &[f64], halves: usize) -> [Field; 2] {
+        let system = system(width, height);
+        let sides = both(system.each_ref().map(|[right_side, ..]| right_side), width);
+        let images = [rig.image(&[sides.clone(), sides]), rig.weights(&interleaved(&system))];
+        let steps = rig.numbers([coarse, &vec![f64::NAN; width * height]].concat());
+        let resources = [&images[0], &images[1]].map(Resource::Image).into_iter();
+        let resources: Vec<_> = resources.chain([&steps, &steps].map(Resource::Buffer)).collect();
+        for half in 0..halves {
+            let c = Constants { first: coarse.len() as u32, ..constants(width, height, half % 2) };
+            let variant = if half < 2 { FIRST } else { [false; 5] };
+            rig.run_variant(&STAGE, variant, &resources, &c, tiles([c.width, c.height]));
         }
-        for color in [0, 1] {
-            rig.assert_close(&changes[color], &change[color..=color], 1e-5);
-        }
+        let dv: Vec<f64> = rig.floats(&steps)[coarse.len()..].iter().map(|&dv| dv.into()).collect();
+        [0, 1].map(|color| half(&Field { width, height, data: dv.clone() }, color))
     }
 
     #[test]
     fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2)] {
-            let (system, change) = (system(width, height), random_field(width, height, 4));
-            let mut change = [0, 1].map(|color| half(&change, color));
-            let rig = Rig::new();
-            let (steps, _) = coarse_steps(&rig, width, height);
-            let right_sides = rig.image(&[0, 1].map(|color: usize| system[color][0].clone()));
-            let weights = rig.weights(&interleaved(&system));
-            let changes = change.each_ref().map(|half| rig.field(half));
-            for color in [0, 1, 0, 1] {
-                let c = constants(width, height, color);
-                relax(&c, &system, &mut change);
-                let mut resources =
-                    [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image).to_vec();
-                resources.push(Resource::Buffer(&steps));
-                rig.run_groups(&STAGE, &resources, &c, tiles([c.width, c.height]));
-            }
-            for color in [0, 1] {
-                rig.assert_close(&changes[color], &change[color..=color], 1e-5);
+            let (system, rig) = (system(width, height), Rig::new());
+            let coarse = random_field(width.div_ceil(2), height.div_ceil(2), 30).data;
+            let mut expected = start(&coarse, width, height);
+            (0..4).for_each(|half| relax(&constants(width, height, half % 2), &system, &mut expected));
+            let actual = on_device(&rig, [width, height], &coarse, 4);
+            for (actual, expected) in actual.iter().zip(&expected) {
+                assert_numbers(&actual.to_f32(), &expected.data, 1e-5);
             }
         }
     }
@@ -368,14 +343,12 @@ pub(crate) mod tests {
             return;
         }
         let system = system(width, height);
-        let right_sides = rig.image(&[0, 1].map(|color: usize| system[color][0].clone()));
-        let weights = rig.weights(&interleaved(&system));
-        let changes = [0, 1].map(|_| rig.image(&[Field::zeros(width / 2, height)]));
-        let (steps, _) = coarse_steps(&rig, width, height);
+        let sides = both(system.each_ref().map(|[right_side, ..]| right_side), width);
+        let images = [rig.image(&[sides.clone(), sides]), rig.weights(&interleaved(&system))];
+        let steps = rig.numbers(vec![0.0; width * height]);
         let pass = |color: usize| {
-            let images = [&right_sides, &weights, &changes[1 - color], &changes[color]];
-            let mut resources = images.map(Resource::Image).to_vec();
-            resources.push(Resource::Buffer(&steps));
+            let images = [&images[0], &images[1]].map(Resource::Image).into_iter();
+            let resources: Vec<_> = images.chain([&steps, &steps].map(Resource::Buffer)).collect();
             (resources, constants(width, height, color))
         };
         let record = |omit: bool| {

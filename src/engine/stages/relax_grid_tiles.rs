@@ -1,9 +1,9 @@
-//! All relaxation sweeps on a coarse [grid](super::grid) in one dispatch, on tiles with a halo; if
+//! Relaxation sweeps on a coarse [grid](super::grid) in one dispatch, on tiles with a halo; if
 //! [joined](super::cascade) also those on all coarser grids.
 //!
-//! [`relax_tiles`](super::relax_tiles) does the same on a level.
+//! [`relax_tiles`](super::relax_tiles) does the same on a level. Sweeps that exceed a halo are several dispatches.
 
-use super::cascade::Coarser;
+use super::cascade::{self, Coarser};
 use super::grid::{FLOATS, Grid, prolonged};
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Number, pixels, relax_tiles};
@@ -17,11 +17,15 @@ push_constants! {
     height: u32,
     /// First cell of the grid.
     first: u32,
-    /// Relaxation sweeps.
+    /// Where its dV is stored.
+    to: u32,
+    /// Relaxation sweeps of this dispatch.
     sweeps: u32,
+    /// The relaxation sweeps that the halo of a tile is for: at least as many.
+    halo: u32,
     /// ω of successive over-relaxation.
     over_relaxation: f32,
-    /// The coarser grids, stored or joined.
+    /// What it starts from.
     coarser: Coarser,
 }
 
@@ -29,7 +33,7 @@ bindings! {
     RELAX_GRID_TILES:
     /// Equations of all grids.
     equations: Reads<GridEquations>,
-    /// dV of all grids: the next coarser one is read.
+    /// dV of all grids: the next coarser one is read, or what an earlier dispatch has stored of this one.
     coarse: Reads<GridSteps>,
     /// The same buffer: the grid is written. With a binding for each, validation reports missing barriers.
     steps: Writes<GridSteps>,
@@ -39,56 +43,85 @@ impl Pass for Bindings {
     /// Compulsory traffic: for tiles with their halos, the equations and what they start from; dV written once.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let size = [c.width, c.height];
-        let cells = relax_tiles::pixels_with_halos(size, 0, c.sweeps);
-        let before = relax_tiles::bytes_before(size, c.sweeps, &c.coarser);
+        let cells = relax_tiles::pixels_with_halos(size, 0, c.halo);
+        let before = relax_tiles::bytes_before(size, c.halo, &c.coarser);
         4 * FLOATS as u64 * cells + before + 4 * pixels(c.width, c.height)
     }
 
-    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let (size, first, relaxation) = ([c.width, c.height], c.first as usize, (c.sweeps, c.over_relaxation));
+        let cells = (c.width * c.height) as usize;
         // dV may never have been written before, if joined.
         let (equations, steps) = (memory.numbers(self.equations), memory.numbers_in(self.coarse.slot()));
-        let coarse = c.coarser.cpu_reference(size, relaxation, equations, steps);
-        let dv = cpu_reference(c, &Grid::of(equations, first, size), &coarse);
-        memory.numbers_mut(self.steps, first + dv.len())[first..first + dv.len()].copy_from_slice(&dv);
+        let mut dv = match cascade::continues(variant) {
+            true => steps[c.coarser.next as usize..][..cells].to_vec(),
+            false => {
+                let coarse = c.coarser.cpu_reference(size, relaxation, equations, steps);
+                prolonged(&coarse, size.map(|side| side as usize))
+            }
+        };
+        Grid::of(equations, first, size).relax_all(&mut dv, c.sweeps, c.over_relaxation);
+        let to = c.to as usize..c.to as usize + cells;
+        memory.numbers_mut(self.steps, to.end)[to].copy_from_slice(&dv);
     }
-}
-
-/// dV of a grid, relaxed from that of the next coarser one.
-pub fn cpu_reference<N: Number>(c: &Constants, grid: &Grid<N>, coarse: &[N]) -> Vec<N> {
-    let mut dv = prolonged(coarse, [grid.width, grid.height]);
-    grid.relax_all(&mut dv, c.sweeps, c.over_relaxation);
-    dv
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::cascade::{covers, fits};
-    use super::super::coarsest_grids::COARSEST_SWEEPS;
+    use super::super::cascade::{Start, covers, fits};
     use super::super::grid::tests::random_grid;
-    use super::super::grid::{grids, halved};
+    use super::super::grid::{Place, grids, halved};
     use super::super::harness::{Rig, assert_numbers, random_field};
     use super::*;
+    use crate::engine::slot::{self, Slot};
     use crate::engine::vulkan::Resource;
 
+    /// Compares dV of all grids with the CPU reference.
+    fn check(c: &Constants, variant: Variant, equations: Vec<f64>, steps: Vec<f64>) {
+        let bindings = Bindings {
+            equations: slot::GRID_EQUATIONS.read(),
+            coarse: slot::GRID_STEPS.read(),
+            steps: slot::GRID_STEPS.write(),
+        };
+        let mut memory = Memory::<f64>::new();
+        memory.numbers.insert(Slot::GridEquations, equations.clone());
+        memory.numbers.insert(Slot::GridSteps, steps.clone());
+        bindings.run(c, variant, &mut memory);
+        let expected = &memory.numbers[&Slot::GridSteps];
+        let rig = Rig::new();
+        let [equations, steps] = [rig.numbers(equations), rig.numbers(steps)];
+        let resources = [&equations, &steps, &steps].map(Resource::Buffer);
+        rig.run_variant(&STAGE, variant, &resources, c, relax_tiles::tiles([c.width, c.height], c.halo));
+        let written = c.to as usize..(c.to + c.width * c.height) as usize;
+        let actual = rig.floats(&steps);
+        assert_numbers(&actual[written.clone()], &expected[written.clone()], 1e-4);
+        for n in (0..actual.len()).filter(|n| !written.contains(n)) {
+            assert!(actual[n] == expected[n] as f32 || actual[n].is_nan() && expected[n].is_nan());
+        }
+    }
+
+    /// From the coarser grid, from nothing, and from its own dV, of which it then takes fewer sweeps than the halo is
+    /// for.
     #[test]
-    fn matches_the_cpu_reference_from_the_coarser_grid() {
+    fn matches_the_cpu_reference_from_stored_steps() {
         for ([width, height], sweeps) in
             [([137, 121], 3), ([64, 16], 3), ([17, 18], 1), ([2, 2], 3), ([200, 53], 8), ([53, 104], 3), ([105, 52], 2)]
         {
-            let (grid, [columns, rows]) = (random_grid([width, height], 2), halved([width, height]));
-            let coarse = random_field(columns as usize, rows as usize, 7);
-            let steps = [vec![f64::NAN; (width * height) as usize], coarse.data.clone()].concat();
-            let rig = Rig::new();
-            let [equations, steps] = [rig.numbers(grid.cells.as_flattened().to_vec()), rig.numbers(steps)];
-            let resources = [&equations, &steps, &steps].map(Resource::Buffer);
-            let coarser = Coarser::stored(width * height);
-            let c = Constants { width, height, first: 0, sweeps, over_relaxation: 1.3, coarser };
-            rig.run_groups(&STAGE, &resources, &c, relax_tiles::tiles([width, height], sweeps));
-            let expected = cpu_reference(&c, &grid, &coarse.data);
-            let actual = rig.floats(&steps);
-            assert_numbers(&actual, &expected, 1e-4);
-            assert_eq!(&actual[expected.len()..], coarse.to_f32(), "of the coarser grid");
+            let (grid, [columns, rows], own) =
+                (random_grid([width, height], 2), halved([width, height]), width * height);
+            let [coarse, before] =
+                [[columns, rows], [width, height]].map(|[w, h]| random_field(w as usize, h as usize, 7).data);
+            let steps = [vec![f64::NAN; own as usize], coarse, before].concat();
+            let c = |to, sweeps: u32, start: Start| {
+                let (halo, coarser) = (sweeps.max(2), start.constants());
+                Constants { width, height, first: 0, to, sweeps, halo, over_relaxation: 1.3, coarser }
+            };
+            for (start, to) in
+                [(Start::Coarser(own), 0), (Start::Zero, own + columns * rows), (Start::Own(own + columns * rows), 0)]
+            {
+                let sweeps = if let Start::Own(_) = start { 1 } else { sweeps };
+                check(&c(to, sweeps, start), start.variant(), grid.cells.as_flattened().to_vec(), steps.clone());
+            }
         }
     }
 
@@ -119,26 +152,18 @@ mod tests {
             places.iter_mut().for_each(|place| place.first += first + width * height);
             let small = places.iter().position(|place| fits(place.size)).unwrap();
             assert!(covers(sweeps) || small == 0);
-            let last = places[places.len() - 1];
-            let mut cells = vec![[f64::NAN; FLOATS]; (last.first + last.size[0] * last.size[1]) as usize];
+            let Place { size: [columns, rows], first: last } = places[places.len() - 1];
+            let mut cells = vec![[f64::NAN; FLOATS]; (last + columns * rows) as usize];
             let mut grid = random_grid(size, 5);
             for first in [first].into_iter().chain(places[..=small].iter().map(|place| place.first)) {
                 cells[first as usize..][..grid.cells.len()].copy_from_slice(&grid.cells);
                 grid = grid.halved();
             }
-            let (rig, numbers) = (Rig::new(), cells.as_flattened());
-            let [equations, steps] = [rig.numbers(numbers.to_vec()), rig.numbers(vec![f64::NAN; cells.len()])];
-            let resources = [&equations, &steps, &steps].map(Resource::Buffer);
-            let coarser = Coarser::joined(&places, small);
-            assert_eq!(coarser.coarsest_sweeps, COARSEST_SWEEPS);
-            let c = Constants { width, height, first, sweeps, over_relaxation: 1.3, coarser };
-            rig.run_variant(&STAGE, coarser.variant(), &resources, &c, relax_tiles::tiles(size, sweeps));
-            let coarse = coarser.cpu_reference(size, (sweeps, 1.3), numbers, &[]);
-            let expected = cpu_reference(&c, &Grid::of(numbers, first as usize, size), &coarse);
-            let actual = rig.floats(&steps);
-            assert_numbers(&actual[first as usize..], &expected, 1e-4);
-            let others = actual[..first as usize].iter().chain(&actual[first as usize + expected.len()..]);
-            assert!(others.into_iter().all(|step| step.is_nan()));
+            let start = Start::Joined { grids: &places, small };
+            let coarser = start.constants();
+            let c = Constants { width, height, first, to: first, sweeps, halo: sweeps, over_relaxation: 1.3, coarser };
+            let steps = vec![f64::NAN; cells.len()];
+            check(&c, start.variant(), cells.as_flattened().to_vec(), steps);
         }
     }
 }

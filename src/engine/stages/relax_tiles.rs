@@ -1,14 +1,16 @@
-//! All relaxation sweeps on the linear system for dV and the [update](super::update) of V in one dispatch, on tiles
-//! with a halo; if [joined](super::cascade) also those on all grids, before.
+//! Relaxation sweeps on the linear system for dV and the [update](super::update) of V in one dispatch, on tiles with a
+//! halo; if [joined](super::cascade) also those on all grids, before.
 //!
-//! On a GPU the half-sweeps of [`relax`](super::relax) take as long as their traffic and their barriers. A tile is read
-//! once, with a halo as wide as there are half-sweeps, and is relaxed in shared memory. Workgroups compute the halo
-//! again instead of waiting for each other. dV is not stored.
+//! The half-sweeps of [`relax`](super::relax) take as long as their traffic and their barriers. A tile is read once,
+//! with a halo as wide as there are half-sweeps, and is relaxed in shared memory. Workgroups compute the halo again
+//! instead of waiting for each other. dV is not stored. With more sweeps than a halo leaves room for, `relax` takes the
+//! others before.
 
 use super::cascade::{self, Coarser};
 use super::grid::FLOATS;
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, WORKGROUP, pixels, relax_level, update};
+use super::relax::{own_of, relaxed, start_of};
+use super::{Number, WORKGROUP, pixels, update};
 use crate::engine::shaders;
 use crate::engine::slot::Bound;
 use crate::engine::vulkan::Variant;
@@ -19,8 +21,8 @@ const SIDE: u32 = shaders::relaxation_tile::SIDE;
 /// The layer of the right sides, as [`system_tiles`](super::system_tiles) stores them.
 const RIGHT_SIDE: usize = shaders::relax_tiles::RIGHT_SIDE as usize;
 
-/// The most relaxation sweeps: with more, less than a quarter of the tile is in its interior.
-const MOST_SWEEPS: u32 = 8;
+/// The most relaxation sweeps of a dispatch: with more, less than a quarter of the tile is in its interior.
+pub(crate) const MOST_SWEEPS: u32 = 8;
 
 /// The most tiles of a grid or level that compute the coarser grids. With more tiles, the repeated work costs more than
 /// the dispatches it saves, on navi21 by `tools/gpu-model`.
@@ -33,8 +35,10 @@ push_constants! {
     width: u32,
     /// Height of the level, pixels.
     height: u32,
-    /// Relaxation sweeps.
+    /// Relaxation sweeps of this dispatch.
     sweeps: u32,
+    /// The relaxation sweeps that the halo of a tile is for: as many.
+    halo: u32,
     /// ω of successive over-relaxation.
     over_relaxation: f32,
     /// Largest |dV|, px² of the level,
@@ -47,19 +51,19 @@ push_constants! {
     share: f32,
     /// That of [`update`].
     extrapolation: u32,
-    /// The coarser grids, stored or joined.
+    /// What it starts from.
     coarser: Coarser,
 }
 
 impl Constants {
-    /// Those of the start, of the sweeps and of the update that follows.
-    pub(crate) fn new(coarser: Coarser, relaxation: &relax_level::Constants, update: &update::Constants) -> Self {
-        let &relax_level::Constants { width, height, sweeps, over_relaxation } = relaxation;
-        let &update::Constants { largest_step, relative_step, limit, share, extrapolation, .. } = update;
+    /// The start and the sweeps, and the update that follows.
+    pub(crate) fn new(coarser: Coarser, (sweeps, over_relaxation): (u32, f32), update: &update::Constants) -> Self {
+        let &update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation } = update;
         Self {
             width,
             height,
             sweeps,
+            halo: sweeps,
             over_relaxation,
             largest_step,
             relative_step,
@@ -68,11 +72,6 @@ impl Constants {
             extrapolation,
             coarser,
         }
-    }
-
-    fn relaxation(&self) -> relax_level::Constants {
-        let &Self { width, height, sweeps, over_relaxation, .. } = self;
-        relax_level::Constants { width, height, sweeps, over_relaxation }
     }
 
     fn update(&self) -> update::Constants {
@@ -87,7 +86,7 @@ bindings! {
     smoothed: Reads<Plane>,
     /// Weights.
     weights: Reads<Weights>,
-    /// dV of the coarse grids.
+    /// dV of the coarse grids, or of the level.
     coarse: Reads<GridSteps>,
     /// V.
     v: Updates<RelativeBlur>,
@@ -99,9 +98,10 @@ bindings! {
     equations: Reads<GridEquations>,
 }
 
-/// Whether a halo for this number of relaxation sweeps leaves enough of a tile.
-pub(crate) fn takes(sweeps: u32) -> bool {
-    sweeps <= MOST_SWEEPS
+/// The relaxation sweeps of each dispatch but the last, and the dispatches, of sweeps on a grid.
+pub(crate) fn dispatches(sweeps: u32) -> [u32; 2] {
+    let count = sweeps.div_ceil(MOST_SWEEPS);
+    [sweeps.div_ceil(count), count]
 }
 
 /// Width and height of a tile without its halo.
@@ -150,42 +150,50 @@ pub(crate) fn bytes_before(size: [u32; 2], sweeps: u32, coarser: &Coarser) -> u6
 impl Pass for Bindings {
     /// Compulsory traffic: for tiles with their halos, right sides, four weights and what they start from; that of
     /// [`update`] without dV.
-    fn bytes(c: &Constants, variant: Variant) -> u64 {
-        let update = update::Bindings::bytes(&c.update(), variant) - 4 * pixels(c.width, c.height);
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let update = update::bytes(&c.update()) - 4 * pixels(c.width, c.height);
         let size = [c.width, c.height];
         12 * pixels_with_halos(size, 0, c.sweeps) + bytes_before(size, c.sweeps, &c.coarser) + update
     }
 
-    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let (size, relaxation) = ([c.width, c.height], (c.sweeps, c.over_relaxation));
+        let reused = [(); 2].map(|()| memory.take_spare());
         // Never written before, if joined.
         let steps = memory.numbers_in(self.coarse.slot());
-        let coarse = c.coarser.cpu_reference(size, relaxation, memory.numbers(self.equations), steps);
         let system = [0, 1].map(|color| memory.system((self.smoothed, RIGHT_SIDE + color), self.weights, color));
-        let change = relax_level::cpu_reference(&c.relaxation(), &system, &coarse);
+        let change = if cascade::continues(variant) {
+            let dv = &steps[c.coarser.next as usize..];
+            relaxed(reused, size, relaxation, &system, [0, 1].map(|color| own_of(dv, c.width, color)))
+        } else {
+            let coarse = c.coarser.cpu_reference(size, relaxation, memory.numbers(self.equations), steps);
+            relaxed(reused, size, relaxation, &system, [0, 1].map(|color| start_of(&coarse, c.width, color)))
+        };
         let (mut v, mut kept) = (memory.take_layer(self.v, 0), memory.take_layer(self.kept, update::KEPT));
         let (d, variance) = (memory.layer(self.smoothed, 0), memory.state(self.state).variance);
         let moving = update::cpu_reference(&c.update(), change.each_ref(), d, variance, &mut kept, &mut v);
         memory.set_layer(self.v, 0, v);
         memory.set_layer(self.kept, update::KEPT, kept);
         memory.state_mut(self.state).count(moving);
+        change.into_iter().for_each(|dv| memory.keep_spare(dv));
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Field;
+    use super::super::cascade::Start;
     use super::super::grid::{grids, tests::random_grid};
     use super::super::harness::{Rig, random_field};
-    use super::super::relax::{self, both, interleaved, tests::system};
+    use super::super::relax::{both, interleaved, tests::system};
     use super::super::state::{DoubleState, State};
-    use super::super::{Field, NO_VARIANT};
     use super::*;
+    use crate::engine::slot::{self, Slot};
     use crate::engine::vulkan::Resource;
 
-    /// The same values as by half-sweeps of `relax` and by `update`, and those of the CPU reference: from stored dV,
-    /// and from equations of the coarser grids, whose dV has errors of its own.
+    /// From stored dV of the coarse grid or of the level, and from equations of the coarser grids.
     #[test]
-    fn matches_half_sweeps_and_the_cpu_reference() {
+    fn matches_the_cpu_reference() {
         for (width, height, sweeps) in [
             (137usize, 121usize, 3),
             (64, 16, 3),
@@ -198,7 +206,8 @@ mod tests {
         ] {
             let places = grids([width as u32, height as u32]);
             let stored = random_field(width.div_ceil(2), height.div_ceil(2), 30).data;
-            check([width, height], (sweeps, 1e-6), Coarser::stored(0), &[], &stored);
+            check([width, height], sweeps, &Start::Coarser(0), &[], &stored);
+            check([width, height], sweeps, &Start::Own(2), &[], &random_field(width * height + 2, 1, 31).data);
             let small = places.iter().position(|place| cascade::fits(place.size)).unwrap();
             if small > 0 && !cascade::covers(sweeps) {
                 continue;
@@ -208,40 +217,18 @@ mod tests {
                 equations.extend_from_slice(grid.cells.as_flattened());
                 grid = grid.halved();
             }
-            check([width, height], (sweeps, 1e-4), Coarser::joined(&places, small), &equations, &[0.0]);
+            check([width, height], sweeps, &Start::Joined { grids: &places, small }, &equations, &[0.0]);
         }
     }
 
-    fn check(
-        [width, height]: [usize; 2],
-        (sweeps, tolerance): (u32, f64),
-        coarser: Coarser,
-        equations: &[f64],
-        stored: &[f64],
-    ) {
+    fn check([width, height]: [usize; 2], sweeps: u32, start: &Start, equations: &[f64], stored: &[f64]) {
         let (system, rig) = (system(width, height), Rig::new());
-        let size @ [columns, rows] = [width as u32, height as u32];
-        let relaxation = relax_level::Constants { width: columns, height: rows, sweeps, over_relaxation: 1.8 };
-        let right_sides = rig.image(&system.each_ref().map(|[right_side, ..]| right_side.clone()));
+        let size = [width as u32, height as u32];
         let weights = rig.weights(&interleaved(&system));
-        let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
-        let changes = [0, 1].map(|_| rig.field(&nothing));
-        let coarse = coarser.cpu_reference(size, (sweeps, 1.8), equations, stored);
-        let steps = rig.numbers(coarse.to_vec());
+        let steps = rig.numbers(stored.to_vec());
         // Vulkan has no empty buffers.
-        let equations = rig.numbers(if equations.is_empty() { vec![0.0; FLOATS] } else { equations.to_vec() });
-        for half in 0..2 * sweeps {
-            let color = half % 2;
-            let [own, other] = [color, 1 - color].map(|color| &changes[color as usize]);
-            let mut resources = [&right_sides, &weights, other, own].map(Resource::Image).to_vec();
-            resources.push(Resource::Buffer(&steps));
-            let variant = if half < 2 { relax::FIRST } else { NO_VARIANT };
-            let rows_at_once = relax::ROWS;
-            let constants =
-                relax::Constants { width: columns, height: rows, color, rows: rows_at_once, over_relaxation: 1.8 };
-            rig.run_variant(&relax::STAGE, variant, &resources, &constants, relax::tiles(size));
-        }
-        let change = relax_level::cpu_reference(&relaxation, &system.each_ref().map(|p| p.each_ref()), &coarse);
+        let equations = if equations.is_empty() { vec![0.0; FLOATS] } else { equations.to_vec() };
+        let grid_equations = rig.numbers(equations.clone());
         let [v, mut d] = [1, 2].map(|seed| random_field(width, height, seed));
         d.data.iter_mut().step_by(3).for_each(|d| *d = 0.0);
         let kept = random_field(width.div_ceil(2), height.div_ceil(2), 4);
@@ -249,40 +236,50 @@ mod tests {
         let state = State { variance: 5.0, ..State::new(&DoubleState::default().registration) };
         for extrapolation in [0, update::KEEP, update::EXTRAPOLATE] {
             let (largest_step, relative_step, limit, share) = (0.4, 0.6, 0.9, 0.5);
-            let (width, height) = (columns, rows);
+            let [width, height] = size;
             let update = update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation };
-            let [by_tiles, by_halves] = [(); 2].map(|()| {
-                let layers = [&none, &none, &none, &kept].map(Field::clone);
-                (rig.field(&v), rig.image(&layers), rig.upload(bytemuck::bytes_of(&state)))
-            });
+            let layers = [&none, &none, &none, &kept].map(Field::clone);
+            let (actual, kept, counts) = (rig.field(&v), rig.image(&layers), rig.upload(bytemuck::bytes_of(&state)));
             let sides = both(system.each_ref().map(|[right_side, ..]| right_side), v.width);
-            let (d_image, smoothed) = (rig.field(&d), rig.image(&[d.clone(), sides]));
+            let smoothed = rig.image(&[d.clone(), sides]);
             let resources = [
                 Resource::Image(&smoothed),
                 Resource::Image(&weights),
                 Resource::Buffer(&steps),
-                Resource::Image(&by_tiles.0),
-                Resource::Buffer(&by_tiles.2),
-                Resource::Image(&by_tiles.1),
-                Resource::Buffer(&equations),
+                Resource::Image(&actual),
+                Resource::Buffer(&counts),
+                Resource::Image(&kept),
+                Resource::Buffer(&grid_equations),
             ];
-            let constants = Constants::new(coarser, &relaxation, &update);
-            rig.run_variant(&STAGE, coarser.variant(), &resources, &constants, tiles(size, sweeps));
-            let mut resources = [&changes[0], &changes[1], &by_halves.0, &d_image].map(Resource::Image).to_vec();
-            resources.extend([Resource::Buffer(&by_halves.2), Resource::Image(&by_halves.1)]);
-            rig.run_groups(&update::STAGE, &resources, &update, update::tiles(size));
-            let (mut v, mut kept) = (v.clone(), kept.clone());
-            let moving = update::cpu_reference(&update, change.each_ref(), &d, 5.0, &mut kept, &mut v);
-            rig.assert_close(&by_tiles.0, &[v], 1e-4);
-            rig.assert_close(&by_tiles.1, &[none.clone(), none.clone(), none.clone(), kept], 1e-4);
-            rig.assert_close(&by_tiles.0, &rig.layers(&by_halves.0), tolerance);
-            rig.assert_close(&by_tiles.1, &rig.layers(&by_halves.1), tolerance);
-            let counts = [&by_tiles.2, &by_halves.2].map(|buffer| {
-                let state: State = rig.value(buffer);
-                [state.moving, state.moving_far, state.at_limit]
-            });
-            let is_close = |a: [u32; 3]| counts[0].iter().zip(a).all(|(a, b)| a.abs_diff(b) <= 1 + b / 1000);
-            assert!(is_close(counts[1]) && is_close(moving), "{counts:?}, {moving:?}");
+            let constants = Constants::new(start.constants(), (sweeps, 1.8), &update);
+            rig.run_variant(&STAGE, start.variant(), &resources, &constants, tiles(size, sweeps));
+
+            let mut memory = Memory::<f64>::new();
+            let [red, black] = system.each_ref().map(|[right_side, ..]| right_side.clone());
+            memory.layers.insert(Slot::Scratch, vec![d.clone(), red, black]);
+            let weights = system.each_ref().map(|[_, weights @ ..]| weights.clone());
+            memory.layers.insert(Slot::Weights, weights.into_iter().flatten().collect());
+            memory.layers.insert(Slot::RelativeBlur { level: 0 }, vec![v.clone()]);
+            memory.layers.insert(Slot::UncertaintyTerms, layers.to_vec());
+            memory.states.insert(Slot::State, (&state).into());
+            memory.numbers.insert(Slot::GridSteps, stored.to_vec());
+            memory.numbers.insert(Slot::GridEquations, equations.clone());
+            let bindings = Bindings {
+                smoothed: slot::SCRATCH.read(),
+                weights: slot::WEIGHTS.read(),
+                coarse: slot::GRID_STEPS.read(),
+                v: slot::relative_blur(0).update(),
+                state: slot::STATE.update(),
+                kept: slot::UNCERTAINTY_TERMS.update(),
+                equations: slot::GRID_EQUATIONS.read(),
+            };
+            bindings.run(&constants, start.variant(), &mut memory);
+            rig.assert_close(&actual, &memory.layers[&Slot::RelativeBlur { level: 0 }], 1e-4);
+            rig.assert_close(&kept, &memory.layers[&Slot::UncertaintyTerms], 1e-4);
+            let [found, expected] = [rig.value::<State>(&counts), memory.state_in(Slot::State).into()]
+                .map(|state: State| [state.moving, state.moving_far, state.at_limit]);
+            let is_close = found.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 1 + b / 1000);
+            assert!(is_close, "{found:?}, not {expected:?}");
         }
     }
 
@@ -301,6 +298,6 @@ mod tests {
         assert_eq!(pixels_with_halos([100, 52], 0, 3), (58 + 54) * 52);
         // Of the next grid, of 50 x 26 cells, from -18 to 46 and from 8 on.
         assert_eq!(pixels_with_halos([100, 52], 1, 3), (46 + 42) * 26);
-        assert!(takes(8) && !takes(9));
+        assert_eq!([3, 8, 9, 30].map(dispatches), [[3, 1], [8, 1], [5, 2], [8, 4]]);
     }
 }

@@ -1,16 +1,28 @@
-//! A filter along x, then one along y, in one dispatch: for GPUs, where scripts of other devices have two passes of
-//! [`convolve`](super::convolve).
+//! A filter along x, then one along y, in one dispatch, with mirrored borders. With stride 2 it halves the image.
 //!
-//! There a filter is bound by its traffic, which this halves, and on small levels by the time of a dispatch. A
-//! workgroup filters 64 lines along x into shared memory, and these along y. Adjacent tiles filter the lines that they
-//! share twice. The CPU device runs the two passes of `convolve` together instead, over bands of rows, which share
-//! fewer lines than tiles do.
+//! It computes the Gaussian pyramid (σ 1 px, stride 2; pixel i of a level is at pixel 2i of the level below), the cubic
+//! B-spline prefilter, the blur stacks and the means over a window. A filter that is not separable is a sum of separable
+//! ones: a variant adds to the target. A filter is bound by its traffic, so a workgroup filters lines along x into shared
+//! memory, and these along y. Adjacent tiles filter the lines that they share twice. The CPU device runs both filters on
+//! bands of rows instead.
 
-use super::convolve::{self, filter_both};
 use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, Raster, WORKGROUP, pixels, stack};
-use crate::engine::shaders::separable::{BLOCK, COLUMNS, LINES, LONG_LINES, REACH, SPAN, TAPS, TOTAL};
+use super::rows::{self, Rows};
+use super::segments::streamed;
+use super::spline::{Raster, fold};
+use super::{Number, WORKGROUP, pixels, stack};
+use crate::base::weighted;
+use crate::engine::shaders::filter::{SPAN, TAPS};
+use crate::engine::shaders::separable::{ANY_LINES, COLUMNS, LINES, TOTAL, VECTORS};
 use crate::engine::vulkan::Variant;
+use crate::engine::{filter, shaders};
+
+/// Weights per block of a filter; the last block is padded with zeros. Filters of [`TAPS`] have a pipeline without a loop:
+/// most of a Gaussian's blur stack.
+pub const BLOCK: u32 = shaders::separable::BLOCK;
+
+/// The most weights of all filters: the 16 KiB that each device allows a uniform buffer.
+pub const WEIGHTS: usize = 4 * VECTORS as usize;
 
 push_constants! {
     /// Width before the filters, pixels.
@@ -29,48 +41,45 @@ push_constants! {
     planes: u32,
     /// First weights of the filters along x and along y, in units of four weights.
     offsets: [u32; 2],
-    /// A filter has 2 radius + 1 weights, at most 19, or 49 with the variant for long filters.
+    /// A filter has 2 radius + 1 weights.
     radii: [u32; 2],
     /// Pixels after which the mirrored image repeats, along x and along y.
     periods: [u32; 2],
     /// First entry of the list of tiles; only with the variant for lists.
     listed: u32,
-    /// Blocks of weights of the filters along x and along y; only with the variant for long filters.
+    /// Blocks of weights of the filters along x and along y; only with the variant for any filters.
     blocks: [u32; 2],
+    /// 1: adds to the target; only with the variant for any filters.
+    add: u32,
 }
 
-/// Whether the filters are short enough for the sides that they filter, so that one reflection suffices.
-pub(crate) fn takes(sides: [u32; 2], radii: [u32; 2], periods: [u32; 2]) -> bool {
-    let reach = if is_long(radii) { REACH } else { TAPS / 2 };
-    let fits = |n: usize| radii[n] <= reach && sides[n] > reach && sides[n] + reach <= periods[n];
-    fits(0) && fits(1)
+/// Whether filters need the variant for any: they are long, or longer than the sides that they filter, so that one
+/// reflection does not suffice.
+pub(crate) fn is_any(sides: [u32; 2], radii: [u32; 2], periods: [u32; 2]) -> bool {
+    const REACH: u32 = TAPS / 2;
+    [0, 1].iter().any(|&n| radii[n] > REACH || sides[n] <= REACH || sides[n] + REACH > periods[n])
 }
 
-/// Whether filters of these radii need the variant for long ones.
-pub(crate) fn is_long(radii: [u32; 2]) -> bool {
-    2 * radii[0].max(radii[1]) >= TAPS
-}
-
-const LONG: usize = 0;
+const ANY: usize = 0;
 const JOINS: usize = 1;
 const HALVING: usize = 3;
 
-/// The variant that filters or, with stride 2, halves. `long`: for long filters; `listed`: for listed tiles; `joins`:
-/// two layers of floats, of two images; `packs`: to packed layers, from such too unless it joins.
-pub(crate) fn variant(stride: u32, [long, listed, joins, packs]: [bool; 4]) -> Variant {
+/// The variant that filters or, with stride 2, halves. `any`: any filters; `listed`: listed tiles; `joins`: two layers
+/// of floats, of two images; `packs`: to packed layers, from such too unless it joins.
+pub(crate) fn variant(stride: u32, [any, listed, joins, packs]: [bool; 4]) -> Variant {
     let mut variant = [false, false, listed, false, false];
-    (variant[LONG], variant[JOINS], variant[HALVING]) = (long, joins, stride == 2);
+    (variant[ANY], variant[JOINS], variant[HALVING]) = (any, joins, stride == 2);
     stack::packed(variant, packs)
 }
 
 /// Width and height of a workgroup's results, pixels of the filtered image.
-pub(crate) fn tile(stride: u32, long: bool) -> [u32; 2] {
-    [COLUMNS, if long { LONG_LINES - 2 * REACH } else { LINES - TAPS + 1 } / stride]
+pub(crate) fn tile(stride: u32, any: bool) -> [u32; 2] {
+    [COLUMNS, if any { ANY_LINES } else { LINES - TAPS + 1 } / stride]
 }
 
 /// Workgroups over an image of this size before the filters, of `planes` layers. Packed ones count as one.
-pub(crate) fn groups(size: [u32; 2], stride: u32, long: bool, planes: u32) -> [u32; 3] {
-    let [width, height] = tile(stride, long);
+pub(crate) fn groups(size: [u32; 2], stride: u32, any: bool, planes: u32) -> [u32; 3] {
+    let [width, height] = tile(stride, any);
     let [columns, rows] = size.map(|side| side.div_ceil(stride));
     [columns.div_ceil(width), rows.div_ceil(height), planes]
 }
@@ -82,7 +91,7 @@ bindings! {
     /// The image of the second layer, with the variants that join two.
     second: Reads<Words>,
     /// Other layers than those that are read.
-    to: Writes<Words>,
+    to: Updates<Words>,
     filters: Reads<Filters>,
     tiles: Reads<Tiles>,
     /// State, with white.
@@ -90,27 +99,31 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: every value read, every result written.
+    /// Compulsory traffic: every value read, every result written, and read first where it is added to.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let [columns, rows] = [c.width, c.height].map(|side| side.div_ceil(stride(variant)));
         let packs = stack::is_packed(variant);
         let [read, written] = [packs && !variant[JOINS], packs].map(|is_packed| stack::bytes(c.planes, is_packed));
-        read * pixels(c.width, c.height) + written * pixels(columns, rows)
+        read * pixels(c.width, c.height) + u64::from(1 + c.add) * written * pixels(columns, rows)
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let weights = memory.numbers(self.filters);
         let filters =
             [0, 1].map(|axis| weights[4 * c.offsets[axis] as usize..][..2 * c.radii[axis] as usize + 1].to_vec());
-        let white = memory.white(variant);
+        let (white, stride, periods) =
+            (memory.white(variant), stride(variant) as usize, c.periods.map(|period| period as usize));
         for plane in 0..c.planes {
+            let to = (c.to_layer + plane * c.to_step) as usize;
+            let before = memory.take_layer(self.to, to);
             let image = match plane {
                 0 => memory.layer(self.from, c.from_layer as usize),
                 _ => memory.layer(self.second, (c.from_layer + c.from_step) as usize),
             };
-            let filtered = cpu_reference(c, stride(variant), filters.each_ref().map(Vec::as_slice), image);
-            let filtered = stack::stored(filtered, white);
-            memory.set_layer(self.to, (c.to_layer + plane * c.to_step) as usize, filtered);
+            let size = [image.width, image.height].map(|side| side.div_ceil(stride));
+            let mut result = if c.add == 1 { before } else { before.of_size(size) };
+            filter_both(&mut result, image, filters.each_ref().map(Vec::as_slice), stride, periods, c.add == 1);
+            memory.set_layer(self.to, to, stack::stored(result, white));
         }
     }
 }
@@ -120,19 +133,112 @@ pub(crate) fn stride(variant: Variant) -> u32 {
     if variant[HALVING] { 2 } else { 1 }
 }
 
-/// The image filtered along x, then along y; with stride 2 every other result along either.
-pub fn cpu_reference<N: Number>(c: &Constants, stride: u32, filters: [&[N]; 2], image: &Raster<N>) -> Raster<N> {
-    let (periods, stride) = (c.periods.map(|period| period as usize), stride as usize);
+/// `out(i) = Σ_n filter(n) input(stride i + n)` along x, then along y, mirrored about the border pixels.
+pub(crate) fn filtered<N: Number>(image: &Raster<N>, filters: [&[N]; 2], stride: usize) -> Raster<N> {
+    let periods = [image.width, image.height].map(|side| 2 * (side - 1));
+    filtered_mirrored(image, filters, stride, periods)
+}
+
+/// The filtered image, mirrored about the first pixel and half a period from it.
+pub(crate) fn filtered_mirrored<N: Number>(
+    image: &Raster<N>,
+    filters: [&[N]; 2],
+    stride: usize,
+    periods: [usize; 2],
+) -> Raster<N> {
     let mut result = Raster::zeros(image.width.div_ceil(stride), image.height.div_ceil(stride));
     filter_both(&mut result, image, filters, stride, periods, false);
     result
 }
 
-const _: () = assert!(TAPS == convolve::TAPS && SPAN == convolve::SPAN && BLOCK == convolve::BLOCK);
+/// The image under a Gaussian of `sigma` px.
+pub(crate) fn smoothed<N: Number>(image: &Raster<N>, sigma: f64) -> Raster<N> {
+    let filter: Vec<N> = filter::gaussian(sigma * sigma).into_iter().map(N::of).collect();
+    filtered(image, [&filter; 2], 1)
+}
+
+/// Sums at either end of a row for which mirrored numbers are copied.
+const EDGE: usize = 32;
+
+/// A row filtered along x, mirrored about its first number and half a period from it.
+fn filter_row<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize, period: usize) {
+    let (radius, width) = (filter.len() / 2, row.len());
+    if stride > 1 || radius > EDGE || width < 2 * EDGE {
+        return filter_part(sums, row, filter, stride, [0, period]);
+    }
+    filter_part(&mut sums[..EDGE], row, filter, 1, [0, period]);
+    filter_part(&mut sums[width - EDGE..], row, filter, 1, [width - EDGE, period]);
+    let inner = (0..filter.len()).map(|n| &row[EDGE - radius + n..]).collect::<Vec<_>>();
+    weigh(&mut sums[EDGE..width - EDGE], filter, &inner);
+}
+
+/// The sums of a filtered row from pixel `first` of the row on.
+fn filter_part<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize, [first, period]: [usize; 2]) {
+    let (radius, first) = ((filter.len() / 2) as isize, first as isize);
+    let end = first + ((sums.len().max(1) - 1) * stride) as isize + radius + 1;
+    let [least, most] = [(first - radius).clamp(0, row.len() as isize), end.clamp(0, row.len() as isize)];
+    let outside = |x: isize| row[fold(x, period)];
+    let mut mirrored = Vec::with_capacity((end - first + radius) as usize);
+    mirrored.extend((first - radius..least).map(outside));
+    mirrored.extend_from_slice(&row[least as usize..most as usize]);
+    mirrored.extend((most..end).map(outside));
+    // Every stride-th number from the first, from the second, ...: a filter reads contiguous numbers.
+    let parts: Vec<Vec<N>> = match stride {
+        1 => vec![mirrored],
+        _ => (0..stride).map(|n| mirrored.iter().skip(n).step_by(stride).copied().collect()).collect(),
+    };
+    weigh(sums, filter, &(0..filter.len()).map(|n| &parts[n % stride][n / stride..]).collect::<Vec<_>>());
+}
+
+/// The sums of rows with the weights of a filter.
+pub(crate) fn weigh<N: Number>(sums: &mut [N], filter: &[N], rows: &[&[N]]) {
+    streamed(
+        #[inline(always)]
+        || weighted::sum(sums, filter, rows),
+    );
+}
+
+/// The bands of an image that is filtered along both axes. At the border of two, rows are filtered twice.
+const BANDS: usize = 16;
+
+/// Filters an image along x, then along y, while the rows are in the cache; with `add` it adds to the result, which has
+/// the size of the filtered image.
+pub(super) fn filter_both<N: Number>(
+    result: &mut Raster<N>,
+    input: &Raster<N>,
+    [along_x, along_y]: [&[N]; 2],
+    stride: usize,
+    periods: [usize; 2],
+    add: bool,
+) {
+    let (width, height, radius) = (result.width, result.height, (along_y.len() / 2) as isize);
+    let lines = height.div_ceil(BANDS).max(2 * along_y.len() / stride);
+    rows::map([Rows::from(result).joined(lines)], |band, [rows]| {
+        let mut ring = vec![vec![N::default(); width]; along_y.len()];
+        let slot = |y: isize| (y + radius) as usize % along_y.len();
+        let mut next = (band * lines * stride) as isize - radius;
+        let mut sums = vec![N::default(); if add { width } else { 0 }];
+        for (n, row) in rows.chunks_exact_mut(width.max(1)).enumerate() {
+            let y = ((band * lines + n) * stride) as isize;
+            while next <= y + radius {
+                filter_row(&mut ring[slot(next)], input.row(fold(next, periods[1])), along_x, stride, periods[0]);
+                next += 1;
+            }
+            let filtered: Vec<&[N]> = (y - radius..=y + radius).map(|y| &ring[slot(y)][..]).collect();
+            if add {
+                weigh(&mut sums, along_y, &filtered);
+                row.iter_mut().zip(&sums).for_each(|(before, sum)| *before += *sum);
+            } else {
+                weigh(row, along_y, &filtered);
+            }
+        }
+    });
+}
+
 const _: () = assert!(TOTAL == WORKGROUP[0] * WORKGROUP[1]);
-// A span along x for each invocation, or two; one along y.
-const _: () = assert!(LINES * COLUMNS == SPAN * TOTAL && LONG_LINES * COLUMNS <= 2 * SPAN * TOTAL);
-const _: () = assert!((LONG_LINES - 2 * REACH).is_multiple_of(2 * SPAN) && LONG_LINES - 2 * REACH <= LINES);
+// A span along y for each invocation.
+const _: () = assert!(LINES * COLUMNS <= SPAN * TOTAL && ANY_LINES * COLUMNS <= SPAN * TOTAL);
+const _: () = assert!(ANY_LINES.is_multiple_of(2 * SPAN));
 
 #[cfg(test)]
 mod tests {
@@ -150,8 +256,7 @@ mod tests {
         let (input, size) = (random_field(width, height, 7), [width as u32, height as u32]);
         let (radii, periods) =
             (filters.map(|filter| (filter.len() / 2) as u32), [0, 1].map(|n| 2 * (size[n] - 1) + beyond[n]));
-        assert!(takes(size, radii, periods));
-        let long = is_long(radii);
+        let any = is_any(size, radii, periods);
         let c = Constants {
             width: size[0],
             height: size[1],
@@ -160,13 +265,15 @@ mod tests {
             from_step: 2,
             to_step: 2,
             planes: 2,
-            offsets: [2, 20],
+            offsets: [2, 2 + (filters[0].len() as u32).next_multiple_of(BLOCK) / 4],
             radii,
             periods,
             listed: 1,
             blocks: filters.map(|filter| (filter.len() as u32).div_ceil(BLOCK)),
+            add: 0,
         };
-        let expected = cpu_reference(&c, stride, filters, &input);
+        let filter = |image: &Field| filtered_mirrored(image, filters, stride as usize, periods.map(|p| p as usize));
+        let expected = filter(&input);
         let rig = Rig::new();
         let times =
             |field: &Field, factor: f64| Field { data: field.data.iter().map(|v| factor * v).collect(), ..*field };
@@ -178,28 +285,34 @@ mod tests {
         let weights = rig.filter(c.offsets[0], &[&weights, filters[1]].concat());
         let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
         let state = State { white: 0.8, ..State::new(&DoubleState::default().registration) };
-        let white = White::of(variant(stride, [long, false, false, true]), state.white.into());
+        let white = White::of(variant(stride, [any, false, false, true]), state.white.into());
         let state = rig.upload(bytemuck::bytes_of(&state));
         let (weights, [tiles, state]) = (Resource::Uniform(&weights), [&tiles, &state].map(Resource::Buffer));
         let resources = [Resource::Image(&from), Resource::Image(&from), Resource::Image(&to), weights, tiles, state];
-        let all = |planes| groups(size, stride, long, planes);
+        let all = |planes| groups(size, stride, any, planes);
         let groups = if listed { [2, 1, 2] } else { all(2) };
-        rig.run_variant(&STAGE, variant(stride, [long, listed, false, false]), &resources, &c, groups);
-        let [right, below] = [tile(stride, long)[0], 2 * tile(stride, long)[1]].map(|side| side as usize);
+        rig.run_variant(&STAGE, variant(stride, [any, listed, false, false]), &resources, &c, groups);
+        let [right, below] = [tile(stride, any)[0], 2 * tile(stride, any)[1]].map(|side| side as usize);
         let written = Field::from_fn(expected.width, expected.height, |x, y| {
             if !listed || x < right && y < below { expected.get(x, y) } else { 0.0 }
         });
         // 1e-5: 38 products of single precision, with weights of the prefilter that sum to 3 in absolute value.
         rig.assert_close(&to, &[times(&written, 1.0), times(&written, 0.0), times(&written, -1.0)], 1e-5);
 
+        if any {
+            let adding = Constants { add: 1, ..c };
+            rig.run_variant(&STAGE, variant(stride, [any, listed, false, false]), &resources, &adding, groups);
+            rig.assert_close(&to, &[times(&written, 2.0), times(&written, 0.0), times(&written, -2.0)], 2e-5);
+        }
+
         // Packed, from layer 1 or from those of two images into layer 0; some results are beyond what is stored.
         let [first, second] = [2.0, -1.0].map(|factor| stack::stored(times(&input, factor), white));
-        let results = [&first, &second].map(|image| stack::stored(cpu_reference(&c, stride, filters, image), white));
+        let results = [&first, &second].map(|image| stack::stored(filter(image), white));
         let [one, other] = [[&input, &first], [&input, &second]].map(|layers| rig.image(&layers.map(Field::clone)));
         let (to, joined) = (rig.empty(size.map(|side| side.div_ceil(stride)), 3), Constants { from_step: 0, ..c });
         let resources = [Resource::Image(&one), Resource::Image(&other), Resource::Image(&to), weights, tiles, state];
-        rig.run_variant(&STAGE, variant(stride, [long, false, true, false]), &resources, &joined, all(2));
-        let [a, b] = [&first, &second].map(|image| cpu_reference(&c, stride, filters, image));
+        rig.run_variant(&STAGE, variant(stride, [any, false, true, false]), &resources, &joined, all(2));
+        let [a, b] = [&first, &second].map(&filter);
         rig.assert_close(&to, &[a, times(&expected, 0.0), b], 2e-5);
         let stored = [second.clone(), first, input, second].map(|layer| stack::stored(layer, white));
         let white = white.unwrap();
@@ -209,7 +322,7 @@ mod tests {
             let (to, c) = (rig.packed(&[blank.clone(), blank], white), Constants { from_step, ..c });
             let resources =
                 [Resource::Image(from), Resource::Image(second), Resource::Image(&to), weights, tiles, state];
-            rig.run_variant(&STAGE, variant(stride, [long, false, joins, true]), &resources, &c, all(1));
+            rig.run_variant(&STAGE, variant(stride, [any, false, joins, true]), &resources, &c, all(1));
             // A step, where one rounds up and the other down.
             assert_all_close(&rig.unpacked(&to, white), &results, 1.1 * white.step(3.0 * white.coefficient(i16::MAX)));
         }
@@ -230,11 +343,12 @@ mod tests {
     }
 
     #[test]
-    fn long_filters_match_the_cpu_reference() {
-        let [short, longest, halving] = [filter::gaussian(4.0), filter::gaussian(31.0), filter::gaussian_halving(5.5)];
-        assert_eq!([&longest, &halving].map(Vec::len), [49, 33]);
-        for size in [[53, 49], [150, 101], [65, 98]] {
-            for filters in [[&longest; 2], [&short, &longest], [&halving, &short]] {
+    fn any_filters_match_the_cpu_reference() {
+        let [short, long, halving, longest] =
+            [filter::gaussian(4.0), filter::gaussian(31.0), filter::gaussian_halving(5.5), filter::gaussian(900.0)];
+        assert_eq!([&long, &halving, &longest].map(Vec::len), [49, 33, 257]);
+        for size in [[53, 49], [150, 101], [65, 98], [28, 7], [2, 9]] {
+            for filters in [[&long; 2], [&short, &longest], [&halving, &short]] {
                 for stride in [1, 2] {
                     check(size, filters.map(Vec::as_slice), stride, false, [0, 0]);
                     check(size, filters.map(Vec::as_slice), stride, true, [1, 0]);
@@ -244,11 +358,24 @@ mod tests {
     }
 
     #[test]
-    fn short_sides_and_long_filters_are_left_to_convolve() {
-        assert!(takes([11, 16], [9, 9], [20, 30]) && !takes([10, 16], [9, 9], [18, 30]));
-        assert!(takes([16, 16], [9, 9], [30, 30]) && takes([32, 20], [9, 4], [61, 38]));
-        assert!(!takes([9, 16], [9, 9], [16, 30]), "shorter than the filter");
-        assert!(!takes([16, 16], [10, 9], [30, 30]), "shorter than a long filter");
-        assert!(takes([25, 48], [10, 24], [49, 94]) && !takes([90, 90], [25, 9], [178, 178]), "too many weights");
+    fn short_sides_and_long_filters_need_the_variant_for_any() {
+        assert!(!is_any([11, 16], [9, 9], [20, 30]) && is_any([10, 16], [9, 9], [18, 30]));
+        assert!(!is_any([16, 16], [9, 9], [30, 30]) && !is_any([32, 20], [9, 4], [61, 38]));
+        assert!(is_any([16, 16], [10, 9], [30, 30]) && is_any([9, 16], [9, 9], [16, 30]));
+    }
+
+    #[test]
+    fn a_gaussian_blob_gains_the_filters_variance() {
+        let blob = |v: f64| {
+            Field::from_fn(65, 65, |x, y| {
+                let (dx, dy) = (x as f64 - 32.0, y as f64 - 30.0);
+                (-(dx * dx + dy * dy) / (2.0 * v)).exp() / v
+            })
+        };
+        let filter = filter::gaussian(3.0);
+        let blurred = filtered(&blob(4.0), [&filter; 2], 1);
+        for (actual, expected) in blurred.data.iter().zip(blob(7.0).data) {
+            assert!((actual - expected).abs() < 1e-5, "{actual} {expected}");
+        }
     }
 }

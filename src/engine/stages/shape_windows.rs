@@ -352,7 +352,7 @@ mod tests {
     use super::*;
     use crate::base::{Kernel, Photometric, Similarity};
     use crate::engine::filter;
-    use crate::engine::stages::convolve;
+    use crate::engine::stages::separable;
 
     fn constants([width, height]: [usize; 2], nodes: usize) -> Constants {
         let size = [width as u32, height as u32];
@@ -434,7 +434,7 @@ mod tests {
         let under = |variance: f64| {
             let mut blurred = Field::zeros(size, size);
             for [x, y] in filter::centred(kernel, variance) {
-                let term = convolve::filtered(&texture, [&x, &y], 1);
+                let term = separable::filtered(&texture, [&x, &y], 1);
                 blurred.data.iter_mut().zip(term.data).for_each(|(sum, t)| *sum += t);
             }
             blurred

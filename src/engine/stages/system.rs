@@ -18,24 +18,25 @@
 
 use super::grid::{Cell, FLOATS};
 use super::links::Links;
-use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::segments::vectorised;
-use super::{Number, Raster, WORKGROUP, pixels};
+use super::{Number, Raster};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
+/// The equation's constants.
+#[derive(Clone, Copy, Debug)]
+pub struct Constants {
     /// Width of the level, pixels.
-    width: u32,
+    pub width: u32,
     /// Height of the level, pixels.
-    height: u32,
+    pub height: u32,
     /// α; for a pair the factor on the state's α.
-    alpha: f32,
+    pub alpha: f32,
     /// c, px² of the level per squared setting; 1 for a pair.
-    rate: f32,
+    pub rate: f32,
     /// η of the smoothness term, px of blur per pixel; for a pair px² per pixel.
-    smoothness_eta: f32,
+    pub smoothness_eta: f32,
 }
 
 /// The variant for a sweep.
@@ -46,83 +47,18 @@ pub(crate) fn layers(variant: Variant) -> u32 {
     if variant == SWEEP { 3 } else { 2 }
 }
 
-bindings! {
-    SYSTEM:
-    /// V or u.
-    unknown: Reads<RelativeBlur>,
-    /// D, b, and for a sweep q, each averaged over a window.
-    equations: Reads<Plane>,
-    /// Right sides.
-    right_sides: Writes<RightSides>,
-    /// Weights.
-    weights: Writes<Weights>,
-    /// For a sweep Σ q b/(D + Σa) and Σ q²/(D + Σa).
-    partials: Writes<Partials>,
-    /// State, with α of a pair.
-    state: Reads<State>,
-    /// The equations of the first coarse grid.
-    grid: Writes<GridEquations>,
-}
-
 /// Floats per workgroup.
 pub(crate) const SUMS: usize = shaders::system::SUMS as usize;
-
-/// Workgroups over a level.
-pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
-    [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1]), 1]
-}
-
-impl Pass for Bindings {
-    /// Compulsory traffic: the unknown and its equations read, right side, weights and a quarter of a
-    /// grid's equation written.
-    fn bytes(c: &Constants, variant: Variant) -> u64 {
-        (28 + 4 * u64::from(layers(variant))) * pixels(c.width, c.height)
-    }
-
-    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { memory.state(self.state).alpha };
-        let mut colors = [0, 1].map(|color| {
-            std::array::from_fn(|n| match n {
-                0 => memory.take_layer(self.right_sides, color),
-                _ => memory.take_layer(self.weights, 4 * color + n - 1),
-            })
-        });
-        let mut cells = memory.take_numbers(self.grid);
-        let equations = &memory.layers(self.equations)[..layers(variant) as usize];
-        let sums = compute(c, alpha, memory.layer(self.unknown, 0), equations, &mut colors, &mut cells, true);
-        for (color, [right_side, weights @ ..]) in colors.into_iter().enumerate() {
-            memory.set_layer(self.right_sides, color, right_side);
-            memory.set_weights(self.weights, color, weights);
-        }
-        memory.put_numbers(self.grid, cells);
-        if variant == SWEEP {
-            memory.set_numbers(self.partials, &sums);
-        }
-    }
-}
 
 /// Rows of the level that are computed one after the other. Adjacent rows share links.
 const LINES: usize = 16;
 // A cell of the coarse grid is of two rows.
 const _: () = assert!(LINES.is_multiple_of(2));
 
-/// The system of each color, as the device stores it: right side, then the weights of the right, left, lower and upper
-/// neighbour; the sums; and the [cells](super::grid::Cell) of the first coarse grid. `equations` holds D, b, and for a
-/// sweep q. `rounds`: whether weights are rounded, as they are where a script runs.
-pub fn cpu_reference<N: Number>(
-    c: &Constants,
-    alpha: f64,
-    unknown: &Raster<N>,
-    equations: &[Raster<N>],
-    rounds: bool,
-) -> ([[Raster<N>; 5]; 2], [f64; SUMS], Vec<N>) {
-    let (mut colors, mut cells) = Default::default();
-    let sums = compute(c, alpha, unknown, equations, &mut colors, &mut cells, rounds);
-    (colors, sums, cells)
-}
-
-/// As [`cpu_reference`], in the memory of rasters and of the cells of all grids.
-fn compute<N: Number>(
+/// Computes the system of each color: right side, then the weights of the right, left, lower and upper neighbour; the
+/// [cells](super::grid::Cell) of the first coarse grid; and the sums, which it returns. `equations` holds D, b, and for a
+/// sweep q. `rounds`: whether weights are rounded, as they are where a script runs. Reuses the memory of the rasters.
+pub(super) fn compute<N: Number>(
     c: &Constants,
     alpha: f64,
     unknown: &Raster<N>,
@@ -269,77 +205,23 @@ fn round<N: Number>(weights: &mut [N]) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::super::Field;
-    use super::super::harness::{Rig, assert_numbers, random_field};
-    use super::super::relax::{both, interleaved};
-    use super::super::state::{DoubleState, State};
+    use super::super::harness::random_field;
+    use super::super::relax::both;
     use super::*;
-    use crate::engine::slot::Slot;
-    use crate::engine::vulkan::Resource;
 
-    fn check(width: usize, height: usize, variant: Variant, flat: bool) {
-        let mut fields: Vec<Field> = (1..5).map(|seed| random_field(width, height, seed)).collect();
-        if flat {
-            fields.iter_mut().for_each(|field| field.data.fill(0.25));
-        }
-        let state = State { alpha: 0.4, ..State::new(&DoubleState::default().registration) };
-        let (width, height) = (width as u32, height as u32);
-        let c = Constants { width, height, alpha: 0.05, rate: 0.7, smoothness_eta: 0.1 };
-        let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { f64::from(state.alpha) };
-        let (expected, sums, coarse) =
-            cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize], false);
-        let rig = Rig::new();
-        // The pixel beyond an odd width is written too.
-        let before = |floats: u32| {
-            let nothing = Field::from_fn((floats * width.div_ceil(2)) as usize, height as usize, |_, _| f64::NAN);
-            [nothing.clone(), nothing]
-        };
-        let images = [rig.image(&fields[..1]), rig.image(&fields[1..]), rig.image(&before(1)), rig.weights(&before(4))];
-        let groups = tiles([width, height]);
-        let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
-        let state = rig.upload(bytemuck::bytes_of(&state));
-        let cells = rig.upload(&vec![0; 4 * coarse.len()]);
-        let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
-        resources.extend([&partials, &state, &cells].map(Resource::Buffer));
-        rig.run_variant(&STAGE, variant, &resources, &c, groups);
-        // Single precision, over diagonals of down to 0.1.
-        rig.assert_close(&images[2], &expected.each_ref().map(|[right_side, ..]| right_side.clone()), 1e-4);
-        // Half precision, rounded to nearest: the mean of n errors is within four of its standard deviations.
-        let weights = interleaved(&expected);
-        rig.assert_close(&images[3], &weights, 2.5e-4);
-        let stored = rig.layers(&images[3]);
-        let [stored, exact] = [&stored[..], &weights].map(|l| l.iter().flat_map(|layer| &layer.data).sum::<f64>());
-        let count = f64::from(4 * width * height);
-        assert!(flat || (stored - exact).abs() < 3e-4 * count.sqrt(), "{} in the mean", (stored - exact) / count);
-        assert_numbers(&rig.floats(&cells), &coarse, 1e-4);
-        let actual = rig.floats(&partials);
-        for (n, sum) in sums.iter().enumerate() {
-            let total: f64 = actual.chunks(SUMS).map(|row| f64::from(row[n])).sum();
-            assert!((total - sum).abs() <= 1e-4 * sum.abs(), "{n}: {total} {sum}");
-        }
-    }
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height) in [(67, 43), (64, 4), (33, 18), (1, 2)] {
-            check(width, height, SWEEP, false);
-            check(width, height, [false; 5], false);
-        }
-        check(35, 20, [false; 5], true);
-    }
-
-    /// The host adds up whole rows of partial sums. Those of the pass before must not be among them.
-    #[test]
-    fn partial_sums_of_earlier_passes_are_replaced() {
-        let slots = [0, 1, 2, 3, 4, 5, 6].map(|n| Slot::Frames { level: n });
-        let mut memory = Memory::<f64>::new();
-        memory.layers.insert(slots[0], vec![random_field(9, 7, 1)]);
-        memory.layers.insert(slots[1], (2..5).map(|seed| random_field(9, 7, seed)).collect());
-        memory.numbers.insert(slots[4], vec![7.0; 64]);
-        let c = Constants { width: 9, height: 7, alpha: 0.05, rate: 0.7, smoothness_eta: 0.1 };
-        <Bindings as super::super::pass::Bindings>::of(&slots).run(&c, SWEEP, &mut memory);
-        assert_eq!(memory.numbers[&slots[4]].len(), SUMS);
+    /// The system of each color.
+    pub(crate) fn cpu_reference(
+        c: &Constants,
+        alpha: f64,
+        unknown: &Field,
+        equations: &[Field],
+        rounds: bool,
+    ) -> ([[Field; 5]; 2], [f64; SUMS], Vec<f64>) {
+        let (mut colors, mut cells) = Default::default();
+        let sums = compute(c, alpha, unknown, equations, &mut colors, &mut cells, rounds);
+        (colors, sums, cells)
     }
 
     #[test]

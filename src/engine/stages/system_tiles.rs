@@ -1,18 +1,18 @@
 //! Computes the [linear system](super::system) for the step of the unknown in one dispatch with the window over D and b
-//! before it and the first coarse [grids](super::grid) behind it: for GPUs.
+//! before it and the first coarse [grids](super::grid) behind it.
 //!
-//! There each dispatch takes longer than its work on small levels, and on large ones the means of D and b take as long
-//! as their traffic. A workgroup averages a tile of 32 x 32 pixels in shared memory, reading D and b beyond it, and
-//! sums its equations up to five grids. It stores the means of D, which the update of V reads, and the right sides at
-//! their pixels, instead of by color as `system` does.
+//! Each dispatch takes longer than its work on small levels, and on large ones the means of D and b take as long as their
+//! traffic. A workgroup averages a tile of 32 x 32 pixels in shared memory, reading D and b beyond it, and sums its
+//! equations up to five grids. It stores the means of D, which the update of V reads, and the right sides.
 
-use super::convolve::filtered;
 use super::grid::{FLOATS, Grid, grids};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::separable::filter_both;
 use super::{Number, WORKGROUP, pixels, system};
 use crate::engine::plan::FilterRange;
 use crate::engine::shaders;
-use crate::engine::shaders::system_tiles::{CELLS, LINES, SPAN, TAPS, TILE, TOTAL};
+use crate::engine::shaders::filter::{SPAN, TAPS};
+use crate::engine::shaders::system_tiles::{CELLS, LINES, TILE, TOTAL};
 use crate::engine::vulkan::Variant;
 
 /// The most grids of a dispatch.
@@ -24,6 +24,7 @@ const RIGHT_SIDE: usize = shaders::system_tiles::RIGHT_SIDE as usize;
 const _: () = assert!(TOTAL == WORKGROUP[0] * WORKGROUP[1] && TOTAL == CELLS * CELLS && TILE == 2 * CELLS);
 const _: () = assert!(1 << GRIDS == TILE && LINES == TILE + TAPS - 1 && TILE.is_multiple_of(SPAN));
 const _: () = assert!(shaders::system_tiles::RIGHT_SIDE == shaders::relax_tiles::RIGHT_SIDE);
+const _: () = assert!(shaders::system_tiles::RIGHT_SIDE == shaders::relax::RIGHT_SIDE);
 
 push_constants! {
     /// Width of the level, pixels.
@@ -45,7 +46,7 @@ push_constants! {
 }
 
 impl Constants {
-    /// Those of `system`, with the window before it and the number of grids behind it.
+    /// The constants of the system, with the window before it and the number of grids behind it.
     pub(crate) fn new(system: &system::Constants, window: FilterRange, grids: usize) -> Self {
         let &system::Constants { width, height, alpha, rate, smoothness_eta } = system;
         let (offset, radius, grids) = (window.offset, window.radius, grids.min(GRIDS) as u32);
@@ -96,31 +97,40 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let alpha = f64::from(c.alpha) * if variant == system::SWEEP { 1.0 } else { memory.state(self.state).alpha };
+        let mut smoothed: Vec<_> = (1..system::layers(variant)).map(|_| memory.take_spare()).collect();
+        smoothed.insert(0, memory.take_layer(self.smoothed, 0));
+        let mut colors = [0, 1].map(|color| {
+            std::array::from_fn(|n| match n {
+                0 => memory.take_layer(self.smoothed, RIGHT_SIDE + color),
+                _ => memory.take_layer(self.weights, 4 * color + n - 1),
+            })
+        });
+        let mut cells = memory.take_numbers(self.grid);
         let window = &memory.numbers(self.filters)[4 * c.offset as usize..][..2 * c.radius as usize + 1];
-        let equations = &memory.layers(self.equations)[..system::layers(variant) as usize];
-        let smoothed: Vec<_> = equations.iter().map(|layer| filtered(layer, [window; 2], 1)).collect();
-        let (colors, sums, finest) =
-            system::cpu_reference(&c.system(), alpha, memory.layer(self.unknown, 0), &smoothed, true);
-        let cells = cpu_reference(c, finest);
-        smoothed.into_iter().take(1).for_each(|d| memory.set_layer(self.smoothed, 0, d));
+        let (size, periods) = ([c.width, c.height], [c.width, c.height].map(|side| 2 * (side as usize - 1)));
+        for (smoothed, layer) in smoothed.iter_mut().zip(memory.layers(self.equations)) {
+            *smoothed = std::mem::take(smoothed).of_size(size.map(|side| side as usize));
+            filter_both(smoothed, layer, [window; 2], 1, periods, false);
+        }
+        let unknown = memory.layer(self.unknown, 0);
+        let sums = system::compute(&c.system(), alpha, unknown, &smoothed, &mut colors, &mut cells, true);
+        for places in grids(size)[..c.grids as usize].windows(2) {
+            let coarser = Grid::of(&cells, places[0].first as usize, places[0].size).halved();
+            let first = FLOATS * places[1].first as usize;
+            cells.resize(cells.len().max(first + FLOATS * coarser.cells.len()), N::default());
+            cells[first..][..FLOATS * coarser.cells.len()].copy_from_slice(coarser.cells.as_flattened());
+        }
+        memory.put_numbers(self.grid, cells);
         for (color, [right_side, weights @ ..]) in colors.into_iter().enumerate() {
             memory.set_layer(self.smoothed, RIGHT_SIDE + color, right_side);
             memory.set_weights(self.weights, color, weights);
         }
-        memory.numbers_mut(self.grid, cells.len())[..cells.len()].copy_from_slice(&cells);
+        memory.set_layer(self.smoothed, 0, smoothed.remove(0));
+        smoothed.into_iter().for_each(|raster| memory.keep_spare(raster));
         if variant == system::SWEEP {
             memory.set_numbers(self.partials, &sums);
         }
     }
-}
-
-/// The systems of the first grids, one behind the other, by that of the finest.
-pub fn cpu_reference<N: Number>(c: &Constants, mut cells: Vec<N>) -> Vec<N> {
-    for finer in grids([c.width, c.height]).iter().take(c.grids.saturating_sub(1) as usize) {
-        let coarser = Grid::of(&cells, finer.first as usize, finer.size).halved();
-        cells.extend(coarser.cells.as_flattened());
-    }
-    cells
 }
 
 #[cfg(test)]
@@ -128,7 +138,9 @@ mod tests {
     use super::super::Field;
     use super::super::harness::{Rig, random_field};
     use super::super::relax::{both, interleaved};
+    use super::super::separable::filtered;
     use super::super::state::{DoubleState, State};
+    use super::super::system::tests::cpu_reference;
     use super::*;
     use crate::engine::stages::uncertainty_terms;
     use crate::engine::vulkan::Resource;
@@ -147,8 +159,11 @@ mod tests {
         let alpha = f64::from(c.alpha) * if variant == system::SWEEP { 1.0 } else { f64::from(state.alpha) };
         let equations = &fields[1..1 + system::layers(variant) as usize];
         let smoothed: Vec<Field> = equations.iter().map(|layer| filtered(layer, [&window; 2], 1)).collect();
-        let (expected, sums, finest) = system::cpu_reference(&system, alpha, &fields[0], &smoothed, false);
-        let cells = cpu_reference(&c, finest);
+        let (expected, sums, mut cells) = cpu_reference(&system, alpha, &fields[0], &smoothed, false);
+        for finer in &places[..places.len().min(GRIDS) - 1] {
+            let coarser = Grid::of(&cells, finer.first as usize, finer.size).halved();
+            cells.extend_from_slice(coarser.cells.as_flattened());
+        }
         let rig = Rig::new();
         // The pixel beyond an odd width is written too.
         let before = |width: usize| [(); 2].map(|()| Field::from_fn(width, height, |_, _| f64::NAN));

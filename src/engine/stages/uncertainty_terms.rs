@@ -22,6 +22,8 @@ use crate::engine::vulkan::Variant;
 
 /// Layers: curvature, b², (∇²V)², b Σb; then the squared [residual](mod@super::residual).
 pub const LAYERS: usize = 5;
+/// The layers in which they are stored: each is averaged into the layer before.
+pub const STORED: usize = LAYERS + 1;
 /// The layer of the residual.
 pub const RESIDUAL: usize = 4;
 /// Pixels on either side over which b is summed. Noise of photographs is alike over 2 px, what a kernel leaves over a
@@ -67,7 +69,7 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let [d, b] = [0, 1].map(|n| memory.layer(self.equations, n));
         let terms = cpu_reference(c, memory.layer(self.v, 0), [d, b]);
-        terms.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.terms, n, field));
+        terms.into_iter().zip(1..).for_each(|(field, n)| memory.set_layer(self.terms, n, field));
     }
 }
 

@@ -3,28 +3,28 @@
 //! A whole step may be kept. The next step is then extrapolated from both, in each block of 2 x 2 pixels.
 //! Sections 4 and 6 of `docs/method.md`.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
 use super::rows::{self, Rows};
 use super::segments::vectorised;
 use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::engine::shaders;
-use crate::engine::vulkan::Variant;
 
-push_constants! {
+/// The constants of the update.
+#[derive(Clone, Copy, Debug)]
+pub struct Constants {
     /// Width of the level, pixels.
-    width: u32,
+    pub width: u32,
     /// Height of the level, pixels.
-    height: u32,
+    pub height: u32,
     /// Largest |dV|, px² of the level,
-    largest_step: f32,
+    pub largest_step: f32,
     /// or this share of |V|, if that is more.
-    relative_step: f32,
+    pub relative_step: f32,
     /// Largest |V|, px² of the level.
-    limit: f32,
+    pub limit: f32,
     /// Share of dV that is added.
-    share: f32,
+    pub share: f32,
     /// 1 keeps the step, 2 extrapolates it from the kept one, 0 does neither.
-    extrapolation: u32,
+    pub extrapolation: u32,
 }
 
 /// [`Constants::extrapolation`]: keeps the step.
@@ -37,44 +37,11 @@ pub(crate) const KEPT: usize = shaders::update::KEPT as usize;
 /// of 16 iterations.
 const FACTORS: [f64; 2] = [shaders::update::LEAST_FACTOR, shaders::update::MOST_FACTOR];
 
-bindings! {
-    UPDATE:
-    /// dV of the red pixels.
-    red: Reads<Change>,
-    /// dV of the black pixels.
-    black: Reads<Change>,
-    /// V.
-    v: Updates<RelativeBlur>,
-    /// D, averaged over a window.
-    equations: Reads<Plane>,
-    /// State, with the count.
-    state: Updates<State>,
-    /// The kept step.
-    kept: Updates<UncertaintyTerms>,
-}
-
-impl Pass for Bindings {
-    /// Compulsory traffic: dV, V and D read, V written; on every fourth pixel the kept step read or written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        let [width, height] = uncertainty_terms::size([c.width, c.height]);
-        let kept = if c.extrapolation == 0 { 0 } else { 4 };
-        16 * pixels(c.width, c.height) + kept * pixels(width, height)
-    }
-
-    fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let (mut v, mut kept) = (memory.take_layer(self.v, 0), memory.take_layer(self.kept, KEPT));
-        let change = [self.red, self.black].map(|half| memory.layer(half, 0));
-        let (d, variance) = (memory.layer(self.equations, 0), memory.state(self.state).variance);
-        let moving = cpu_reference(c, change, d, variance, &mut kept, &mut v);
-        memory.set_layer(self.v, 0, v);
-        memory.set_layer(self.kept, KEPT, kept);
-        memory.state_mut(self.state).count(moving);
-    }
-}
-
-/// Workgroups over a level.
-pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
-    STAGE.groups([width.div_ceil(2), height.div_ceil(2)])
+/// Compulsory traffic: dV, V and D read, V written; on every fourth pixel the kept step read or written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    let [width, height] = uncertainty_terms::size([c.width, c.height]);
+    let kept = if c.extrapolation == 0 { 0 } else { 4 };
+    16 * pixels(c.width, c.height) + kept * pixels(width, height)
 }
 
 /// A pixel moves if its step is more than a tenth of its standard deviation (section 7 of `docs/method.md`), and far if
@@ -202,53 +169,8 @@ pub fn cpu_reference<N: Number>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::Field;
-    use super::super::harness::{Rig, random_field};
-    use super::super::relax::half;
-    use super::super::state::{DoubleState, State};
     use super::*;
-    use crate::engine::stages::NO_VARIANT;
-    use crate::engine::vulkan::Resource;
 
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height) in [(37usize, 21usize), (16, 16), (1, 2)] {
-            let [mut v, change, mut d] = [1, 2, 3].map(|seed| random_field(width, height, seed));
-            d.data.iter_mut().step_by(3).for_each(|d| *d = 0.0);
-            let mut kept = random_field(width.div_ceil(2), height.div_ceil(2), 4);
-            kept.data.iter_mut().step_by(5).for_each(|before| *before = 0.0);
-            let [width, height] = [width as u32, height as u32];
-            for extrapolation in [0, KEEP, EXTRAPOLATE] {
-                let constants = Constants {
-                    width,
-                    height,
-                    largest_step: 0.4,
-                    relative_step: 0.6,
-                    limit: 0.9,
-                    share: 0.5,
-                    extrapolation,
-                };
-                let state = State { variance: 5.0, ..State::new(&DoubleState::default().registration) };
-                let rig = Rig::new();
-                let images = [&half(&change, 0), &half(&change, 1), &v, &d].map(|f| rig.field(f));
-                let none = Field::zeros(kept.width, kept.height);
-                let layers = [&none, &none, &none, &kept].map(Field::clone);
-                let (buffer, steps) = (rig.upload(bytemuck::bytes_of(&state)), rig.image(&layers));
-                let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
-                resources.extend([Resource::Buffer(&buffer), Resource::Image(&steps)]);
-                rig.run_variant(&STAGE, NO_VARIANT, &resources, &constants, tiles([width, height]));
-                let halves = [0, 1].map(|color| half(&change, color));
-                let moving = cpu_reference(&constants, halves.each_ref(), &d, state.variance.into(), &mut kept, &mut v);
-                rig.assert_close(&images[2], std::slice::from_ref(&v), 1e-6);
-                rig.assert_close(&steps, &[none.clone(), none.clone(), none, kept.clone()], 1e-6);
-                let actual: State = rig.value(&buffer);
-                assert_eq!([actual.moving, actual.moving_far, actual.at_limit], moving);
-                assert!(width < 16 || moving[1] > 0 && moving[1] < moving[0] && moving[2] > 0, "{moving:?}");
-            }
-        }
-    }
-
-    /// Steps that shrink by a share, or swing, end where they lead.
     #[test]
     fn a_step_is_extrapolated_to_where_a_geometric_series_ends() {
         for (ratio, expected) in [(0.3, 1.0 / 0.7), (-0.5, 1.0 / 1.5), (0.0, 1.0), (0.9, 2.0), (2.0, 2.0), (-3.0, 0.5)]

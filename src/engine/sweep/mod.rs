@@ -112,7 +112,7 @@ impl JointSolver {
         let (timeout, max_relative_blur) = (engine.timeout(), settings.max_relative_blur.min(MAX_RELATIVE_BLUR));
         let decode = settings.decode.resolved([format.depth]);
         let settings = Settings { max_relative_blur, relaxation_sweeps: RELAXATION_SWEEPS, decode, ..settings.clone() };
-        let plan = Plan::new(size[0], size[1], [format; 2], &settings)?.shaped_for(engine.info());
+        let plan = Plan::new(size[0], size[1], [format; 2], &settings)?.for_device(engine.info());
         let is_small = plan.sweep_bytes(frames as u32) <= memory;
         if is_small && plan.check_sweep(engine.device(), frames as u32).is_ok() || plan.pyramid.len() == 1 {
             let whole = PyramidSolver::new(engine, plan, frames)?;
@@ -123,7 +123,7 @@ impl JointSolver {
         let half = Settings { max_relative_blur, decode: Decode::None, levels: None, ..settings.clone() };
         let format = Format { channels: Channels::Gray, depth: Depth::F32 };
         let plan = Plan::new(size[0].div_ceil(2), size[1].div_ceil(2), [format; 2], &half)?;
-        let plan = plan.shaped_for(engine.info());
+        let plan = plan.for_device(engine.info());
         Ok(Self { settings, size, timeout, whole: PyramidSolver::new(engine, plan, frames)?, parts })
     }
 
@@ -318,16 +318,16 @@ mod tests {
         pairs.map(|(shot, t)| t.corner_distance(Homography::from(shot.transform), width, height)).fold(0.0, f64::max)
     }
 
-    /// Passes shaped for a GPU give the same u but for rounding.
+    /// Vulkan devices give the u of the CPU device but for rounding.
     #[test]
-    fn passes_shaped_for_a_gpu_solve_a_sweep_alike() {
-        let (engine, sweep) = (Engine::new(&testing::options()).unwrap(), sweep(211, 167));
-        let mut solver = solver(&engine, &sweep, MEMORY, &Settings::default());
-        let plain = run(&mut solver, &sweep, None).unwrap();
-        let plan = Plan::new(211, 167, [sweep.frames[0].format(); 2], &solver.settings).unwrap();
-        solver.whole = PyramidSolver::new(&engine, plan.shaped_for_gpu(), FRAMES).unwrap();
-        let shaped = run(&mut solver, &sweep, None).unwrap();
-        let mut differences: Vec<f32> = plain.focus.iter().zip(&shaped.focus).map(|(a, b)| (a - b).abs()).collect();
+    fn devices_solve_a_sweep_alike() {
+        let sweep = sweep(211, 167);
+        let cpu = EngineOptions { device: Some("CPU".into()), ..EngineOptions::default() };
+        let [vulkan, cpu] = [testing::options(), cpu].map(|options| {
+            let engine = Engine::new(&options).unwrap();
+            run(&mut solver(&engine, &sweep, MEMORY, &Settings::default()), &sweep, None).unwrap()
+        });
+        let mut differences: Vec<f32> = vulkan.focus.iter().zip(&cpu.focus).map(|(a, b)| (a - b).abs()).collect();
         differences.sort_by(f32::total_cmp);
         let [median, largest] = [differences.len() / 2, differences.len() - 1].map(|n| differences[n]);
         println!("difference of u: {median} in the median, {largest} at most");

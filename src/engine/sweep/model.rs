@@ -18,7 +18,7 @@ const END: f64 = 6.0;
 pub(crate) fn plan([width, height]: [u32; 2], format: Format) -> Plan {
     let (max_relative_blur, relaxation_sweeps) = (MAX_RELATIVE_BLUR, RELAXATION_SWEEPS);
     let settings = Settings { max_relative_blur, relaxation_sweeps, ..Settings::default() };
-    Plan::new(width, height, [format; 2], &settings).unwrap().shaped_for_gpu()
+    Plan::new(width, height, [format; 2], &settings).unwrap()
 }
 
 /// The scripts of a sweep, and those of its search for outlines. It has `frames` frames at even settings, and shows a

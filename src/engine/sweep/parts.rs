@@ -38,7 +38,7 @@ impl PartSolver {
         let grid = Grid::covering(plan.size, side, OVERLAP + (OVERLAP_SHARE * f64::from(side)) as u32);
         let settings = Settings { levels: Some(1), ..plan.settings.clone() };
         let [width, height] = grid.side();
-        let part = Plan::new(width, height, plan.formats, &settings)?.shaped_for(engine.info());
+        let part = Plan::new(width, height, plan.formats, &settings)?.for_device(engine.info());
         Ok(Self { solver: PyramidSolver::new(engine, part, frames)?, size: plan.size, grid })
     }
 

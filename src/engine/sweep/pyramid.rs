@@ -390,8 +390,7 @@ impl PyramidSolver {
     fn step(&mut self, level: &Level, shared: &SharedParameters, rate: f64) -> Result<[f64; 2], Error> {
         let (system, update) = shared.step(level, rate);
         self.device.run(&sweep::step(&self.plan, level, &system, &update))?;
-        let tiles = if self.plan.relaxes_tiles() { system_tiles::tiles } else { system::tiles };
-        let [columns, rows, _] = tiles(level.size);
+        let [columns, rows, _] = system_tiles::tiles(level.size);
         let floats = (columns * rows) as usize * system::SUMS;
         let rows = self.device.partials(0, floats)?;
         let total = |n: usize| rows.chunks_exact(system::SUMS).map(|row| f64::from(row[n])).sum();

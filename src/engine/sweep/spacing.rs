@@ -15,7 +15,7 @@ use super::pairs::MAX_RELATIVE_BLUR;
 use super::start::{self, BlurStacks, NOISE_CORRELATION, WINDOWS};
 use crate::base::workers;
 use crate::engine::stages::Field;
-use crate::engine::stages::convolve::smoothed;
+use crate::engine::stages::separable::smoothed;
 
 /// Distances of the frames of a pair. These are more pairs than the joint solve has, because single steps are to be
 /// determined: with its pairs alone, a step of the heat sink's seven frames comes out three times as long.

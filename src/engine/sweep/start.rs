@@ -11,7 +11,7 @@ use super::validity::mapped;
 use crate::base::{Homography, Shading, brightness, workers};
 use crate::engine::filter;
 use crate::engine::plan::{LOW_PASS, Level, band};
-use crate::engine::stages::convolve::{filtered, smoothed};
+use crate::engine::stages::separable::{filtered, smoothed};
 use crate::engine::stages::state::from_centre;
 use crate::engine::stages::sums::{UNKNOWNS, displacements};
 use crate::engine::stages::update_transform::displacing;

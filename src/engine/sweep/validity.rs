@@ -4,7 +4,7 @@
 
 use crate::base::{Frame, Homography, Mask, Settings, workers};
 use crate::engine::plan::Level;
-use crate::engine::stages::convolve::smoothed;
+use crate::engine::stages::separable::smoothed;
 use crate::engine::stages::{Field, mask};
 
 /// The margin around masked pixels that is excluded too, px: the band pass of the frames blurs by 2 px.

@@ -7,7 +7,6 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::device::Device;
-use super::instance::LEAST_WORKGROUP;
 use super::memory::{Buffer, Image};
 use crate::base::Error;
 use crate::engine::shaders::Shader;
@@ -148,10 +147,9 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Width and height of a workgroup: on software devices, and devices with no more, at most 256 invocations.
+    /// Width and height of a workgroup, which is smaller on devices that do not take its invocations.
     fn workgroup(&self, stage: &Stage) -> [u32; 2] {
         let most = self.device.physical.limits.max_compute_work_group_invocations;
-        let most = if self.device.info().is_shaped_for_gpu() { most } else { LEAST_WORKGROUP };
         let [width, height] = stage.workgroup;
         [width, height.min(most / width)]
     }

@@ -161,8 +161,8 @@ pub struct LevelReport {
 /// The red-black relaxation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Relaxation {
-    /// Pixels of all relaxation sweeps on all levels divided by the time of `relax`, `relax_level` and `relax_tiles`. A
-    /// sweep updates the red and the black pixels.
+    /// Pixels of all relaxation sweeps on all levels divided by the time of `relax` and `relax_tiles`. A sweep
+    /// updates the red and the black pixels.
     pub mpx_sweeps_per_s: f64,
     /// Compulsory traffic divided by the bytes that the copy moves in the same time.
     pub share_of_copy: Option<f64>,

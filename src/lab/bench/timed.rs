@@ -15,7 +15,7 @@ use crate::engine::vulkan::{Clock, Device, Image, Pipeline, Recorder, Resource, 
 use crate::engine::{Engine, PairOptions, PreparedSolver};
 
 /// The relaxation passes: half-iterations, whole small levels, and tiles.
-const RELAX: [&str; 3] = ["relax", "relax_level", "relax_tiles"];
+const RELAX: [&str; 2] = ["relax", "relax_tiles"];
 
 /// Measures one run. An additional solve with device timestamps measures the passes.
 ///
