@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// The storage of a sample of a [`Frame`].
+/// The storage of a sample of a [`Frame`](crate::Frame).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Depth {
     /// 8 bits, white at 255.
@@ -13,7 +13,7 @@ pub enum Depth {
     F32,
 }
 
-/// The colour channels of a [`Frame`], without alpha.
+/// The colour channels of a [`Frame`](crate::Frame), without alpha.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Channels {
     /// One luminance channel.

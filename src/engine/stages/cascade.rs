@@ -34,7 +34,7 @@ pub(crate) enum Start<'a> {
     Joined { grids: &'a [grid::Place], small: usize },
 }
 
-/// The push constants of a [`Start`].
+/// The push constants of a `Start`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Coarser {

@@ -17,7 +17,7 @@ use crate::engine::shaders::separable::{ANY_LINES, COLUMNS, LINES, TOTAL, VECTOR
 use crate::engine::vulkan::Variant;
 use crate::engine::{filter, shaders};
 
-/// Weights per block of a filter; the last block is padded with zeros. Filters of [`TAPS`] have a pipeline without a loop:
+/// Weights per block of a filter; the last block is padded with zeros. Filters of `TAPS` have a pipeline without a loop:
 /// most of a Gaussian's blur stack.
 pub const BLOCK: u32 = shaders::separable::BLOCK;
 
