@@ -98,6 +98,8 @@ pub mod resample {
 pub mod internals {
     pub use crate::base::color::{LUMINANCE, linear_to_srgb};
     pub use crate::base::{Setting, random::Random, statistics::median};
+    #[cfg(feature = "program")]
+    pub use crate::engine::model;
     pub use crate::engine::{reference, stages};
     #[cfg(feature = "files")]
     pub use crate::files::bounded_read;

@@ -7,9 +7,9 @@ mod device;
 mod effects;
 pub(crate) mod filter;
 mod frame_in_flight;
-#[cfg(test)]
-mod gpu_model;
 mod judgement;
+#[cfg(feature = "program")]
+pub mod model;
 mod motion;
 mod pair_memory;
 pub(crate) mod parts;

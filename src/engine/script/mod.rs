@@ -105,7 +105,7 @@ pub(crate) struct Dispatch {
 
 impl Dispatch {
     /// Bindings, push constants and variant, if it is of this pass.
-    #[cfg(test)]
+    #[cfg(any(test, feature = "program"))]
     pub(crate) fn of<P: Pass>(&self) -> Option<(P, P::Constants, Variant)> {
         (self.stage.shader.name == P::STAGE.shader.name)
             .then(|| (P::of(&self.slots), bytemuck::pod_read_unaligned(&self.constants), self.variant))

@@ -8,7 +8,7 @@ use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
 use super::{Number, WORKGROUP};
 use crate::base::{Homography, Shading};
-#[cfg(test)]
+#[cfg(feature = "program")]
 use crate::engine::shaders::update_transform::{AT_ONCE, MOST_CHAINS};
 use crate::engine::vulkan::Variant;
 use crate::engine::{arguments, shaders};
@@ -169,7 +169,7 @@ impl Pass for Bindings {
 }
 
 /// How often invocations wait for rows of partial sums, one after the other.
-#[cfg(test)]
+#[cfg(feature = "program")]
 pub(crate) fn rounds(rows: u32, variant: Variant) -> u32 {
     let chains = (WORKGROUP[0] * WORKGROUP[1] / Layout::of_variant(variant).length as u32).min(MOST_CHAINS);
     rows.div_ceil(chains * AT_ONCE)

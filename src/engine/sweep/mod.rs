@@ -6,7 +6,7 @@
 //! a sweep has no `submit`.
 
 mod device;
-#[cfg(test)]
+#[cfg(feature = "program")]
 pub(super) mod model;
 mod outlines;
 mod pairs;

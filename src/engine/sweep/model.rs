@@ -1,5 +1,5 @@
 //! The scripts of a sweep as [`PyramidSolver`](super::pyramid::PyramidSolver) runs them, without a device, for
-//! [`gpu_model`](crate::engine::gpu_model).
+//! [`model`](crate::engine::model).
 
 use super::pyramid::{RELAXATION_SWEEPS, first_level};
 use super::shared::{ITERATIONS, SharedParameters};
@@ -18,7 +18,7 @@ const END: f64 = 6.0;
 pub(crate) fn plan([width, height]: [u32; 2], format: Format) -> Plan {
     let (max_relative_blur, relaxation_sweeps) = (MAX_RELATIVE_BLUR, RELAXATION_SWEEPS);
     let settings = Settings { max_relative_blur, relaxation_sweeps, ..Settings::default() };
-    Plan::new(width, height, [format; 2], &settings).unwrap()
+    Plan::new(width, height, [format; 2], &settings).expect("the settings of sweeps are valid")
 }
 
 /// The scripts of a sweep, and those of its search for outlines. It has `frames` frames at even settings, and shows a

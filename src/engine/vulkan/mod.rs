@@ -12,7 +12,7 @@ mod pipeline;
 mod pipeline_cache;
 mod recorder;
 mod recording;
-#[cfg(test)]
+#[cfg(feature = "program")]
 pub(crate) mod statistics;
 mod timestamps;
 

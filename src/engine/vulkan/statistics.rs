@@ -14,7 +14,7 @@ use super::pipeline::{Pipeline, Stage, Variant};
 use crate::base::Error;
 
 /// The numbers that a compiler states, by name.
-pub(crate) type Statistics = BTreeMap<String, u64>;
+pub type Statistics = BTreeMap<String, u64>;
 
 /// Opens the device if it is Mesa's null hardware, which only compiles: it has no memory, and its queue runs nothing.
 ///

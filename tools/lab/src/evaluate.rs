@@ -7,23 +7,39 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{self, Destination, DeviceReport, listed_in, to_json};
+use parfocal::internals::key_points;
 use parfocal::page::figure::write_png;
-use parfocal::{Engine, Error};
+use parfocal::{Engine, EngineOptions, Error};
 use serde::Serialize;
 
 use crate::figures::{self, Figure};
 use crate::section::{self, Runner, Section};
 use crate::{defaults, judgement, registration, robustness, sweeps};
 
-/// The options of an evaluation.
-pub(crate) struct Options {
-    /// Folder of the photographs, with one folder for each pair. The report names missing photographs.
-    pub data: PathBuf,
-    /// Whether to use small scenes, few cases and reduced photographs. A quick run tests that everything works, not its
-    /// accuracy.
-    pub quick: bool,
-    /// The only part to run; `None` for all.
-    pub only: Option<Part>,
+/// Run the paper's experiments by all methods on scenes and photographs, measure the default settings, focus sweeps and
+/// inputs that do not fit the model against their bounds, and write tables and figures.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "\
+Exit status: 0 done (whether or not the bounds are met: see the report), 1 failed, 2 wrong usage.")]
+pub(crate) struct Arguments {
+    /// Folder for report.md, report.json and the figures; created if missing, an earlier evaluation in it replaced
+    #[arg(short, long, value_name = "OUT", default_value = "out/evaluate")]
+    output: PathBuf,
+    /// Folder of the photographs, each pair in a folder of its own; absent ones are named in the report
+    #[arg(long, value_name = "DIR", default_value = "data")]
+    data: PathBuf,
+    /// Small scenes, few cases, reduced photographs: shows in a minute that everything runs
+    #[arg(long)]
+    quick: bool,
+    /// The only part to run
+    #[arg(long, value_enum, value_name = "PART")]
+    only: Option<Part>,
+    /// Overwrite files that have the names of results even if no evaluation wrote them
+    #[arg(long)]
+    force: bool,
+    /// Index, part of the name, UUID, cpu or vulkan [default: PARFOCAL_DEVICE, else a GPU, else cpu]
+    #[arg(long, value_name = "D")]
+    device: Option<String>,
 }
 
 /// The parts of an evaluation.
@@ -37,6 +53,28 @@ pub(crate) enum Part {
     Sweeps,
     /// Inputs that do not fit the model, and whether the program notices: some 8 minutes
     Judgement,
+}
+
+/// Evaluates and writes the report. Checks of the outputs come first.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
+    let (out, message) = (Destination::new(&arguments.output, arguments.force), |e: Error| e.to_string());
+    Evaluation::check(out).map_err(message)?;
+    let variable = |name| std::env::var(name).ok().filter(|value| !value.is_empty());
+    let options = EngineOptions {
+        device: arguments.device.clone().or_else(|| variable("PARFOCAL_DEVICE")),
+        validation: variable("PARFOCAL_VALIDATE").is_some_and(|value| value != "0"),
+        key_points: Some(key_points),
+        ..EngineOptions::default()
+    };
+    let engine = Engine::new(&options).map_err(message)?;
+    let evaluation = Evaluation::run(&engine, arguments, &mut |line| eprintln!("{line}"));
+    match engine.validation_messages().as_slice() {
+        [] => {}
+        messages => return Err(format!("validation reported: {}", messages.join("; "))),
+    }
+    evaluation.write(out).map_err(message)?;
+    eprintln!("{}in {}", evaluation.summary(), arguments.output.display());
+    Ok(())
 }
 
 /// The results of all experiments.
@@ -65,9 +103,9 @@ const TABLES: &str = "report.md";
 
 impl Evaluation {
     /// Runs the experiments. Calls `log` with a line for each.
-    pub(crate) fn run(engine: &Engine, options: &Options, log: &mut dyn FnMut(&str)) -> Self {
-        let mut runner = Runner::new(engine, options.quick, log);
-        let (data, includes) = (&options.data, |part| options.only.is_none_or(|only| only == part));
+    pub(crate) fn run(engine: &Engine, arguments: &Arguments, log: &mut dyn FnMut(&str)) -> Self {
+        let mut runner = Runner::new(engine, arguments.quick, log);
+        let (data, includes) = (&arguments.data, |part| arguments.only.is_none_or(|only| only == part));
         let (paper, mut figures) =
             if includes(Part::Paper) { run_paper(&mut runner, data) } else { Default::default() };
         let defaults = if includes(Part::Defaults) { defaults::run(&mut runner, data) } else { Vec::new() };
@@ -81,7 +119,7 @@ impl Evaluation {
             kind: "evaluation",
             version: env!("CARGO_PKG_VERSION"),
             device: engine.info().into(),
-            quick: options.quick,
+            quick: arguments.quick,
             paper,
             defaults,
             sweeps,

@@ -4,13 +4,11 @@ use image::{Rgb, RgbImage};
 use parfocal::{
     Frame, Solution,
     export::{Nearer, Scale},
-    frame::Samples,
     page::figure::{Axis, Plot, Series},
-    page::view::{Surface, View},
     settings::Method,
 };
 
-use crate::contact_sheet::{PALETTE, Panel, Row, Sheet};
+use crate::contact_sheet::{Panel, Row, Sheet};
 use crate::pairs::{PhotographedPair, intensities};
 use crate::robustness::{Curve, PAPER_PX};
 use crate::section::{METHODS, number};
@@ -45,13 +43,8 @@ const WARNED_ROWS: usize = 6;
 
 /// The names of all figures that an evaluation may have. `kinds` is the number of kinds of pairs that do not fit.
 pub(crate) fn names(kinds: usize) -> Vec<String> {
-    let surfaces = PhotographedPair::all().map(|pair| surface_name(&pair));
     let warned = (0..kinds.div_ceil(WARNED_ROWS)).map(warned_name);
-    [SCENES, PHOTOGRAPHS, ROBUSTNESS].map(String::from).into_iter().chain(surfaces).chain(warned).collect()
-}
-
-fn surface_name(pair: &PhotographedPair) -> String {
-    format!("fig8-{}", pair.name)
+    [SCENES, PHOTOGRAPHS, ROBUSTNESS].map(String::from).into_iter().chain(warned).collect()
 }
 
 /// Rows of the sheets. They are drawn as soon as a pair is solved, since all solutions together would not fit into
@@ -60,7 +53,6 @@ fn surface_name(pair: &PhotographedPair) -> String {
 pub(crate) struct Collector {
     scenes: Vec<Row>,
     photographs: Vec<Row>,
-    surfaces: Vec<Figure>,
 }
 
 impl Collector {
@@ -79,7 +71,7 @@ impl Collector {
         self.scenes.push(Row { name: name.to_string(), panels, scale: Some(scale) });
     }
 
-    /// Adds a row to Figure 6, and a surface for Figure 8.
+    /// Adds a row to Figure 6.
     pub(crate) fn photographs(&mut self, pair: &PhotographedPair, [i1, _]: [&Frame; 2], solved: &[Solved]) {
         let unified = solved.iter().find(|(name, _)| *name == Method::Unified.name());
         let name = pair.name.to_string();
@@ -92,14 +84,6 @@ impl Collector {
         let panels = solved.iter().map(|(_, solution)| blur(solution, &scale));
         let panels = [Panel::new(preview(i1))].into_iter().chain(panels).collect();
         self.photographs.push(Row { name, panels, scale: Some(scale) });
-        let samples = Samples::F32(unified.fused.iter().map(|v| v.clamp(0.0, 1.0)).collect());
-        let fused = Frame::new(unified.width, unified.height, unified.fused_channels, samples);
-        let surface = fused.ok().map(|fused| Surface::new(&unified.relative_blur, &fused, pair.nearer));
-        let view = View { palette: PALETTE, ..View::default() };
-        if let Some(Ok(picture)) = surface.map(|surface| surface.and_then(|surface| surface.picture(&view))) {
-            let caption = format!("{}: the surface in three dimensions; heights order near and far.", pair.name);
-            self.surfaces.push(Figure { name: surface_name(pair), caption, picture });
-        }
     }
 
     /// All figures, in the order of the paper; sheets without a row are left out.
@@ -109,7 +93,6 @@ impl Collector {
         let mut figures = Vec::from_iter(sheet(SCENES, known, 190, methods().chain([ALIGNED]), self.scenes));
         let photographs = "V of photographs (the paper's Figure 6).";
         figures.extend(sheet(PHOTOGRAPHS, photographs, 260, methods(), self.photographs));
-        figures.extend(self.surfaces);
         figures.push(curves(robustness));
         figures
     }

@@ -209,8 +209,8 @@ fn reduced(frame: &Frame, factor: u32) -> Result<Frame, String> {
     let (values, count) = (intensities(frame), channels.count());
     let mean = |x: u32, y: u32, c: u32| {
         let square = (0..factor).flat_map(|j| (0..factor).map(move |i| (x * factor + i, y * factor + j)));
-        square.map(|(x, y)| values[((y * frame.width() + x) * count + c) as usize]).sum::<f32>()
-            / (factor * factor) as f32
+        let sum: f64 = square.map(|(x, y)| f64::from(values[((y * frame.width() + x) * count + c) as usize])).sum();
+        (sum / f64::from(factor * factor)) as f32
     };
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     let samples = pixels.flat_map(|(x, y)| (0..count).map(move |c| (x, y, c))).map(|(x, y, c)| mean(x, y, c));

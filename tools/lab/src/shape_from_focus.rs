@@ -4,7 +4,12 @@
 //! a Gaussian window. A parabola is fitted to the logarithm of detail in the frame with the most detail and its
 //! neighbours, as the blur of a sweep suggests. Its vertex is u.
 
-use parfocal::{Error, Frame, internals::LUMINANCE, internals::stages::ingest, settings::Decode};
+use parfocal::{
+    Error, Frame,
+    internals::LUMINANCE,
+    internals::stages::{Field, ingest},
+    settings::Decode,
+};
 
 /// Standard deviation of the window, px.
 const WINDOW: f64 = 4.0;
@@ -20,13 +25,13 @@ const LEAST: f64 = 1e-6 / 255.0;
 /// # Errors
 /// [`Error::Mismatch`]: fewer than three frames, or sizes or positions that do not match.
 pub fn shape_from_focus(frames: &[Frame], positions: &[f64], decode: Decode) -> Result<Vec<f32>, Error> {
-    let size = |frame: &Frame| [frame.width() as usize, frame.height() as usize];
+    let size = |frame: &Frame| [frame.width(), frame.height()];
     let fits = frames.len() >= 3 && frames.len() == positions.len();
     if !fits || frames.iter().any(|frame| size(frame) != size(&frames[0])) {
         let problem = "shape from focus takes three frames or more, of one size, and a position for each";
         return Err(Error::Mismatch(problem.to_string()));
     }
-    let details = frames.iter().map(|frame| detail(&ingest::cpu_reference(frame, decode, LUMINANCE).data, size(frame)));
+    let details = frames.iter().map(|frame| detail(&ingest::cpu_reference(frame, decode, LUMINANCE)).data);
     let details: Vec<Vec<f64>> = details.collect();
     let setting = |i: usize| {
         let most = (0..details.len()).fold(0, |most, k| if details[k][i] > details[most][i] { k } else { most });
@@ -38,44 +43,25 @@ pub fn shape_from_focus(frames: &[Frame], positions: &[f64], decode: Decode) -> 
 }
 
 /// The modified Laplacian, averaged in a window. Pixels are mirrored at the border.
-fn detail(image: &[f64], [width, height]: [usize; 2]) -> Vec<f64> {
-    let at = |x: usize, y: usize| image[y * width + x];
-    let laplacian = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let [left, right] = beside(x, width);
-        let [above, below] = beside(y, height);
-        let middle = 2.0 * at(x, y);
-        (middle - at(left, y) - at(right, y)).abs() + (middle - at(x, above) - at(x, below)).abs()
+fn detail(image: &Field) -> Field {
+    let laplacian = |x: usize, y: usize| {
+        let at = |dx: isize, dy: isize| image.mirrored(x as isize + dx, y as isize + dy);
+        let middle = 2.0 * at(0, 0);
+        (middle - at(-1, 0) - at(1, 0)).abs() + (middle - at(0, -1) - at(0, 1)).abs()
     };
-    let raw: Vec<f64> = (0..width * height).map(laplacian).collect();
-    let along_rows = windowed(&raw, [width, height], 1, width);
-    windowed(&along_rows, [width, height], width, height)
+    let raw = Field::from_fn(image.width, image.height, laplacian);
+    windowed(&windowed(&raw, [1, 0]), [0, 1])
 }
 
-/// The indices before and after an index of a line.
-fn beside(i: usize, length: usize) -> [usize; 2] {
-    [mirrored(i as isize - 1, length), mirrored(i as isize + 1, length)]
-}
-
-/// An index mirrored at the outer edges of the first and last sample.
-fn mirrored(i: isize, length: usize) -> usize {
-    let length = length as isize;
-    let i = i.rem_euclid(2 * length);
-    i.min(2 * length - 1 - i) as usize
-}
-
-/// Smooths the values along lines of `length` samples with a distance of `stride`.
-fn windowed(values: &[f64], [width, height]: [usize; 2], stride: usize, length: usize) -> Vec<f64> {
+/// Smooths a field along x or y.
+fn windowed(field: &Field, [dx, dy]: [isize; 2]) -> Field {
     let reach = (REACH * WINDOW) as isize;
     let weights: Vec<f64> = (-reach..=reach).map(|d| (-(d as f64 / WINDOW).powi(2) / 2.0).exp()).collect();
     let sum: f64 = weights.iter().sum();
-    let smooth = |i: usize| {
-        let along = i / stride % length;
-        let first = i - along * stride;
-        let nodes = weights.iter().zip(along as isize - reach..);
-        nodes.map(|(w, k)| w * values[first + mirrored(k, length) * stride]).sum::<f64>() / sum
-    };
-    (0..width * height).map(smooth).collect()
+    Field::from_fn(field.width, field.height, |x, y| {
+        let at = |d: isize| field.mirrored(x as isize + d * dx, y as isize + d * dy);
+        weights.iter().zip(-reach..).map(|(weight, d)| weight * at(d)).sum::<f64>() / sum
+    })
 }
 
 /// The x of the vertex of the parabola through three points, clamped between them. The middle x if the parabola has no

@@ -3,14 +3,14 @@
 use std::f64::consts::TAU;
 
 use parfocal::{
-    Error,
+    Error, Frame,
     internals::scene::{Exposure, Preset, Radiance, Scene, Shape, SweepScene, Wave},
     transform::Similarity,
 };
 
 use super::alterations::{compressed, exposed, in_8_bits, in_16_bits};
 use super::answer::{Input, Pair};
-use super::{Kind, Trial};
+use super::{Kind, Trial, kind};
 
 pub(crate) const KINDS: &[Kind] = &[
     fits("plane", |trial| pair(&preset(Preset::Plane, trial))),
@@ -32,9 +32,9 @@ pub(crate) const KINDS: &[Kind] = &[
     fits("periodic texture of 12, 16, 20 px", periodic),
     fits("noise 0.03, 0.04, 0.05", |trial| pair(&Scene { noise: 0.03 + 0.01 * trial.number as f64, ..plane(trial) })),
     fits("contrast 0.1", |trial| pair(&Scene { contrast: 0.1, noise: 0.001, ..plane(trial) })),
-    fits("low-key, 16 bits", low_key),
-    fits("8 bits by sRGB", eight_bits),
-    fits("JPEG of quality 95", jpeg),
+    fits("low-key, 16 bits", |trial| stored(trial, low_key)),
+    fits("8 bits by sRGB", |trial| stored(trial, in_8_bits)),
+    fits("JPEG of quality 95", |trial| stored(trial, |image| compressed(image, 95))),
     fits("sweep of 11", |trial| Input::sweep(&sweep(trial, 11))),
     fits("sweep of 16", |trial| Input::sweep(&sweep(trial, 16))),
     fits("sweep of 8 in reverse", reversed),
@@ -48,7 +48,7 @@ pub(crate) const KINDS: &[Kind] = &[
 ];
 
 const fn fits(name: &'static str, input: fn(Trial) -> Result<Input, Error>) -> Kind {
-    Kind { name, words: &[], input }
+    kind(name, &[], input)
 }
 
 /// A preset with noise 0, 0.003 or 0.01.
@@ -104,29 +104,18 @@ fn periodic(trial: Trial) -> Result<Input, Error> {
     pair(&Scene { radiance: Radiance::Waves { waves }, ..plane(trial) })
 }
 
-/// All of the picture is below a twentieth of white.
-fn low_key(trial: Trial) -> Result<Input, Error> {
+/// A pair as files or cameras store it.
+fn stored(trial: Trial, store: impl Fn(&Frame) -> Result<Frame, Error>) -> Result<Input, Error> {
     let mut pair = Pair::render(&plane(trial))?;
     for image in &mut pair.known.images {
-        *image = in_16_bits(&exposed(image, |_, _| 0.05, 0.0))?;
+        *image = store(image)?;
     }
     Ok(pair.into())
 }
 
-fn eight_bits(trial: Trial) -> Result<Input, Error> {
-    let mut pair = Pair::render(&plane(trial))?;
-    for image in &mut pair.known.images {
-        *image = in_8_bits(image)?;
-    }
-    Ok(pair.into())
-}
-
-fn jpeg(trial: Trial) -> Result<Input, Error> {
-    let mut pair = Pair::render(&plane(trial))?;
-    for image in &mut pair.known.images {
-        *image = compressed(image, 95)?;
-    }
-    Ok(pair.into())
+/// Below a twentieth of white.
+fn low_key(frame: &Frame) -> Result<Frame, Error> {
+    in_16_bits(&exposed(frame, |_, _| 0.05, 0.0))
 }
 
 /// A sweep of a relief, a plane or steps.
@@ -156,12 +145,11 @@ fn handheld(trial: Trial) -> Result<Input, Error> {
     Input::sweep(&SweepScene { breathing: 0.04, drift: 6.0, rotation, gain_drift: 0.05, vignetting: 0.06, ..sweep })
 }
 
-/// All frames are below a twentieth of white.
 fn low_key_sweep(trial: Trial) -> Result<Input, Error> {
     let mut input = Input::sweep(&sweep(trial, 8))?;
     if let Input::Sweep { frames, .. } = &mut input {
         for frame in frames {
-            *frame = in_16_bits(&exposed(frame, |_, _| 0.05, 0.0))?;
+            *frame = low_key(frame)?;
         }
     }
     Ok(input)

@@ -25,6 +25,10 @@ struct Kind {
     input: fn(Trial) -> Result<Input, Error>,
 }
 
+const fn kind(name: &'static str, words: &'static [&'static str], input: fn(Trial) -> Result<Input, Error>) -> Kind {
+    Kind { name, words, input }
+}
+
 /// One input of a kind.
 #[derive(Clone, Copy)]
 struct Trial {

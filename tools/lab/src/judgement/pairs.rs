@@ -14,7 +14,7 @@ use super::alterations::{
     shaken, sharpened,
 };
 use super::answer::{Input, Pair};
-use super::{Kind, Trial};
+use super::{Kind, Trial, kind};
 
 /// Words for photographs that do not show one scene.
 const OTHER: &[&str] = &["explain", "correlate", "scene", "belong", "mirror", "motion", "moved"];
@@ -30,46 +30,30 @@ const TEXTURE: &[&str] = &["texture", "determine", "contrast"];
 const TRANSFORM: &[&str] = &["determine", "direction", "period", "repeat", "registration", "correlate", "overlap"];
 
 pub(crate) const KINDS: &[Kind] = &[
-    Kind { name: "I2 of another seed", words: OTHER, input: |trial| replaced(trial, |_, other| other.clone()) },
-    Kind { name: "half of I2 moved by 6 px", words: PART, input: half_moved },
-    Kind { name: "I2 mirrored", words: OTHER, input: |trial| replaced(trial, |i2, _| mirrored(i2)) },
-    Kind { name: "I2 rotated by 180°", words: OTHER, input: |trial| replaced(trial, |i2, _| rotated(i2)) },
-    Kind { name: "half of I2 of another scene", words: PART, input: |trial| partly_replaced(trial, half(trial)) },
-    Kind {
-        name: "a quarter of I2 of another scene",
-        words: PART,
-        input: |trial| partly_replaced(trial, quarter(trial)),
-    },
-    Kind { name: "three strips moved apart by 3 px: parallax", words: PART, input: parallax },
-    Kind { name: "a quarter of I2 in shadow", words: &["explain", "shadow", "light", "bright"], input: shadow },
-    Kind { name: "displaced by 30 % of the width", words: TRANSFORM, input: far },
-    Kind { name: "no defocus between the two", words: NO_BLUR, input: |trial| no_defocus(trial, [0.005, 0.005]) },
-    Kind { name: "no defocus, I1 noisy", words: NO_BLUR, input: |trial| no_defocus(trial, [0.03, 0.0]) },
-    Kind { name: "no defocus, I2 noisy", words: NO_BLUR, input: |trial| no_defocus(trial, [0.0, 0.03]) },
-    Kind { name: "I2 sharpened", words: SPECTRUM, input: |trial| processed(trial, 0.003, |i2| Ok(sharpened(i2, 1.0))) },
-    Kind {
-        name: "I2 denoised by a median",
-        words: SPECTRUM,
-        input: |trial| processed(trial, 0.02, |i2| Ok(denoised(i2))),
-    },
-    Kind { name: "I2 by JPEG of quality 10", words: SPECTRUM, input: jpeg },
-    Kind {
-        name: "I2 shaken along rows by 9 px",
-        words: SPECTRUM,
-        input: |trial| processed(trial, 0.003, |i2| Ok(shaken(i2, 4))),
-    },
-    Kind { name: "92 % of the pixels clipped", words: &["clip", "expos"], input: clipped },
-    Kind {
-        name: "dark background of low contrast, 8 bits",
-        words: &["dark", "contrast", "texture", "bright"],
-        input: dark,
-    },
-    Kind { name: "stripes in one direction only", words: TRANSFORM, input: stripes },
-    Kind { name: "texture and stripes, period below the shift", words: TRANSFORM, input: ambiguous },
-    Kind { name: "a grating of one frequency", words: &["gain", "contrast", "period", "determine"], input: grating },
-    Kind { name: "one smooth blob", words: TEXTURE, input: blob },
-    Kind { name: "a blank wall with noise", words: TEXTURE, input: wall },
-    Kind { name: "a region of 10 x 10 px", words: &["region", "small", "determine"], input: small_region },
+    kind("I2 of another seed", OTHER, |trial| replaced(trial, |_, other| other.clone())),
+    kind("half of I2 moved by 6 px", PART, half_moved),
+    kind("I2 mirrored", OTHER, |trial| replaced(trial, |i2, _| mirrored(i2))),
+    kind("I2 rotated by 180°", OTHER, |trial| replaced(trial, |i2, _| rotated(i2))),
+    kind("half of I2 of another scene", PART, |trial| partly_replaced(trial, half(trial))),
+    kind("a quarter of I2 of another scene", PART, |trial| partly_replaced(trial, quarter(trial))),
+    kind("three strips moved apart by 3 px: parallax", PART, parallax),
+    kind("a quarter of I2 in shadow", &["explain", "shadow", "light", "bright"], shadow),
+    kind("displaced by 30 % of the width", TRANSFORM, far),
+    kind("no defocus between the two", NO_BLUR, |trial| no_defocus(trial, [0.005, 0.005])),
+    kind("no defocus, I1 noisy", NO_BLUR, |trial| no_defocus(trial, [0.03, 0.0])),
+    kind("no defocus, I2 noisy", NO_BLUR, |trial| no_defocus(trial, [0.0, 0.03])),
+    kind("I2 sharpened", SPECTRUM, |trial| processed(trial, 0.003, |i2| Ok(sharpened(i2, 1.0)))),
+    kind("I2 denoised by a median", SPECTRUM, |trial| processed(trial, 0.02, |i2| Ok(denoised(i2)))),
+    kind("I2 by JPEG of quality 10", SPECTRUM, jpeg),
+    kind("I2 shaken along rows by 9 px", SPECTRUM, |trial| processed(trial, 0.003, |i2| Ok(shaken(i2, 4)))),
+    kind("92 % of the pixels clipped", &["clip", "expos"], clipped),
+    kind("dark background of low contrast, 8 bits", &["dark", "contrast", "texture", "bright"], dark),
+    kind("stripes in one direction only", TRANSFORM, stripes),
+    kind("texture and stripes, period below the shift", TRANSFORM, ambiguous),
+    kind("a grating of one frequency", &["gain", "contrast", "period", "determine"], grating),
+    kind("one smooth blob", TEXTURE, blob),
+    kind("a blank wall with noise", TEXTURE, wall),
+    kind("a region of 10 x 10 px", &["region", "small", "determine"], small_region),
 ];
 
 /// A slanted plane with texture, V ±4 px².

@@ -8,7 +8,7 @@ use parfocal::{
 
 use super::alterations::{blank, composed, compressed, exposed, in_16_bits, mirrored, noisy, rotated};
 use super::answer::Input;
-use super::{Kind, Trial};
+use super::{Kind, Trial, kind};
 
 /// Words for a frame that does not belong.
 const FOREIGN: &[&str] = &["scene", "blank", "merged", "does not", "belong", "left out"];
@@ -16,38 +16,20 @@ const FOREIGN: &[&str] = &["scene", "blank", "merged", "does not", "belong", "le
 const ONE_FOCUS: &[&str] = &["one focus", "same focus", "difference of blur", "differ in blur", "no defocus"];
 
 pub(crate) const KINDS: &[Kind] = &[
-    Kind {
-        name: "a frame of another seed",
-        words: FOREIGN,
-        input: |trial| foreign(trial, |frame| other(trial, frame)),
-    },
-    Kind { name: "one focus setting, noisy", words: ONE_FOCUS, input: one_focus },
-    Kind { name: "a frame mirrored", words: FOREIGN, input: |trial| foreign(trial, |frame| Ok(mirrored(frame))) },
-    Kind {
-        name: "a frame rotated by 180°", words: FOREIGN, input: |trial| foreign(trial, |frame| Ok(rotated(frame)))
-    },
-    Kind { name: "a white frame", words: FOREIGN, input: |trial| foreign(trial, |frame| Ok(blank(frame, 1.0))) },
-    Kind { name: "a black frame", words: FOREIGN, input: |trial| foreign(trial, |frame| Ok(blank(frame, 0.0))) },
-    Kind { name: "a frame of noise", words: FOREIGN, input: |trial| foreign(trial, |frame| Ok(noise(trial, frame))) },
-    Kind { name: "a merged frame", words: FOREIGN, input: |trial| foreign(trial, |_| merged(trial)) },
-    Kind {
-        name: "half of a frame of another seed",
-        words: FOREIGN,
-        input: |trial| foreign(trial, |f| half_other(trial, f)),
-    },
-    Kind {
-        name: "a frame overexposed threefold",
-        words: &["expos", "clip", "bright", "scene", "left out"],
-        input: overexposed,
-    },
-    Kind { name: "three frames of three scenes", words: FOREIGN, input: three_scenes },
-    Kind { name: "one focus setting, shifted", words: ONE_FOCUS, input: one_focus_shifted },
-    Kind { name: "one focus setting, recompressed", words: ONE_FOCUS, input: one_focus_recompressed },
-    Kind {
-        name: "four frames, blur of σ 8 px per step",
-        words: &["coarse", "more frames", "frames would"],
-        input: coarse,
-    },
+    kind("a frame of another seed", FOREIGN, |trial| foreign(trial, |frame| other(trial, frame))),
+    kind("one focus setting, noisy", ONE_FOCUS, one_focus),
+    kind("a frame mirrored", FOREIGN, |trial| foreign(trial, |frame| Ok(mirrored(frame)))),
+    kind("a frame rotated by 180°", FOREIGN, |trial| foreign(trial, |frame| Ok(rotated(frame)))),
+    kind("a white frame", FOREIGN, |trial| foreign(trial, |frame| Ok(blank(frame, 1.0)))),
+    kind("a black frame", FOREIGN, |trial| foreign(trial, |frame| Ok(blank(frame, 0.0)))),
+    kind("a frame of noise", FOREIGN, |trial| foreign(trial, |frame| Ok(noise(trial, frame)))),
+    kind("a merged frame", FOREIGN, |trial| foreign(trial, |_| merged(trial))),
+    kind("half of a frame of another seed", FOREIGN, |trial| foreign(trial, |f| half_other(trial, f))),
+    kind("a frame overexposed threefold", &["expos", "clip", "bright", "scene", "left out"], overexposed),
+    kind("three frames of three scenes", FOREIGN, three_scenes),
+    kind("one focus setting, shifted", ONE_FOCUS, one_focus_shifted),
+    kind("one focus setting, recompressed", ONE_FOCUS, one_focus_recompressed),
+    kind("four frames, blur of σ 8 px per step", &["coarse", "more frames", "frames would"], coarse),
 ];
 
 const FRAMES: usize = 8;

@@ -1,8 +1,10 @@
-//! What solves dispatch, and with how many iterations: the input of the model.
+//! What solves dispatch, and with how many iterations: the input of the model of GPUs in `tools/lab`.
+
+use std::sync::Arc;
 
 use bytemuck::Zeroable;
 
-use crate::base::{Channels, Depth, Format, Settings};
+use crate::base::{Channels, Depth, Error, Format, Settings};
 use crate::engine::arguments::{Edges, Grid};
 use crate::engine::plan::{Allocation, Plan};
 use crate::engine::script::{Action, Dispatch, Part, Script, compose};
@@ -14,7 +16,8 @@ use crate::engine::stages::{
     subdivide, update_transform,
 };
 use crate::engine::sweep::model as sweep;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::statistics::{Statistics, null_hardware, statistics};
+use crate::engine::vulkan::{Device, Stage, Variant};
 
 /// Invocations of a wave.
 const WAVE: u32 = 64;
@@ -83,9 +86,11 @@ fn share_at_edges(over: Edges) -> f64 {
 }
 
 /// A solve, and what its passes did.
-pub(super) struct Solve {
-    pub(super) title: String,
-    pub(super) size: [u32; 2],
+pub struct Solve {
+    /// What it solves.
+    pub title: String,
+    /// Width and height, px.
+    pub size: [u32; 2],
     scripts: Vec<Script>,
     /// The scripts from this one on search for outlines. A pair does so within its only one.
     search: usize,
@@ -93,33 +98,86 @@ pub(super) struct Solve {
     levels: [LevelState; MAX_LEVELS],
 }
 
-/// A pass: the name of its shader and its variant.
-pub(super) type Name = (&'static str, Variant);
+/// A pass, or a copy.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pass {
+    /// The name of its shader.
+    pub name: &'static str,
+    variant: Variant,
+    /// `None` for copies.
+    stage: Option<&'static Stage>,
+}
+
+impl Pass {
+    fn of(stage: &'static Stage, variant: Variant) -> Self {
+        Self { name: stage.shader.name, variant, stage: Some(stage) }
+    }
+
+    /// The name of its shader, and its variant.
+    pub fn label(&self) -> String {
+        let flags: String = self.variant.map(|is_set| if is_set { '1' } else { '0' }).iter().collect();
+        format!("{} {flags}", self.name)
+    }
+
+    /// A copy.
+    pub fn copy(name: &'static str) -> Self {
+        Self { name, ..Self::default() }
+    }
+}
+
+/// Compiles passes on a machine without their GPU.
+pub struct Compiler(Arc<Device>);
+
+impl Compiler {
+    /// Opens Mesa's null hardware.
+    ///
+    /// # Errors
+    /// [`Error::NoLoader`], [`Error::NoDevice`], [`Error::Vulkan`].
+    pub fn open() -> Result<Self, Error> {
+        null_hardware().map(Self)
+    }
+
+    /// The name and the version of the driver.
+    pub fn driver(&self) -> &str {
+        &self.0.info().driver
+    }
+
+    /// What the driver's compiler states about a pass; `None` for a copy.
+    ///
+    /// # Errors
+    /// [`Error::Vulkan`].
+    pub fn statistics(&self, pass: Pass) -> Result<Option<Statistics>, Error> {
+        pass.stage.map(|stage| statistics(&self.0, stage, pass.variant)).transpose()
+    }
+}
 
 /// An entry of a script as the GPU executes it.
 #[derive(Default)]
-pub(super) struct Work {
-    pub(super) name: Name,
-    /// `None` for copies.
-    pub(super) stage: Option<&'static Stage>,
-    pub(super) level: usize,
+pub struct Work {
+    /// The pass.
+    pub pass: Pass,
+    /// Its level, 0 the finest.
+    pub level: usize,
     /// Zero for copies, and for dispatches that are not needed.
-    pub(super) waves: f64,
-    pub(super) bytes: f64,
-    pub(super) waits: bool,
+    pub waves: f64,
+    /// The compulsory traffic.
+    pub bytes: f64,
+    /// Whether a barrier precedes it.
+    pub waits: bool,
     /// Whether it belongs to the search for outlines.
-    pub(super) is_at_edges: bool,
+    pub is_at_edges: bool,
     /// The rounds of its loops, as a share of those that the compiler counts.
-    pub(super) rounds: f64,
+    pub rounds: f64,
     /// The pass that the last workgroup runs when all others are done, and the rounds of its loops.
-    pub(super) last: Option<(&'static Stage, Variant, f64)>,
+    pub last: Option<(Pass, f64)>,
 }
 
 impl Solve {
     fn pair(pair: &Measured, registers: bool) -> Self {
         let [width, height] = pair.size;
         let format = Format { channels: pair.channels, depth: Depth::U8 };
-        let plan = Plan::new(width, height, [format; 2], &Settings::default()).unwrap();
+        let plan = Plan::new(width, height, [format; 2], &Settings::default());
+        let plan = plan.expect("the sizes and the settings are valid");
         let mut script = compose(&plan, pair.masked);
         if registers {
             script.parts.truncate(script.registered);
@@ -142,20 +200,20 @@ impl Solve {
     }
 
     /// All solves of the model.
-    pub(super) fn all() -> Vec<Self> {
+    pub fn all() -> Vec<Self> {
         let pairs = [false, true].map(|registers| PAIRS.iter().map(move |pair| Self::pair(pair, registers)));
         let sweeps = PAIRS[1..4].iter().map(|pair| Self::sweep(pair.size, pair.title));
         pairs.into_iter().flatten().chain(sweeps).collect()
     }
 
     /// The batches of command buffers that are submitted.
-    pub(super) fn batches(&self) -> usize {
+    pub fn batches(&self) -> usize {
         self.scripts.iter().flat_map(|script| &script.parts).filter(|part| part.ends_batch).count()
     }
 
     /// What the GPU executes. Parts in which no dispatch is needed are skipped by conditional rendering, and so are
     /// passes that would warp I2 again. Elsewhere a dispatch that is not needed is executed with no workgroups.
-    pub(super) fn work(&self) -> Vec<Work> {
+    pub fn work(&self) -> Vec<Work> {
         let mut all = Vec::new();
         let scripts = self.scripts.iter().enumerate();
         for (script_index, script, part) in
@@ -177,7 +235,7 @@ impl Solve {
                 };
                 level = work.level;
                 // A part begins with a barrier.
-                let is_at_edges = script_index >= self.search || work.name.0.starts_with("edge_");
+                let is_at_edges = script_index >= self.search || work.pass.name.starts_with("edge_");
                 all.push(Work { waits: entry.waits || n == 0, is_at_edges, ..work });
             }
         }
@@ -194,16 +252,15 @@ impl Solve {
             Grid::Direct(groups) => (groups, 1.0),
             Grid::Edges { levels, over } => (groups_at_edges(script, levels, over), share_at_edges(over)),
             Grid::Level { .. } | Grid::IfMoved { .. } => {
-                let word = dispatch.grid.word().unwrap();
-                (script.arguments[word..word + 3].try_into().unwrap(), 1.0)
+                let word = dispatch.grid.word().expect("it is indirect");
+                (std::array::from_fn(|n| script.arguments[word + n]), 1.0)
             }
         };
         let needed = if self.needs(dispatch) { 1.0 } else { 0.0 };
         let groups: f64 = groups.map(f64::from).iter().product();
         let [width, height] = dispatch.stage.workgroup;
         Work {
-            name: (dispatch.stage.shader.name, dispatch.variant),
-            stage: Some(dispatch.stage),
+            pass: Pass::of(dispatch.stage, dispatch.variant),
             level: dispatch.place.level,
             waves: needed * share * groups * f64::from((width * height).div_ceil(WAVE)),
             bytes: needed * bytes(dispatch) * share_of_tiles(dispatch, groups),
@@ -211,7 +268,7 @@ impl Solve {
             last: (dispatch.stage.shader.name == "linearise").then(|| {
                 let c: linearise::Constants = bytemuck::pod_read_unaligned(&dispatch.constants);
                 let rows = c.step_constants().rows;
-                (&update_transform::STAGE, dispatch.variant, rounds_of_step(rows, dispatch.variant))
+                (Pass::of(&update_transform::STAGE, dispatch.variant), rounds_of_step(rows, dispatch.variant))
             }),
             ..Work::default()
         }
@@ -227,8 +284,7 @@ impl Solve {
             Action::Download { .. } => ("download", 2 * bytes(Slot::EndMaps)),
             Action::Dispatch(_) => unreachable!("it copies nothing"),
         };
-        let name = (name, [false; 5]);
-        Work { name, level, bytes: bytes as f64, rounds: 1.0, ..Work::default() }
+        Work { pass: Pass::copy(name), level, bytes: bytes as f64, rounds: 1.0, ..Work::default() }
     }
 }
 
@@ -237,7 +293,7 @@ fn groups_at_edges(script: &Script, levels: usize, over: Edges) -> [u32; 3] {
     let level = |n: usize| {
         let found = script.dispatches().filter_map(Dispatch::of::<edge_cells::Bindings>);
         let place = Edges::Cells(n).word(levels) as u32;
-        found.map(|(_, constants, _)| constants).find(|c| c.argument_place == place).unwrap()
+        found.map(|(_, constants, _)| constants).find(|c| c.argument_place == place).expect("its script has edge_cells")
     };
     let [x, y] = match over {
         Edges::Fused => level(0).fused,
@@ -350,7 +406,7 @@ mod tests {
 
     /// What the passes of a name do.
     fn of<'a>(work: &'a [Work], name: &'a str) -> impl Iterator<Item = &'a Work> {
-        work.iter().filter(move |work| work.name.0 == name)
+        work.iter().filter(move |work| work.pass.name == name)
     }
 
     #[test]
@@ -368,7 +424,9 @@ mod tests {
         // A level settles after an odd iteration: the rest of this iteration is executed with no workgroups.
         let skipped = of(&work, "relax_tiles").filter(|work| work.waves == 0.0);
         assert_eq!(skipped.count(), pair.levels.len());
-        assert!(work.iter().filter(|work| work.stage.is_some() && work.waves == 0.0).all(|work| work.bytes == 0.0));
+        assert!(
+            work.iter().filter(|work| work.pass.stage.is_some() && work.waves == 0.0).all(|work| work.bytes == 0.0)
+        );
     }
 
     #[test]
@@ -418,7 +476,7 @@ mod tests {
         assert_eq!([5, 0].map(|level| rounds("linearise", level)), [(0.3 + 1.0) / 8.8, 9.2 / 10.25]);
         // 8 x 32 workgroups: 8 chains of 32 rows, 4 at once.
         let step = of(&work, "linearise").find(|work| work.level == 0).unwrap().last.unwrap();
-        assert_eq!(step.2, rounds_of_step(256, step.1));
+        assert_eq!(step.1, rounds_of_step(256, step.0.variant));
         assert_eq!(rounds("system_tiles", 0), 1.0);
     }
 

@@ -10,14 +10,12 @@
 //!
 //! A wave has 64 invocations. The inverse throughput is the cycles per wave on a full SIMD, the latency those of a wave
 //! alone. What the last workgroup of a dispatch does when all others are done adds its latency.
-//! `docs/performance.md` has the results, and what the model leaves out. The module is compiled for tests only.
+//! `docs/performance.md` has the results, and what the model leaves out.
 
-mod solves;
-
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap};
 
-use self::solves::{Name, Solve, Work};
-use super::vulkan::statistics::{Statistics, null_hardware, statistics};
+use parfocal::internals::model::{Compiler, Pass, Solve, Work};
 
 /// A GPU, by its data sheet.
 struct Card {
@@ -40,11 +38,21 @@ const CARDS: [Card; 3] = [
     Card { name: "H200", chip: "navi21", simds: 528.0, clock: 1.98e9, bandwidth: 4.8e12 },
 ];
 
+/// Model the time of solves on GPUs that this machine does not have
+#[derive(clap::Args, Debug)]
+pub(crate) struct Arguments {
+    /// Lists also the passes of the solves with this in their title, as 'navi21, pair, 1 Mpx'
+    title: Option<String>,
+    /// Writes the totals to docs/performance.md
+    #[arg(long)]
+    write: bool,
+}
+
 /// The driver whose compiler the totals in `docs/performance.md` are from. Another one compiles the shaders
 /// differently.
 const DRIVER: &str = "Mesa 22.3.6";
 /// The file with the totals, which are the bounds of later changes.
-const TOTALS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/performance.md");
+const TOTALS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/performance.md");
 
 /// Seconds that a dispatch takes if it waits for those before: they drain and flush the caches. Assumed.
 const BARRIER: f64 = 2e-6;
@@ -67,17 +75,17 @@ struct Compiled {
 }
 
 impl Compiled {
-    fn new(stated: &Statistics) -> Self {
-        let of = |name: &str| *stated.get(name).unwrap_or_else(|| panic!("the driver states {stated:?}, not {name}"));
-        Self {
-            registers: of("VGPRs"),
-            shared: of("LDS size"),
+    fn new(stated: &BTreeMap<String, u64>) -> Result<Self, String> {
+        let of = |name: &str| stated.get(name).copied().ok_or(format!("the driver states {stated:?}, not {name}"));
+        Ok(Self {
+            registers: of("VGPRs")?,
+            shared: of("LDS size")?,
             // The driver counts in waves of 32 invocations (`radv_get_max_waves`).
-            waves: of("Subgroups per SIMD") / 2,
-            instructions: of("Instructions"),
-            latency: of("Latency"),
-            inverse_throughput: of("Inverse Throughput"),
-        }
+            waves: of("Subgroups per SIMD")? / 2,
+            instructions: of("Instructions")?,
+            latency: of("Latency")?,
+            inverse_throughput: of("Inverse Throughput")?,
+        })
     }
 }
 
@@ -111,13 +119,13 @@ impl Sum {
     }
 
     /// Adds up entries.
-    fn of<'a>(card: &Card, work: impl Iterator<Item = &'a Work>, compiled: &HashMap<Name, Compiled>) -> Self {
+    fn of<'a>(card: &Card, work: impl Iterator<Item = &'a Work>, compiled: &HashMap<String, Compiled>) -> Self {
         let mut sum = Self::default();
-        let compiled = |name| compiled.get(&name).copied().unwrap_or_default();
+        let compiled = |pass: Pass| compiled.get(&pass.label()).copied().unwrap_or_default();
         for work in work {
-            sum.add(card, work, &compiled(work.name));
-            if let Some((stage, variant, rounds)) = work.last.filter(|_| work.waves > 0.0) {
-                let latency = rounds * compiled((stage.shader.name, variant)).latency as f64 / card.clock;
+            sum.add(card, work, &compiled(work.pass));
+            if let Some((pass, rounds)) = work.last.filter(|_| work.waves > 0.0) {
+                let latency = rounds * compiled(pass).latency as f64 / card.clock;
                 sum.latency += latency;
                 sum.time += latency;
             }
@@ -127,13 +135,13 @@ impl Sum {
 }
 
 /// The passes of a solve on a card, the slowest first, and its levels.
-fn passes(card: &Card, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Compiled>) -> String {
-    let mut by_pass = BTreeMap::<Name, Vec<&Work>>::new();
-    work.iter().for_each(|work| by_pass.entry(work.name).or_default().push(work));
+fn passes(card: &Card, solve: &Solve, work: &[Work], compiled: &HashMap<String, Compiled>) -> String {
+    let mut by_pass = BTreeMap::<String, Vec<&Work>>::new();
+    work.iter().for_each(|work| by_pass.entry(work.pass.label()).or_default().push(work));
     let sums = by_pass.into_iter().map(|(name, work)| (name, Sum::of(card, work.into_iter(), compiled)));
-    let mut sums: Vec<(Name, Sum)> = sums.collect();
+    let mut sums: Vec<(String, Sum)> = sums.collect();
     sums.sort_by(|(_, a), (_, b)| b.time.total_cmp(&a.time));
-    sums.push((("all", [false; 5]), Sum::of(card, work.iter(), compiled)));
+    sums.push((Pass::copy("all").label(), Sum::of(card, work.iter(), compiled)));
     let header = ["pass, variant", "dispatches", "others", "registers", "shared", "waves", "instructions"];
     let columns = ["arithmetic", "traffic", "latency", "ms"];
     let line = |cells: &[String]| {
@@ -142,13 +150,12 @@ fn passes(card: &Card, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Co
     };
     let mut text = format!("{}, {}\n", card.name, solve.title);
     text += &line(&header.into_iter().chain(columns).map(String::from).collect::<Vec<_>>());
-    for ((name, variant), sum) in sums {
-        let c = compiled.get(&(name, variant)).copied().unwrap_or_default();
-        let variant: String = variant.map(|is_set| if is_set { '1' } else { '0' }).iter().collect();
+    for (name, sum) in sums {
+        let c = compiled.get(&name).copied().unwrap_or_default();
         let counts = [sum.dispatches as u64, sum.others as u64, c.registers, c.shared, c.waves, c.instructions];
         let times = [sum.arithmetic, sum.traffic, sum.latency, sum.time].map(|seconds| format!("{:.3}", 1e3 * seconds));
         let cells = counts.iter().map(u64::to_string).chain(times);
-        text += &line(&[format!("{name} {variant}")].into_iter().chain(cells).collect::<Vec<_>>());
+        text += &line(&[name].into_iter().chain(cells).collect::<Vec<_>>());
     }
     let levels = 0..=work.iter().map(|work| work.level).max().unwrap_or(0);
     let level = |n| Sum::of(card, work.iter().filter(|work| work.level == n), compiled).time;
@@ -171,8 +178,8 @@ impl Totals {
         let any = sums.iter().flatten().next().copied().unwrap_or_default();
         let counts = [batches.to_string(), any.dispatches.to_string(), format!("{:.2}", 1e-3 * any.bytes / pixels)];
         let times = sums.map(|sum| sum.map(|sum| format!("{:.2}", 1e3 * sum.time)));
-        let numbers: Vec<_> = counts.map(Some).into_iter().chain(times).collect();
-        Self { title, numbers: numbers.try_into().unwrap() }
+        let mut numbers = counts.map(Some).into_iter().chain(times);
+        Self { title, numbers: std::array::from_fn(|_| numbers.next().flatten()) }
     }
 
     /// The row of the documentation with the same title.
@@ -191,7 +198,7 @@ impl Totals {
     fn is_worse(&self, documented: Option<&str>) -> bool {
         let bounds = documented.map_or([""; COLUMNS], numbers_of).map(|bound| bound.parse::<f64>().ok());
         let exceeds = |(now, bound): (&Option<String>, Option<f64>)| {
-            now.as_ref().is_some_and(|now| bound.is_none_or(|bound| now.parse::<f64>().unwrap() > bound))
+            now.as_ref().is_some_and(|now| bound.is_none_or(|bound| now.parse::<f64>().is_ok_and(|now| now > bound)))
         };
         self.numbers.iter().zip(bounds).any(exceeds)
     }
@@ -204,7 +211,7 @@ fn numbers_of(row: &str) -> [&str; COLUMNS] {
 }
 
 /// The rows of a solve: all of it, and depth edges if it has any.
-fn totals(chip: &str, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Compiled>) -> Vec<Totals> {
+fn totals(chip: &str, solve: &Solve, work: &[Work], compiled: &HashMap<String, Compiled>) -> Vec<Totals> {
     let sums = |counts: fn(&Work) -> bool| {
         let sum = |card| Sum::of(card, work.iter().filter(|work| counts(work)), compiled);
         CARDS.each_ref().map(|card| (card.chip == chip).then(|| sum(card)))
@@ -218,42 +225,37 @@ fn totals(chip: &str, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Com
 }
 
 /// How much longer a solve takes with depth edges than without.
-fn cost_of_edges(card: &Card, solve: &Solve, work: &[Work], compiled: &HashMap<Name, Compiled>) -> Option<String> {
+fn cost_of_edges(card: &Card, solve: &Solve, work: &[Work], compiled: &HashMap<String, Compiled>) -> Option<String> {
     let [all, edges] = [|_: &Work| true, |work: &Work| work.is_at_edges]
         .map(|counts| Sum::of(card, work.iter().filter(|work| counts(work)), compiled).time);
     let ratio = all / (all - edges);
     (edges > 0.0).then(|| format!("{}, {}: {ratio:.3} times the time without depth edges\n", card.name, solve.title))
 }
 
-/// Prints the totals for the cards of one chip, and fails if they exceed those of the documentation.
-///
-/// `RADV_FORCE_FAMILY`: the chip. `GPU_MODEL_REPORT`: the file to append to. `GPU_MODEL_TITLE`: part of the titles of
-/// the solves whose passes are listed. `GPU_MODEL_WRITE`: set to write the totals to the documentation.
-#[test]
-#[ignore = "needs Mesa's null hardware: run tools/gpu-model"]
-fn totals_are_within_those_of_the_documentation() {
-    let variable = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
-    let (device, chip, title) =
-        (null_hardware().unwrap(), variable("RADV_FORCE_FAMILY").unwrap(), variable("GPU_MODEL_TITLE"));
-    let driver = &device.info().driver;
-    let before = std::fs::read_to_string(TOTALS).unwrap();
+/// Prints the totals for the cards of the chip that the environment names, and fails if they exceed those of the
+/// documentation.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
+    let compiler = Compiler::open().map_err(|e| e.to_string())?;
+    let chip = std::env::var("RADV_FORCE_FAMILY").map_err(|e| format!("RADV_FORCE_FAMILY: {e}"))?;
+    let driver = compiler.driver();
+    let before = std::fs::read_to_string(TOTALS).map_err(|e| format!("{TOTALS}: {e}"))?;
     let (mut compiled, mut documentation, mut worse) = (HashMap::new(), before.clone(), String::new());
+    println!("{chip} by {driver}; other chips as documented");
     let columns = CARDS.map(|card| format!("{}, ms", card.name)).join(" | ");
-    let mut report = format!("{chip} by {driver}; other chips as documented\n");
-    report += &format!("| solve | batches | dispatches | kB per pixel | {columns} |\n");
+    println!("| solve | batches | dispatches | kB per pixel | {columns} |");
     let mut details = String::new();
     for solve in Solve::all() {
         let work = solve.work();
-        let stages = work.iter().filter_map(|work| Some((work.name, work.stage?)));
-        let last =
-            work.iter().filter_map(|work| work.last.map(|(stage, variant, _)| ((stage.shader.name, variant), stage)));
-        for (name, stage) in stages.chain(last) {
-            compiled.entry(name).or_insert_with(|| Compiled::new(&statistics(&device, stage, name.1).unwrap()));
+        for pass in work.iter().flat_map(|work| [Some(work.pass), work.last.map(|(pass, _)| pass)]).flatten() {
+            if let Entry::Vacant(entry) = compiled.entry(pass.label()) {
+                let stated = compiler.statistics(pass).map_err(|e| e.to_string())?;
+                entry.insert(stated.as_ref().map_or(Ok(Compiled::default()), Compiled::new)?);
+            }
         }
         for totals in totals(&chip, &solve, &work, &compiled) {
             let documented = totals.documented(&before);
             let row = totals.row(documented);
-            report += &format!("{row}\n");
+            println!("{row}");
             if totals.is_worse(documented) {
                 worse += &format!("now:    {row}\nbefore: {}\n", documented.unwrap_or("no such row"));
             }
@@ -261,37 +263,31 @@ fn totals_are_within_those_of_the_documentation() {
         }
         for card in CARDS.iter().filter(|card| card.chip == chip) {
             details.extend(cost_of_edges(card, &solve, &work, &compiled));
-            if title.as_ref().is_some_and(|part| format!("{}, {}", card.name, solve.title).contains(part)) {
+            let title = format!("{}, {}", card.name, solve.title);
+            if arguments.title.as_ref().is_some_and(|part| title.contains(part)) {
                 details += &passes(card, &solve, &work, &compiled);
             }
         }
     }
-    report += &details;
-    let is_comparable = driver.contains(DRIVER);
-    if !is_comparable {
-        report += &format!(
-            "NOT COMPARED with docs/performance.md, whose totals are from {DRIVER}: these are from {driver}\n"
-        );
-    } else if worse.is_empty() && documentation != before {
-        report += "less than in docs/performance.md: update it by tools/gpu-model --write\n";
+    print!("{details}");
+    if !driver.contains(DRIVER) {
+        println!("NOT COMPARED with docs/performance.md, whose totals are from {DRIVER}: these are from {driver}");
+        let problem = format!("docs/performance.md has the totals of {DRIVER}, not of {driver}");
+        return if arguments.write { Err(problem) } else { Ok(()) };
     }
-    match variable("GPU_MODEL_REPORT") {
-        Some(file) => {
-            let mut file = std::fs::OpenOptions::new().create(true).append(true).open(file).unwrap();
-            std::io::Write::write_all(&mut file, report.as_bytes()).unwrap();
-        }
-        None => println!("{report}"),
+    if arguments.write {
+        return std::fs::write(TOTALS, documentation).map_err(|e| format!("{TOTALS}: {e}"));
     }
-    if variable("GPU_MODEL_WRITE").is_some() {
-        assert!(is_comparable, "docs/performance.md has the totals of {DRIVER}, not of {driver}");
-        std::fs::write(TOTALS, documentation).unwrap();
-    } else if is_comparable {
-        assert!(
-            worse.is_empty(),
-            "worse than in docs/performance.md:\n{worse}Compare the passes by tools/gpu-model TITLE on both trees. If \
-             the change is worth it,\nstate why in its message, and update the table by tools/gpu-model --write"
-        );
+    if !worse.is_empty() {
+        return Err(format!(
+            "worse than in docs/performance.md:\n{worse}Compare the passes by tools/gpu-model TITLE on both trees. If the \
+             change is worth it,\nstate why in its message, and update the table by tools/gpu-model --write"
+        ));
     }
+    if documentation != before {
+        println!("less than in docs/performance.md: update it by tools/gpu-model --write");
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -301,7 +297,7 @@ mod tests {
     const CARD: Card = Card { name: "test", chip: "test", simds: 10.0, clock: 1e9, bandwidth: 1e11 };
 
     fn work(waves: f64, bytes: f64, waits: bool) -> Work {
-        Work { name: ("pass", [false; 5]), waves, bytes, waits, rounds: 1.0, ..Work::default() }
+        Work { pass: Pass::copy("pass"), waves, bytes, waits, rounds: 1.0, ..Work::default() }
     }
 
     #[test]
@@ -330,21 +326,16 @@ mod tests {
     #[test]
     fn sums_are_of_all_dispatches() {
         let compiled = Compiled { latency: 3000, inverse_throughput: 50, ..Compiled::default() };
-        let compiled = HashMap::from([(("pass", [false; 5]), compiled)]);
+        let compiled = HashMap::from([(Pass::copy("pass").label(), compiled)]);
         let list = [work(1000.0, 8e5, true), work(0.0, 0.0, true), work(10.0, 8e3, false)];
         let sum = Sum::of(&CARD, list.iter(), &compiled);
         assert_eq!([sum.dispatches, sum.others], [2, 1]);
         let us = [sum.arithmetic, sum.traffic, sum.latency, sum.time].map(|seconds| (1e9 * seconds).round() / 1e3);
         assert_eq!(us, [5.05, 8.08, 6.0, 8.0 + 2.0 + 2.0 + 3.0 + 0.5]);
         // Behind it the last workgroup runs half the rounds of a pass: 1.5 µs.
-        let stage = &super::super::stages::update_transform::STAGE;
-        let compiled =
-            HashMap::from([((stage.shader.name, [false; 5]), Compiled { latency: 3000, ..Compiled::default() })]);
-        let sum = Sum::of(
-            &CARD,
-            [Work { last: Some((stage, [false; 5], 0.5)), ..work(1000.0, 8e5, true) }].iter(),
-            &compiled,
-        );
+        let compiled = HashMap::from([(Pass::copy("last").label(), Compiled { latency: 3000, ..Compiled::default() })]);
+        let work = Work { last: Some((Pass::copy("last"), 0.5)), ..work(1000.0, 8e5, true) };
+        let sum = Sum::of(&CARD, [work].iter(), &compiled);
         assert!((sum.time - 11.5e-6).abs() < 1e-15, "{sum:?}");
     }
 
