@@ -1,4 +1,6 @@
-//! Writes the tables of shaders, of their stages and of their constants, from `glsl/`.
+//! Writes the Rust interfaces of the shaders from `glsl/`: constants, push constants, bindings, flags and structs.
+//!
+//! The text of a shader is the one declaration of its interface. The build fails if it differs from the SPIR-V.
 //!
 //! With the feature `compile-shaders` it compiles SPIR-V from `glsl/`. Without, it takes the SPIR-V that `tools/spirv`
 //! compiled into `glsl/spirv`, so that the build needs only Rust.
@@ -6,6 +8,12 @@
 #[cfg(feature = "compile-shaders")]
 #[path = "build/compile.rs"]
 mod compile;
+#[path = "build/glsl.rs"]
+mod glsl;
+#[path = "build/interface.rs"]
+mod interface;
+#[path = "build/spirv.rs"]
+mod spirv;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,19 +29,31 @@ fn main() {
 
 fn build() -> Result<(), String> {
     let (out, glsl) = (folder("OUT_DIR")?, folder("CARGO_MANIFEST_DIR")?.join("glsl"));
-    let shaders = files(&spirv(&out)?, "spv")?;
-    let mut table: String = shaders.iter().map(|path| shader_constant(path)).collect();
-    let mut constants = BTreeMap::<String, String>::new();
-    for path in [files(&glsl, "comp")?, files(&glsl.join("include"), "glsl")?].concat() {
-        let text = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-        *constants.entry(stem(&path)).or_default() += &literals(&text);
+    let spirv = spirv(&out)?;
+    let (mut modules, mut shaders) = (BTreeMap::<String, String>::new(), BTreeMap::new());
+    let (mut table, mut stages) = (String::new(), String::new());
+    for path in files(&glsl, "comp")? {
+        let name = stem(&path);
+        let shader = glsl::Shader::read(&format!("{name}.comp"), &|path| text(&glsl.join(path)))?;
+        let compiled = spirv.join(&name).with_extension("spv");
+        let bytes = fs::read(&compiled).map_err(|e| format!("{}: {e}: run tools/spirv", compiled.display()))?;
+        spirv::verify(&shader, &bytes)
+            .map_err(|e| format!("glsl/{name}.comp: {e} in {}: run tools/spirv", compiled.display()))?;
+        table += &shader_constant(&compiled);
+        modules.insert(name.clone(), literals(&path)? + &interface::of_constants(&shader));
+        stages += &interface::of_stage(&name, &shader)?;
+        shaders.insert(name, shader);
     }
-    for (name, constants) in constants.into_iter().filter(|(_, constants)| !constants.is_empty()) {
-        table += &format!("/// Constants of `{name}` in `glsl/`.\npub(crate) mod {name} {{\n{constants}}}\n");
+    for path in files(&glsl.join("include"), "glsl")? {
+        let text = literals(&path)? + &interface::of_structs(&stem(&path), shaders.values());
+        *modules.entry(stem(&path)).or_default() += &text;
     }
-    write(&out.join("shaders.rs"), table.as_bytes())?;
-    let stages: String = shaders.iter().map(|path| format!("&{}::STAGE, ", stem(path))).collect();
-    write(&out.join("stages.rs"), format!("const STAGES: &[&Stage] = &[{stages}];\n").as_bytes())
+    for (name, text) in modules.into_iter().filter(|(_, text)| !text.is_empty()) {
+        table += &format!("/// Constants and structs of `{name}` in `glsl/`.\npub mod {name} {{\n{text}}}\n");
+    }
+    let (flags, state) = (interface::of_flags(&shaders)?, interface::of_double(shaders.values())?);
+    let texts = [("shaders.rs", table), ("stages.rs", stages), ("flags.rs", flags), ("state.rs", state)];
+    texts.into_iter().try_for_each(|(file, text)| write(&out.join(file), text.as_bytes()))
 }
 
 /// The folder with a file of SPIR-V for each shader.
@@ -61,22 +81,25 @@ fn shader_constant(path: &Path) -> String {
     )
 }
 
-/// The global constants of a shader that are literal numbers, as Rust constants: `const float A = 0.5, B = 2.0;`.
-fn literals(text: &str) -> String {
+/// The global constants of a file that are literal numbers, as Rust constants: `const float A = 0.5, B = 2.0;`.
+fn literals(path: &Path) -> Result<String, String> {
     let mut constants = String::new();
-    for line in text.lines() {
+    for line in text(path)?.lines() {
         let Some((kind, rest)) = line.strip_prefix("const ").and_then(|rest| rest.split_once(' ')) else { continue };
         let kind = match kind {
             "int" => "u32",
             "float" => "f64",
             _ => continue,
         };
-        let declared = rest.split(';').next().unwrap_or_default().split(',').filter_map(|part| part.split_once(" = "));
-        for (name, value) in declared.filter(|(_, value)| value.parse::<f64>().is_ok()) {
-            constants += &format!("    pub(crate) const {}: {kind} = {value};\n", name.trim());
+        for (name, value) in glsl::literals(rest).filter(|(_, value)| value.parse::<f64>().is_ok()) {
+            constants += &format!("pub(crate) const {name}: {kind} = {value};\n");
         }
     }
-    constants
+    Ok(constants)
+}
+
+fn text(path: &Path) -> Result<String, String> {
+    fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
 }
 
 fn folder(variable: &str) -> Result<PathBuf, String> {

@@ -2,7 +2,7 @@
 // Resamples a frame of a sweep onto the reference's pixels and matches its brightness. CPU reference:
 // src/engine/stages/align.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 
 #include "spline.glsl"
 #include "state.glsl"
@@ -13,7 +13,7 @@ layout(push_constant) uniform Constants {
     int width, height;
     int layer;                       // target
     float factor;                    // pixels of the full-size image per pixel of this level
-    float centre_x, centre_y;
+    float centre[2];
     Registration registration;
     float shading[TERMS];
 };
@@ -24,7 +24,7 @@ float coefficient(int image, ivec3 place) { return imageLoad(spline, place).r; }
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy), size = ivec2(width, height), i;
     if (x.x >= width || x.y >= height) return;
-    vec2 centre = vec2(centre_x, centre_y), d = displacement(registration, x, factor, centre), f;
+    vec2 centre = vec2(centre[0], centre[1]), d = displacement(registration, x, factor, centre), f;
     place(x, d, size, i, f);
     float bright = registration.gain * shading_at(shading, (vec2(i) + f - centre) / centre);
     imageStore(aligned, ivec3(x, layer), vec4(bright * spline_at(0, 0, size, i, f).value + registration.offset));

@@ -2,7 +2,7 @@
 // Lowers the certainty of V where another V explains the photographs better. A workgroup takes two by two blocks. CPU
 // reference: src/engine/stages/ambiguity.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 // The stack of I2 is of I2 as warped onto I1's pixels, and of a Gaussian.
 layout(constant_id = 3) const bool WARPED = false;
 layout(constant_id = 4) const bool MASKED = false;
@@ -21,8 +21,8 @@ layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
     int second_stack;                // its first layer
-    float centre_x, centre_y;
-    float mean_x, mean_y;            // of the kernel at V = 1
+    float centre[2];
+    float mean[2];                   // of the kernel at V = 1
     float limit;                     // largest |V|, px²
     float eta;                       // of the data term
     float pixels;                    // pixels of a window
@@ -55,7 +55,7 @@ shared vec2 best[BLOCKS];
 // The squared residual at a V, over what noise adds to it there; -1 where the blur reaches beyond an image.
 float energy(ivec2 x, float v) {
     Registration r = state.registration;
-    vec2 d = displacement(r, x, 1.0, vec2(centre_x, centre_y));
+    vec2 d = displacement(r, x, 1.0, vec2(centre[0], centre[1]));
     if (!inside(x, d, ivec2(width, height), v, scale_of(r))) return -1.0;
     PairSample both = sample_pair(x, d, v);
     float s = v > 0.0 ? both.b1.value - (r.gain * both.j.value + r.offset)

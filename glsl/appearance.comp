@@ -4,7 +4,7 @@
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 
 #include "spline.glsl"
 #include "state.glsl"
@@ -20,7 +20,7 @@ layout(push_constant) uniform Constants {
     int width, height;
     int rows;                        // pairs of pixels per invocation
     float factor;                    // pixels of the full-size image per pixel of this level
-    float centre_x, centre_y;
+    float centre[2];
     float length;                    // L, the length that places are divided by, pixels
     float eta;
 };
@@ -36,7 +36,7 @@ float mask_at(int image, ivec2 x) {
 
 void accumulate(Registration r, ivec2 x, inout Sums sums) {
     ivec2 size = ivec2(width, height), i;
-    vec2 centre = vec2(centre_x, centre_y), f;
+    vec2 centre = vec2(centre[0], centre[1]), f;
     vec2 d = displacement(r, x, factor, centre);
     if (!inside(x, d, size, 0.0, 1.0)) return;
     float share = counts(x, d, size);

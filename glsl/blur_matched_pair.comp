@@ -2,7 +2,7 @@
 // Blurs the sharper image by V so that both look alike, on every other pixel along x and y: for the exposure. CPU
 // reference: src/engine/stages/blur_matched_pair.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 // The stack of I2 is of I2 as warped onto I1's pixels, and of a Gaussian.
 layout(constant_id = 3) const bool WARPED = false;
 
@@ -20,8 +20,8 @@ layout(push_constant) uniform Constants {
     int nodes;                       // of the stacks; 0: no stacks yet, and V is zero
     int second_stack;                // its first layer
     float factor;                    // pixels of the full-size image per pixel of this level
-    float centre_x, centre_y;
-    float mean_x, mean_y;            // of the kernel at V = 1
+    float centre[2];
+    float mean[2];                   // of the kernel at V = 1
 };
 
 #include "coefficients.glsl"
@@ -34,7 +34,7 @@ float mask_at(int image, ivec2 x) {
 vec2 images_at(ivec2 x, vec2 d, float v) {
     Registration r = state.registration;
     ivec2 size = ivec2(width, height);
-    vec2 centre = vec2(centre_x, centre_y);
+    vec2 centre = vec2(centre[0], centre[1]);
     float i1 = imageLoad(image1, ivec3(x, 0)).r;
     if (nodes == 0) {
         ivec2 i;
@@ -42,7 +42,7 @@ vec2 images_at(ivec2 x, vec2 d, float v) {
         place(x, d, size, i, f);
         return vec2(i1, spline_at(2, 0, size, i, f).value);
     }
-    Blur blur = Blur(size, nodes, vec2(mean_x, mean_y));
+    Blur blur = Blur(size, nodes, vec2(mean[0], mean[1]));
     PairSample both;
     if (WARPED) {
         ivec3 columns = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
@@ -60,7 +60,7 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     Registration r = state.registration;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, share = 0.0;
-    vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y)), images = vec2(0.0);
+    vec2 d = displacement(r, x, factor, vec2(centre[0], centre[1])), images = vec2(0.0);
     if (inside(x, d, size, v, scale_of(r))) {
         share = counts(x, d, size);
         images = images_at(x, d, v);

@@ -1,7 +1,7 @@
 #version 460
 // Copies an image, to measure the memory bandwidth. CPU reference: src/engine/stages/copy.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray from;
 layout(binding = 1, r32f) uniform writeonly image2DArray to;
 layout(push_constant) uniform Constants { int width, height, layer; };

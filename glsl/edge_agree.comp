@@ -2,7 +2,7 @@
 // Averages the evidence for an outline along the edge, so that an edge is moved as a whole. A workgroup for each cell
 // with an edge. CPU reference: src/engine/stages/edge_agree.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 128, local_size_y = 1, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray results;
 layout(binding = 1, std430) readonly buffer Arguments { uint arguments[]; };
 layout(binding = 2, std430) readonly buffer Listed { uint listed[]; };

@@ -4,7 +4,7 @@
 
 #include "state.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray relative_blur;
 layout(binding = 1, r32f) uniform image2DArray results;
 layout(binding = 2, std430) readonly buffer StateBuffer { State state; };

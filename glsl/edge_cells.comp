@@ -1,7 +1,7 @@
 #version 460
 // Finds the cells at depth edges, their normals, and V of either side. CPU reference: src/engine/stages/edge_cells.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform image2DArray results;            // layers: the standard deviation of V; the edges
 layout(binding = 2, std430) buffer Arguments { uint arguments[]; };
@@ -9,9 +9,9 @@ layout(binding = 3, std430) writeonly buffer Listed { uint listed[]; };
 layout(push_constant) uniform Constants {
     int width, height;
     uint argument_place;             // first word of the workgroups of the passes over edges
-    uint pixels_x, pixels_y;
+    uint pixels[2];                 // workgroups over pixels along x and y, if there is an edge
     int fused_place;                 // first word of the workgroups of edge_fuse
-    uint fused_x, fused_y;
+    uint fused[2];                  // its workgroups along x and y, if there is an edge
     int deviation_layer;             // of the standard deviation: coarser levels have one of their own
     float least_jump;                // of V, or of u in a sweep
     float half_weight;               // the deviation of V at which a pixel of a side has half the weight
@@ -19,7 +19,7 @@ layout(push_constant) uniform Constants {
     float largest;                   // the largest |V| of a side: the blur that the searched profile has room for
     float widest;                    // the largest difference of the levels
     float uncertain;                 // the least deviation at the jump, as a share of it: with less it is a slope
-    float left, top, right, bottom;  // what all photographs show, pixels
+    float shown[4];                  // left, top, right and bottom of what all photographs show, pixels
 };
 
 #include "edge.glsl"
@@ -119,7 +119,7 @@ void main() {
     }
     // Each piece of an edge belongs to one cell.
     if (normal == vec2(0.0) || ivec2(floor((place + 0.5) / float(CELL))) != cell) return;
-    if (any(lessThan(place, vec2(left, top))) || any(greaterThan(place, vec2(right, bottom)))) return;
+    if (any(lessThan(place, vec2(shown[0], shown[1]))) || any(greaterThan(place, vec2(shown[2], shown[3])))) return;
     vec3 near = level(place, normal, halfway, 1.0), far = level(place, normal, halfway, -1.0);
     if (near.x == 0.0 || far.x == 0.0) return;
     float highest = max(abs(near.y), abs(far.y)), difference = near.y - far.y;
@@ -141,8 +141,8 @@ void main() {
     atomicMax(arguments[argument_place + 1], n / uint(ALONG_X) + 1);
     // All invocations that get here write the same.
     arguments[argument_place + 2] = 1;
-    uint groups[3] = uint[](pixels_x, pixels_y, 1);
+    uint groups[3] = uint[](pixels[0], pixels[1], 1);
     for (int n = 0; n < 3; n++) arguments[argument_place + 3 + n] = groups[n];
-    uint fused[3] = uint[](fused_x, fused_y, 1);
-    for (int n = 0; n < 3; n++) arguments[fused_place + n] = fused[n];
+    uint of_fuse[3] = uint[](fused[0], fused[1], 1);
+    for (int n = 0; n < 3; n++) arguments[fused_place + n] = of_fuse[n];
 }

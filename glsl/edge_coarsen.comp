@@ -2,22 +2,16 @@
 // V and its standard deviation on a coarser level, for the search for outlines there. CPU reference:
 // src/engine/stages/edge_coarsen.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform writeonly image2DArray coarse;
 layout(binding = 2, r32f) uniform image2DArray results;   // layers: the standard deviation; that of the coarser level
-layout(push_constant) uniform Constants {
-    int width, height;                   // of the coarser level
-    int fine_width, fine_height;
-    int pixels;                          // of the finest level along a pixel of the coarser one
-    int apart;                           // distance of the samples, pixels of the finest level
-    float scale;                         // V here by V of the finest: 1/pixels², or 1 for values without pixels
-};
+#include "edge_levels.glsl"
 
 #include "edge.glsl"
 
 void main() {
-    ivec2 x = ivec2(gl_GlobalInvocationID.xy), last = ivec2(fine_width, fine_height) - 1;
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy), last = ivec2(finest[0], finest[1]) - 1;
     if (x.x >= width || x.y >= height) return;
     vec2 sums = vec2(0.0), weights = vec2(0.0);
     for (int j = 1 - pixels; j < pixels; j++) {

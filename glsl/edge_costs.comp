@@ -3,7 +3,10 @@
 // other, explain both photographs around a depth edge. A workgroup for each cell with an edge. CPU reference:
 // src/engine/stages/edge_costs.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+// A row of invocations per order: with the near side in front, and with the far side. An invocation has one place along
+// the normal, and all lines as the components of a vector.
+const int ROWS = 2, ROW = 64;
+layout(local_size_x = ROW, local_size_y = ROWS, local_size_x_id = 0, local_size_y_id = 1) in;
 // Two frames of a sweep, on one frame's pixels; costs are added to those of others.
 layout(constant_id = 2) const bool SWEEP = false;
 
@@ -19,20 +22,17 @@ layout(binding = 5, std430) readonly buffer Arguments { uint arguments[]; };
 layout(binding = 6, std430) readonly buffer Listed { uint listed[]; };
 layout(push_constant) uniform Constants {
     int width, height;
-    float centre_x, centre_y;
+    float centre[2];
     float factor;                    // pixels of the full-size image per pixel of this level
     // Of a sweep: c, px² by squared settings; of the frames, that with the larger setting first: settings and layers.
-    float rate, setting1, setting2;
-    int layer1, layer2;
+    float rate, settings[2];
+    int layers[2];
     uint argument_place;
 };
 
 #include "edge.glsl"
 #include "edge_list.glsl"
 
-// A row of invocations per order: with the near side in front, and with the far side. An invocation has one place along
-// the normal, and all lines as the components of a vector.
-const int ROWS = 2, ROW = 64;
 // The photographs are sampled along the normal, to HALF px on either side of where V is halfway, on LINES lines a pixel
 // apart, and on REACH more on either side of them, for blur across the normal.
 const int HALF = 24, ALONG = 2 * HALF + 1, LINES = 4, REACH = 10;
@@ -83,25 +83,25 @@ vec4 row_total(vec4 value) {
 
 float at(int image, ivec2 x) {
     x = clamp(x, ivec2(0), ivec2(width, height) - 1);
-    if (SWEEP) return image == 0 ? imageLoad(image1, ivec3(x, layer1)).r : imageLoad(image2, ivec3(x, layer2)).r;
+    if (SWEEP) return image == 0 ? imageLoad(image1, ivec3(x, layers[0])).r : imageLoad(image2, ivec3(x, layers[1])).r;
     return image == 0 ? imageLoad(image1, ivec3(x, 0)).r : imageLoad(image2, ivec3(x, 0)).r;
 }
 
-vec2 centre() { return vec2(centre_x, centre_y); }
+vec2 image_centre() { return vec2(centre[0], centre[1]); }
 
 // The factor on I2 around an edge, where the shading hardly changes.
 float gain_at(vec2 x) {
     if (SWEEP) return 1.0;
     Registration r = state.registration;
-    vec2 in_image2 = x + displacement_at(r, x, factor, centre());
-    return r.gain * shading_at(state.applied_shading, (in_image2 - centre()) / centre());
+    vec2 in_image2 = x + displacement_at(r, x, factor, image_centre());
+    return r.gain * shading_at(state.applied_shading, (in_image2 - image_centre()) / image_centre());
 }
 
 // I1, or I2 on I1's pixels with I1's brightness, by the gain around the edge.
 float photograph_at(int image, float gain, vec2 x) {
     vec2 last = vec2(width, height) - 1.0;
     x = clamp(x, vec2(0.0), last);
-    if (image == 1 && !SWEEP) x = clamp(x + displacement_at(state.registration, x, factor, centre()), vec2(0.0), last);
+    if (image == 1 && !SWEEP) x = clamp(x + displacement_at(state.registration, x, factor, image_centre()), vec2(0.0), last);
     ivec2 i = ivec2(floor(x));
     vec2 f = x - vec2(i);
     float value = mix(mix(at(image, i), at(image, i + ivec2(1, 0)), f.x),
@@ -123,7 +123,7 @@ vec4 photograph_on_lines(int image, float gain, Edge edge, int k) {
 
 // V between two frames of a sweep where u is in focus.
 float relative_blur_of(float u) {
-    return SWEEP ? rate * (setting1 - setting2) * (2.0 * u - setting1 - setting2) : u;
+    return SWEEP ? rate * (settings[0] - settings[1]) * (2.0 * u - settings[0] - settings[1]) : u;
 }
 
 float relative_blur_at(vec2 x) {
@@ -140,7 +140,7 @@ float relative_blur_at(vec2 x) {
 float share_of(Edge edge) {
     if (!SWEEP) return 1.0;
     float v_near = relative_blur_of(edge.near), v_far = relative_blur_of(edge.far);
-    float near = edge.near - setting1, far = edge.far - setting2, blur = rate * (near * near + far * far);
+    float near = edge.near - settings[0], far = edge.far - settings[1], blur = rate * (near * near + far * far);
     bool fits = v_near > 0.0 && v_far < 0.0 && max(v_near, -v_far) <= LARGEST && blur <= FAR;
     return fits ? exp(-blur / (2.0 * FOCUSED)) : 0.0;
 }

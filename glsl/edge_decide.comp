@@ -2,7 +2,7 @@
 // The distribution of the outline's place in both orders, from the costs of the cells along the edge, and the
 // evidence for it. A workgroup for each cell with an edge. CPU reference: src/engine/stages/edge_decide.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 2, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform image2DArray results;
 layout(binding = 1, std430) readonly buffer Arguments { uint arguments[]; };
 layout(binding = 2, std430) readonly buffer Listed { uint listed[]; };

@@ -2,19 +2,13 @@
 // Brings what the search for outlines changed on a coarser level to the finest one. CPU reference:
 // src/engine/stages/edge_refine.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;   // V of the near side at outlines of the coarser level
 layout(binding = 1, r32f) uniform image2DArray relative_blur;
 // Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the far side, and the others near
 // outlines.
 layout(binding = 2, r32f) uniform image2DArray results;
-layout(push_constant) uniform Constants {
-    int width, height;                   // of the coarser level
-    int fine_width, fine_height;
-    int pixels;                          // of the finest level along a pixel of the coarser one
-    int apart;
-    float scale;                         // V here by V of the finest: 1/pixels², or 1 for values without pixels
-};
+#include "edge_levels.glsl"
 
 #include "edge.glsl"
 
@@ -41,7 +35,7 @@ void main() {
     vec4 deviations = mix(vec4(0.0), four(COARSE_DEVIATION, low, high), changes) / scale;
     for (int n = 0; n < pixels * pixels; n++) {
         ivec2 step = ivec2(n % pixels, n / pixels), x = pixels * low + step;
-        if (x.x >= fine_width || x.y >= fine_height) continue;
+        if (x.x >= finest[0] || x.y >= finest[1]) continue;
         vec2 f = vec2(step) / float(pixels);
         vec4 places = vec4((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y);
         float share = dot(places, abs(shares)), deviation = imageLoad(results, ivec3(x, 1)).r;

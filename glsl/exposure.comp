@@ -7,14 +7,14 @@
 
 #include "state.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 16, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 2) const bool SHADES = false;               // also matches the shading
 layout(binding = 0, std430) readonly buffer Samples { float means[]; };   // of I1, I2 times the share; of the share
 layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;               // of the level
     float factor;                    // pixels of the full-size image per pixel of this level
-    float centre_x, centre_y;
+    float centre[2];
     int every;                       // pixels of the pair from sample to sample
     int adopt;                       // 1: gain and offset; 0: measure the correlation only
     float dependent;                 // samples that are worth one independent sample
@@ -39,7 +39,7 @@ Sample sample_at(int n, Registration r) {
     ivec2 x = 2 * every * ivec2(n % columns(), n / columns());
     float share = means[2 * samples() + n];
     if (!(share > 0.5)) return NONE;
-    vec2 centre = vec2(centre_x, centre_y);
+    vec2 centre = vec2(centre[0], centre[1]);
     vec2 place = (vec2(x) + displacement(r, x, factor, centre) - centre) / centre;
     float u = means[n] / share, v = means[samples() + n] / share;
     float middle = 0.5 * (u + v);

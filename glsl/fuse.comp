@@ -5,7 +5,7 @@
 #include "spline.glsl"
 #include "state.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray channel1;
 layout(binding = 1, r32f) uniform readonly image2DArray spline2;       // coefficients of the channel of I2
 layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;
@@ -14,7 +14,7 @@ layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
     int layer;                       // target
-    float centre_x, centre_y;
+    float centre[2];
     float epsilon;
 };
 

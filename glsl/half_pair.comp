@@ -4,7 +4,7 @@
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 
 #include "stack.glsl"
 #include "accumulate.glsl"
@@ -31,8 +31,8 @@ layout(push_constant) uniform Constants {
     float limit;                     // of V, px²
     float far;                       // pixels where the sharper frame is blurred by more are left out, px²
     float length;                    // L, the length that places are divided by, pixels
-    float centre_x, centre_y;
-    float left, top, right, bottom;  // of the area that both frames show, pixels
+    float centre[2];
+    float shown[4];                  // left, top, right and bottom of the area that both frames show, pixels
 };
 
 #include "tiles.glsl"
@@ -55,7 +55,7 @@ vec4 pixel(ivec2 x, inout Sums sums) {
     vec2 away = vec2(own_setting, other_setting) - u;
     float v = rate * (away.y * away.y - away.x * away.x), before = rate * away.x * away.x;
     float reach = 3.0 * sqrt(max(v, 0.0)) + FILTERED;
-    vec4 inside = vec4(vec2(x) - vec2(left, top), vec2(right, bottom) - vec2(x));
+    vec4 inside = vec4(vec2(x) - vec2(shown[0], shown[1]), vec2(shown[2], shown[3]) - vec2(x));
     if (!(v > 0.0 && v < limit && before <= far) || any(lessThan(inside, vec4(reach)))) return vec4(0.0);
     if (words > 0u && (is_hidden(x, own) || is_hidden(x, other))) return vec4(0.0);
     ivec2 size = ivec2(width, height);
@@ -74,7 +74,7 @@ vec4 pixel(ivec2 x, inout Sums sums) {
         float variance = s * s * (1.0 + 0.5 * log(1.0 + s * s / (eta * eta)));
         return w * vec4(by_u * by_u, -by_u * s, of_noise, of_noise * variance);
     }
-    add_pixel(sums, product(w, j), w * s * j, w * s * s, (vec2(x) - vec2(centre_x, centre_y)) / length, share);
+    add_pixel(sums, product(w, j), w * s * j, w * s * s, (vec2(x) - vec2(centre[0], centre[1])) / length, share);
     sums.roughness += w * by_rate * vec2(by_rate, s);
     return w * by_u * vec4(by_u, -s, by_rate, 0.0);
 }

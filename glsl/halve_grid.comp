@@ -2,7 +2,7 @@
 // Sums the linear system for dV of a grid up to the next coarser grid of the cascade. CPU reference:
 // src/engine/stages/halve_grid.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) buffer GridEquations { vec4 equations[]; };
 layout(push_constant) uniform Constants {
     int width, height;               // of the finer grid

@@ -8,7 +8,7 @@
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 // The stack of I2 is of I2 as warped onto I1's pixels, and of a Gaussian.
 layout(constant_id = 3) const bool WARPED = false;
 
@@ -28,19 +28,19 @@ layout(binding = 7, std430) buffer UpdatedBuffer { State updated; };     // the 
 // What includes update_transform.glsl must not read `state` after it: a compiler may take it for other memory.
 layout(binding = 8, std430) writeonly buffer Energies { float energies[]; };
 layout(binding = 9, std430) writeonly buffer Arguments { uint arguments[]; };
-layout(binding = 10, std430) readonly volatile buffer AllArguments { uint all_arguments[]; };
+layout(binding = 10, std430) readonly volatile buffer AllArguments { uint start_arguments[]; };
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
     int second_stack;                // its first layer
     int rows;                        // lines per invocation
     float factor;                    // pixels of the full-size image per pixel of this level
-    float centre_x, centre_y;
+    float centre[2];
     float scale_length;              // L, the length that places are divided by, pixels
     float continuation;              // factor by which α is larger than its final value
     float eta, smoothness_eta, epsilon;
     float elimination;               // share of Σa that damps the elimination of dV
-    float mean_x, mean_y;            // of the kernel at V = 1
+    float mean[2];                   // of the kernel at V = 1
     Noise noise;                     // of either image
     Step t_step;
 };
@@ -207,7 +207,7 @@ vec2 equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data 
 
 int rows_of_sums() { return int(gl_NumWorkGroups.x * gl_NumWorkGroups.y); }
 float length_of_places() { return scale_length; }
-vec2 half_size() { return vec2(centre_x, centre_y); }
+vec2 corner_place() { return vec2(centre[0], centre[1]); }
 
 #include "update_transform.glsl"
 
@@ -233,8 +233,8 @@ void main() {
     Registration moved = moved_since(state.warped, r);
     float scale = scale_of(r);
     ivec2 size = ivec2(width, height);
-    vec2 centre = vec2(centre_x, centre_y);
-    Blur blur = Blur(size, nodes, vec2(mean_x, mean_y));
+    vec2 centre = vec2(centre[0], centre[1]);
+    Blur blur = Blur(size, nodes, vec2(mean[0], mean[1]));
     ivec2 x = ivec2(2 * gl_GlobalInvocationID.x, rows * gl_GlobalInvocationID.y);
     // Invocations outside the level load from its last pixels, and add and store nothing.
     int left = min(x.x, size.x - 1);

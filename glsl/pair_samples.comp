@@ -4,20 +4,20 @@
 
 #extension GL_EXT_control_flow_attributes : require
 
-const int VECTORS = 1024;            // of four weights: the 16 KiB that each device allows a uniform buffer
+const int VECTORS = 1024;            // of four filters: the 16 KiB that each device allows a uniform buffer
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray pair;
-layout(binding = 1, std140) uniform Filters { vec4 weights[VECTORS]; };
+layout(binding = 1, std140) uniform Filters { vec4 filters[VECTORS]; };
 layout(binding = 2, std430) writeonly buffer Samples { float samples[]; };   // by layers of the pair, row by row
 layout(push_constant) uniform Constants {
     int width, height;               // of the pair
     int every;                       // pixels from sample to sample
-    int offset;                      // of the window among the vectors of weights
+    int offset;                      // of the window among the vectors of filters
     int radius;
 };
 
-// The most weights of the window along an axis.
+// The most filters of the window along an axis.
 const int TAPS = 19;
 
 // A place beyond the border, mirrored.
@@ -40,8 +40,8 @@ void main() {
         float row = 0.0;
         // Weights beyond the window are zero.
         [[unroll]] for (int n = 0; n < TAPS; n++)
-            row += weights[offset + n / 4][n % 4] * imageLoad(pair, ivec3(columns[n], y, plane)).r;
-        sum += weights[offset + m / 4][m % 4] * row;
+            row += filters[offset + n / 4][n % 4] * imageLoad(pair, ivec3(columns[n], y, plane)).r;
+        sum += filters[offset + m / 4][m % 4] * row;
     }
     samples[(plane * count.y + sample_at.y) * count.x + sample_at.x] = sum;
 }

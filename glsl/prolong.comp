@@ -1,7 +1,7 @@
 #version 460
 // V of a level from V of the next coarser one: read at x/2, times four. CPU reference: src/engine/stages/prolong.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;
 layout(binding = 1, r32f) uniform writeonly image2DArray fine;
 layout(push_constant) uniform Constants {

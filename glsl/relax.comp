@@ -5,7 +5,7 @@
 // dV is bound twice, to be read and to be written, so that validation reports a missing barrier. An invocation goes down
 // a column: two of four neighbours are loaded already.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray smoothed;    // layer RIGHT_SIDE
 layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // by color; right, left, down, up
 layout(binding = 2, std430) readonly buffer Steps { float steps[]; }; // dV of the first coarse grid, and of the level

@@ -4,7 +4,9 @@
 
 #extension GL_EXT_control_flow_attributes : require
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+#include "coarser.glsl"
+
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer GridEquations { vec4 equations[]; };
 layout(binding = 1, std430) readonly buffer CoarseSteps { float steps[]; };   // dV of the coarser grid, or its own
 layout(binding = 2, std430) writeonly buffer GridSteps { float own_steps[]; }; // dV of the grid, in the same buffer
@@ -14,11 +16,7 @@ layout(push_constant) uniform Constants {
     int to;                          // where its dV is stored
     int sweeps, halo;                // sweeps here, and those that the halo of a tile is for
     float over_relaxation;
-    int next;                        // first cell of the coarser grid, JOINED: of the finest small grid; CONTINUES: of dV;
-                                     // -1: dV is 0
-    int grids;                       // JOINED: grids between that one and this
-    int small_grids;                 // JOINED
-    int coarsest_sweeps;             // JOINED
+    Coarser coarser;
 };
 
 #include "cascade.glsl"

@@ -7,8 +7,10 @@
 
 #include "state.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform readonly image2DArray normal_equations; // layer 0: D, averaged; RIGHT_SIDE
+#include "coarser.glsl"
+
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray smoothed; // layer 0: D, averaged; RIGHT_SIDE
 layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // by color; right, left, down, up
 layout(binding = 2, std430) readonly buffer GridSteps { float steps[]; };   // dV of the first coarse grid, or of the level
 layout(binding = 3, r32f) uniform image2DArray relative_blur;
@@ -24,10 +26,7 @@ layout(push_constant) uniform Constants {
     float limit;                         // px² of the level
     float share;                         // of dV that is added
     int extrapolation;                   // KEEP, EXTRAPOLATE, or 0
-    int next;                            // first cell of the first grid, JOINED: of the finest small grid; CONTINUES: of dV
-    int grids;                           // JOINED: grids between that one and the level
-    int small_grids;                     // JOINED
-    int coarsest_sweeps;                 // JOINED
+    Coarser coarser;
 };
 
 const int RIGHT_SIDE = 1;            // the layer of the right sides
@@ -51,7 +50,7 @@ void load(ivec2 size) {
             int x = 2 * place.x + (place.y + color & 1);
             // Nothing beyond an odd width.
             right_side[color][row] =
-                x < size.x ? imageLoad(normal_equations, ivec3(x, place.y, RIGHT_SIDE)).r : 0.0;
+                x < size.x ? imageLoad(smoothed, ivec3(x, place.y, RIGHT_SIDE)).r : 0.0;
             vec4 w = imageLoad(weights, place);
             if (JOINED) links[color][row] = w;
             else halves[color][row] = uvec2(packHalf2x16(w.xy), packHalf2x16(w.zw));

@@ -2,7 +2,7 @@
 // The squared residual that neither blur nor T explains, on every other pixel: H S1² + (1 - H) S2². CPU reference:
 // src/engine/stages/residual.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 // The stack of I2 is of I2 as warped onto I1's pixels, and of a Gaussian.
 layout(constant_id = 3) const bool WARPED = false;
 
@@ -18,8 +18,8 @@ layout(push_constant) uniform Constants {
     int layer;                       // target
     int nodes;
     int second_stack;                // its first layer
-    float centre_x, centre_y;
-    float mean_x, mean_y;            // of the kernel at V = 1
+    float centre[2];
+    float mean[2];                   // of the kernel at V = 1
     float epsilon;
 };
 
@@ -30,7 +30,7 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     Registration r = state.registration;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, square = 0.0;
-    vec2 d = displacement(r, x, 1.0, vec2(centre_x, centre_y));
+    vec2 d = displacement(r, x, 1.0, vec2(centre[0], centre[1]));
     if (inside(x, d, size, v, scale_of(r))) {
         PairSample both = sample_pair(x, d, v);
         float s1 = both.b1.value - (r.gain * both.j.value + r.offset);

@@ -8,7 +8,7 @@ const int VECTORS = 1024;            // of four weights: the 16 KiB that each de
 
 #include "state.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32ui) uniform readonly uimage2DArray from;
 layout(binding = 1, r32ui) uniform readonly uimage2DArray second;   // of the second layer, with JOINS
 layout(binding = 2, r32ui) uniform uimage2DArray to;
@@ -23,11 +23,11 @@ layout(push_constant) uniform Constants {
     int from_layer, to_layer;   // of the first layer; each workgroup along z filters one of two, or both if packed
     int from_step, to_step;     // from a layer to the next
     int planes;
-    int offset_x, offset_y;     // of the filters among the vectors of weights
-    int radius_x, radius_y;
-    int period_x, period_y;     // pixels after which the mirrored image repeats
+    int offsets[2];     // of the filters among the vectors of weights
+    int radii[2];
+    int periods[2];     // pixels after which the mirrored image repeats
     int listed;                 // first entry of the list of tiles
-    int blocks_x, blocks_y;     // blocks of weights of the filters
+    int blocks[2];     // blocks of weights of the filters
     int add;                    // 1: adds to the target, which is not packed; only with ANY
 };
 
@@ -68,10 +68,10 @@ int mirrored(int place, int period, int length) {
 void load(int plane, int x, int y, int layer, out uint texels[VALUES]) {
     if (!JOINS || plane == 0) {
         [[unroll]] for (int m = 0; m < VALUES; m++)
-            texels[m] = imageLoad(from, ivec3(mirrored(x + m, period_x, width), y, layer)).r;
+            texels[m] = imageLoad(from, ivec3(mirrored(x + m, periods[0], width), y, layer)).r;
     } else {
         [[unroll]] for (int m = 0; m < VALUES; m++)
-            texels[m] = imageLoad(second, ivec3(mirrored(x + m, period_x, width), y, layer)).r;
+            texels[m] = imageLoad(second, ivec3(mirrored(x + m, periods[0], width), y, layer)).r;
     }
 }
 
@@ -83,10 +83,10 @@ void filter_along_x(int x, int y, int lines, int plane) {
     [[unroll]] for (int round = 0; round < ROUNDS; round++) {
         int line = (n + round * TOTAL) / (COLUMNS / SPAN), column = n % (COLUMNS / SPAN) * SPAN;
         if (line >= lines) continue;
-        int from_y = mirrored(y + line, period_y, height), from_x = x + STRIDE * column;
+        int from_y = mirrored(y + line, periods[1], height), from_x = x + STRIDE * column;
         float sums[PHOTOGRAPHS][SPAN];
         [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) sums[i] = NONE;
-        for (int block = 0; block < (ANY ? blocks_x : 1); block++) {
+        for (int block = 0; block < (ANY ? blocks[0] : 1); block++) {
             uint texels[VALUES];
             [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) {
                 // Packed texels are loaded once for both photographs.
@@ -95,7 +95,7 @@ void filter_along_x(int x, int y, int lines, int plane) {
                 float values[VALUES];
                 [[unroll]] for (int m = 0; m < VALUES; m++)
                     values[m] = PACKED && !JOINS ? unpacked(texels[m], i + 1) : uintBitsToFloat(texels[m]);
-                weigh(offset_x + BLOCK / 4 * block, values, sums[i]);
+                weigh(offsets[0] + BLOCK / 4 * block, values, sums[i]);
             }
         }
         [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++)
@@ -111,17 +111,17 @@ void main() {
     int n = int(gl_LocalInvocationIndex), line = n / COLUMNS * SPAN, column = n % COLUMNS;
     float sums[PHOTOGRAPHS][SPAN];
     [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) sums[i] = NONE;
-    for (int first = 0; first < (ANY ? blocks_y : 1); first += CHUNK) {
-        int lines = STRIDE * (RESULTS - 1) + (ANY ? min(BLOCK * CHUNK, 2 * radius_y + 1 - BLOCK * first) : TAPS);
+    for (int first = 0; first < (ANY ? blocks[1] : 1); first += CHUNK) {
+        int lines = STRIDE * (RESULTS - 1) + (ANY ? min(BLOCK * CHUNK, 2 * radii[1] + 1 - BLOCK * first) : TAPS);
         if (first > 0) barrier();
-        filter_along_x(STRIDE * tile.x - radius_x, STRIDE * tile.y - radius_y + BLOCK * first, lines, plane);
+        filter_along_x(STRIDE * tile.x - radii[0], STRIDE * tile.y - radii[1] + BLOCK * first, lines, plane);
         if (line >= RESULTS) continue;
         [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) {
-            for (int block = 0; block < (ANY ? min(CHUNK, blocks_y - first) : 1); block++) {
+            for (int block = 0; block < (ANY ? min(CHUNK, blocks[1] - first) : 1); block++) {
                 float values[VALUES];
                 [[unroll]] for (int m = 0; m < VALUES; m++)
                     values[m] = filtered[i][min(STRIDE * line + BLOCK * block + m, lines - 1)][column];
-                weigh(offset_y + BLOCK / 4 * (first + block), values, sums[i]);
+                weigh(offsets[1] + BLOCK / 4 * (first + block), values, sums[i]);
             }
         }
     }

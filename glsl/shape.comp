@@ -6,13 +6,14 @@
 #include "nodes.glsl"
 #include "stacks.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32ui) uniform uimage2DArray stacks;
 layout(binding = 1, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
     int first, step;                 // layer of the first stack, and from a stack to the next
+    int planes;                      // stacks: workgroups along z, unless they are packed
 };
 
 ivec3 place(ivec2 x, int k) { return ivec3(x, first + int(gl_WorkGroupID.z) * step + k); }

@@ -4,7 +4,7 @@
 
 #include "state.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer Partials { float partials[]; };
 layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {

@@ -4,7 +4,7 @@
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 
 #include "blur.glsl"
 #include "mask.glsl"
@@ -19,9 +19,9 @@ layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
     int second_stack;                // its first layer
-    int columns, rows;               // of windows
+    int grid[2];                     // columns and rows of windows
     float factor;                    // pixels of the full-size image per pixel of this level
-    float centre_x, centre_y;
+    float centre[2];
     Noise noise;
 };
 
@@ -67,7 +67,7 @@ void terms_at(ivec2 x, float v, float around, out float terms[TERMS_OF_S]) {
     ivec2 size = ivec2(width, height);
     ivec3 columns_at = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
     ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
-    vec2 shift = displacement(moved_since(state.warped, r), x, factor, vec2(centre_x, centre_y));
+    vec2 shift = displacement(moved_since(state.warped, r), x, factor, vec2(centre[0], centre[1]));
     Blur blur = Blur(size, nodes, vec2(0.0));
     PairSample both = blur_near(blur, v, shift, stencil(1, 0, columns_at, lines), stencil(2, 0, columns_at, lines), columns_at, lines);
     bool first = v >= 0.0;
@@ -115,8 +115,8 @@ vec2 estimate(float sums[SUMMED]) {
 }
 
 void main() {
-    ivec2 size = ivec2(width, height), grid = ivec2(columns, rows), window = ivec2(gl_WorkGroupID.xy);
-    ivec2 corner = (2 * window + 1) * size / (2 * grid) - SIDE / 2;
+    ivec2 size = ivec2(width, height), windows = ivec2(grid[0], grid[1]), window = ivec2(gl_WorkGroupID.xy);
+    ivec2 corner = (2 * window + 1) * size / (2 * windows) - SIDE / 2;
     Registration r = state.registration;
     float scale = scale_of(r), around = unit_of_coefficients() * coefficient(2, ivec3(corner + SIDE / 2, 0)), sums[SUMMED];
     for (int i = 0; i < SUMMED; i++) sums[i] = 0.0;
@@ -125,7 +125,7 @@ void main() {
         residuals[n] = 0.0;
         ivec2 x = corner + ivec2(n % SIDE, n / SIDE);
         float v = imageLoad(relative_blur, ivec3(x, 0)).r;
-        vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y));
+        vec2 d = displacement(r, x, factor, vec2(centre[0], centre[1]));
         if (!inside(x, d, size, v, scale) || counts(x, d, size) < COUNTED) continue;
         float terms[TERMS_OF_S];
         terms_at(x, v, around, terms);
@@ -155,7 +155,7 @@ void main() {
         for (uint group = 0; group < gl_NumSubgroups; group++) sums[i] += by_subgroup[group][i];
     }
     vec2 result = estimate(sums);
-    int n = window.y * columns + window.x;
+    int n = window.y * grid[0] + window.x;
     partials[2 * n] = result.x;
     partials[2 * n + 1] = result.y;
 }

@@ -2,7 +2,7 @@
 // Refines cubic B-splines on every other pixel to those on every pixel, a layer for each workgroup along z, or
 // both photographs if they are packed. CPU reference: src/engine/stages/subdivide.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32ui) uniform readonly uimage2DArray coarse;
 layout(binding = 1, r32ui) uniform writeonly uimage2DArray fine;
 layout(binding = 2, std430) readonly buffer Tiles { uint tiles[]; };

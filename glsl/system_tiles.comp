@@ -10,7 +10,7 @@
 
 const int VECTORS = 1024;            // of four weights: the 16 KiB that each device allows a uniform buffer
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 2) const bool SWEEP = false;
 layout(binding = 0, r32f) uniform readonly image2DArray unknown;
 layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b, and for a sweep q

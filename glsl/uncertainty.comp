@@ -4,7 +4,7 @@
 
 #include "state.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 4) const bool MASKED = false;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform readonly image2DArray terms;  // on every other pixel, means: C, b², (∇²V)², b Σb, S²
@@ -13,7 +13,7 @@ layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 4, std430) readonly buffer Mask { uint mask[]; };     // a byte per pixel: 0 where there are no results
 layout(push_constant) uniform Constants {
     int width, height;
-    float centre_x, centre_y;
+    float centre[2];
     float pixels;                    // pixels of a window
     float bending;                   // weight of (∇²V)² relative to the data's variance
     float largest;                   // standard deviation, px²
@@ -36,7 +36,7 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r;
     Registration r = state.registration;
-    bool valid = inside(x, displacement(r, x, 1.0, vec2(centre_x, centre_y)), size, v, scale_of(r));
+    bool valid = inside(x, displacement(r, x, 1.0, vec2(centre[0], centre[1])), size, v, scale_of(r));
     uint pixel = x.y * width + x.x;
     if (MASKED) valid = valid && (mask[pixel / 4] >> 8 * (pixel & 3) & 0xffu) != 0u;
     vec4 mean = vec4(term(0, x, size), term(1, x, size), term(2, x, size), term(4, x, size));

@@ -3,7 +3,7 @@
 // times the sum of b around.
 // CPU reference: src/engine/stages/uncertainty_terms.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b
 layout(binding = 2, r32f) uniform writeonly image2DArray terms;   // of half the size, from layer 1 on: curvature, b², (∇²V)², b Σb

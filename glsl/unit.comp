@@ -5,16 +5,16 @@
 #include "samples.glsl"
 #include "state.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer First { uint first[]; };
 layout(binding = 1, std430) readonly buffer Second { uint second[]; };
 layout(binding = 2, std430) buffer StateBuffer { State state; };
 layout(constant_id = 2) const bool SRGB = false;    // decodes the sRGB curve
 layout(push_constant) uniform Constants {
     uint width, height;
-    uint channels1, channels2;
-    uint bytes1, bytes2;
-    float red, green, blue;
+    uint channels[2];                // 1 or 3, interleaved, of either photograph
+    uint bytes[2];                   // 1, 2 or 4 per sample
+    float weights[3];                // of red, green and blue; unused for one channel
 };
 
 // The number of pixels sampled in each photograph, and the steps between their places along x and y, as shares of the
@@ -55,10 +55,10 @@ void main() {
     barrier();
     for (int image = 0; image < 2; image++) {
         is_second = image == 1;
-        uint channels = is_second ? channels2 : channels1, bytes = is_second ? bytes2 : bytes1;
+        uint count = channels[is_second ? 1 : 0], size = bytes[is_second ? 1 : 0];
         for (int n = own; n < PLACES; n += all) {
             uint pixel = scaled(n * ALONG_Y, height) * width + scaled(n * ALONG_X, width);
-            float magnitude = abs(intensity(pixel, channels, bytes, vec3(red, green, blue), SRGB));
+            float magnitude = abs(intensity(pixel, count, size, vec3(weights[0], weights[1], weights[2]), SRGB));
             atomicAdd(counts[octave(magnitude)], 1u);
         }
     }

@@ -2,7 +2,7 @@
 // Unpacks a frame from its camera's format to interleaved samples, grey or red, green and blue. CPU reference:
 // src/engine/stages/unpack.rs.
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 // Specialization constants, since software devices execute both sides of a branch.
 layout(constant_id = 2) const bool BITS = false;    // contiguous bits
 layout(constant_id = 3) const bool PAIRS = false;   // two samples in three bytes
@@ -15,9 +15,9 @@ layout(push_constant) uniform Constants {
     uint bits;                       // of a packed sample
     uint count;                      // packed samples per pixel
     uint reversed;                   // 1: the order is blue, green, red
-    uint red_x, red_y;               // place of red among two by two pixels
+    uint red[2];                    // place of red among two by two pixels
     uint row;                        // groups of four pixels per row of invocations
-    uint steps, rest;                // quotient and remainder of 65535 by the greatest packed sample
+    uint steps[2];                   // quotient and remainder of 65535 by the greatest packed sample
 };
 
 uint packed_byte(uint at) {
@@ -41,7 +41,7 @@ uint widened(uint i) {
     value &= most;
     if (!WIDE) return value;
     // (65535 v + m/2) / m: the remainder is small enough for single precision, and never half-way, since m is odd.
-    return value * steps + uint(float(value * rest) / float(most) + 0.5);
+    return value * steps[0] + uint(float(value * steps[1]) / float(most) + 0.5);
 }
 
 int mosaic_sample(ivec2 x) {
@@ -59,7 +59,7 @@ uvec3 mosaic_colors(ivec2 x) {
                 + mosaic_sample(x + ivec2(-1, 1)) + mosaic_sample(x + ivec2(1, 1));
     int across_two = mosaic_sample(x + ivec2(-2, 0)) + mosaic_sample(x + ivec2(2, 0));
     int along_two = mosaic_sample(x + ivec2(0, -2)) + mosaic_sample(x + ivec2(0, 2));
-    bool in_row = (x.y & 1) == red_y, is_green = ((x.x & 1) == red_x) != in_row;
+    bool in_row = (x.y & 1) == red[1], is_green = ((x.x & 1) == red[0]) != in_row;
     int in_its_row = 10 * here + 8 * across - 2 * corners - 2 * across_two + along_two;
     int in_its_column = 10 * here + 8 * along - 2 * corners - 2 * along_two + across_two;
     int opposite = 12 * here + 4 * corners - 3 * (across_two + along_two);

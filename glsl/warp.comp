@@ -4,7 +4,7 @@
 #include "spline.glsl"
 #include "state.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray spline2;        // coefficients of I2
 layout(binding = 1, r32f) uniform writeonly image2DArray to;
 layout(binding = 2, std430) buffer StateBuffer { State state; };
@@ -12,7 +12,7 @@ layout(push_constant) uniform Constants {
     int width, height;
     int layer;                       // target
     float factor;                    // pixels of the full-size image per pixel of this level
-    float centre_x, centre_y;
+    float centre[2];
 };
 
 float unit_of_coefficients() { return 1.0; }
@@ -32,7 +32,7 @@ void main() {
         state.warped = r;
         state.applied_shading = coefficients;
     }
-    vec2 centre = vec2(centre_x, centre_y);
+    vec2 centre = vec2(centre[0], centre[1]);
     for (int end = min(x.y + ROWS, height); x.y < end; x.y++) {
         vec2 d = displacement(r, x, factor, centre), f;
         // Mirrored about the border pixels, once.

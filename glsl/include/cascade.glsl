@@ -82,7 +82,7 @@ void relax_small(ivec2 size, int from, bool is_coarsest, const int count) {
     barrier();
     [[unroll]] for (int n = 0; n < 2 * count; n++) small_steps[places[n & 1][n / 2]] = small_dv[n & 1][n / 2];
     barrier();
-    int rounds = is_coarsest ? coarsest_sweeps : sweeps;
+    int rounds = is_coarsest ? coarser.coarsest_sweeps : sweeps;
     for (int sweep = 0; sweep < rounds; sweep++) {
         [[unroll]] for (int color = 0; color < 2; color++) {
             // Read before anything is written: the compiler does not know the two colors apart.
@@ -103,23 +103,23 @@ void relax_small(ivec2 size, int from, bool is_coarsest, const int count) {
 
 // dV of the finest small grid, in `small_steps`: sums the system up to the coarsest grid, and relaxes on the way back.
 void solve_small_grids() {
-    ivec2 size = size_of(grids + 1);
+    ivec2 size = size_of(coarser.grids + 1);
     [[unroll]] for (int n = 0; n < CELLS / TOTAL; n++) {
         int place = int(gl_LocalInvocationIndex) + n * TOTAL;
-        if (place < cells(size)) store_small(place, equations[next + place]);
+        if (place < cells(size)) store_small(place, equations[coarser.next + place]);
     }
     barrier();
     int from = 0;
-    for (int n = 1; n < small_grids; n++) {
+    for (int n = 1; n < coarser.small_grids; n++) {
         halve(from, size);
         from += cells(size);
         size = halved(size);
     }
-    for (int n = small_grids; n > 0; n--) {
-        size = size_of(grids + n);
-        if (halved(size).x * size.y <= TOTAL) relax_small(size, from, n == small_grids, 1);
-        else relax_small(size, from, n == small_grids, PER_COLOR);
-        if (n > 1) from -= cells(size_of(grids + n - 1));
+    for (int n = coarser.small_grids; n > 0; n--) {
+        size = size_of(coarser.grids + n);
+        if (halved(size).x * size.y <= TOTAL) relax_small(size, from, n == coarser.small_grids, 1);
+        else relax_small(size, from, n == coarser.small_grids, PER_COLOR);
+        if (n > 1) from -= cells(size_of(coarser.grids + n - 1));
     }
 }
 
@@ -166,7 +166,7 @@ ivec2 corner_of(int n) {
 
 // dV of a cell of the coarser grid, which has this number of columns.
 float coarse_step(ivec2 x, int columns) {
-    if (!JOINED) return CONTINUES || next < 0 ? 0.0 : steps[next + x.y * columns + x.x];
+    if (!JOINED) return CONTINUES || coarser.next < 0 ? 0.0 : steps[coarser.next + x.y * columns + x.x];
     if (starts_from_small) return small_steps[x.y * columns + x.x];
     ivec2 at = x - corner_before;
     return of_tile[((at.x + at.y & 1) * SIDE + at.y) * COLUMNS + at.x / 2];
@@ -187,8 +187,8 @@ void start(ivec2 size) {
 // All that comes before the target.
 void relax_coarser_grids() {
     solve_small_grids();
-    int first = next;
-    for (int n = grids; n > 0; n--) {
+    int first = coarser.next;
+    for (int n = coarser.grids; n > 0; n--) {
         ivec2 size = size_of(n);
         first -= cells(size);
         place_tile(corner_of(n));

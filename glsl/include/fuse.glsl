@@ -10,7 +10,7 @@ float coefficient(int image, ivec3 place) {
 vec2 photographs_at(ivec2 x) {
     ivec2 size = ivec2(width, height), i;
     Registration r = state.registration;
-    vec2 centre = vec2(centre_x, centre_y), d = displacement(r, x, 1.0, centre), f;
+    vec2 centre = vec2(centre[0], centre[1]), d = displacement(r, x, 1.0, centre), f;
     float first = imageLoad(channel1, ivec3(x, 0)).r;
     if (!inside(x, d, size, 0.0, 1.0)) return vec2(first);
     place(x, d, size, i, f);

@@ -6,8 +6,8 @@
 PairSample sample_pair(ivec2 x, vec2 d, float v) {
     Registration r = state.registration;
     ivec2 size = ivec2(width, height);
-    vec2 centre = vec2(centre_x, centre_y);
-    Blur blur = Blur(size, nodes, vec2(mean_x, mean_y));
+    vec2 centre = vec2(centre[0], centre[1]);
+    Blur blur = Blur(size, nodes, vec2(mean[0], mean[1]));
     if (!WARPED) return blur_apart(blur, r, x, v, d, scale_of(r), imageLoad(image1, ivec3(x, 0)).r);
     ivec3 columns = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
     ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);

@@ -48,7 +48,7 @@ int place_of(int color, int row) { return (color * SIDE + row) * COLUMNS + in_ti
 float started(int color, int row, float values[ROWS / 2], ivec2 size) {
     int x = 2 * own.x + (row + color & 1);
     if (x >= size.x) return 0.0;     // nothing beyond an odd width
-    return CONTINUES ? steps[next + clamp(own.y + row, 0, size.y - 1) * size.x + max(x, 0)] : values[row / 2];
+    return CONTINUES ? steps[coarser.next + clamp(own.y + row, 0, size.y - 1) * size.x + max(x, 0)] : values[row / 2];
 }
 
 // Sets dV before the first sweep.

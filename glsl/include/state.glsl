@@ -5,7 +5,7 @@
 const int MAX_LEVELS = 12;
 
 struct LevelState {
-    uint iterations;
+    uint iterations;   // outer iterations
     float energy;      // of the latest iteration
     float valid;       // pixels
     uint warps;        // bit n: I2 was warped again before iteration 2^n
@@ -23,7 +23,7 @@ struct Registration {
 };
 
 struct State {
-    Registration registration;
+    Registration registration; // T, gain and offset
     float correlation; // of the low-passed images, when it was last measured
     uint degenerate;   // the last step had unknowns that the images do not determine
     float alpha;       // of the current level
@@ -40,9 +40,9 @@ struct State {
     float unit;        // of intensities, a power of two
     uint white;        // bits of the largest intensity of both photographs: those of positive floats have their order
     Registration warped;   // T when I2 was last warped onto I1's pixels
-    float shading[TERMS];
+    float shading[TERMS];           // its coefficients
     float applied_shading[TERMS];   // the shading that I2 was last multiplied by
-    LevelState levels[MAX_LEVELS];
+    LevelState levels[MAX_LEVELS];  // finest first
 };
 
 // The reciprocal of a power of two, exactly: devices round quotients.

@@ -1,5 +1,5 @@
 // V ← V + share clamp(dV) on a block of 2 x 2 pixels. A whole step may be kept, and the next one extrapolated from it.
-// Included after the images `relative_blur`, `normal_equations` (D, averaged over a window) and `kept` (layer KEPT: the
+// Included after the images `relative_blur`, `smoothed` (D, averaged over a window) and `kept` (layer KEPT: the
 // sums of a whole step over blocks), the buffer `state`, and the constants. CPU reference: src/engine/stages/update.rs.
 
 const int KEEP = 1, EXTRAPOLATE = 2, KEPT = 3;
@@ -35,7 +35,7 @@ Block load_block(ivec2 first) {
         ivec3 x = ivec3(first + ivec2(n % 2, n / 2), 0);
         bool exists = all(lessThan(x.xy, size));
         block.before[n] = exists ? imageLoad(relative_blur, x).r : 0.0;
-        block.d[n] = exists ? imageLoad(normal_equations, x).r : 0.0;
+        block.d[n] = exists ? imageLoad(smoothed, x).r : 0.0;
     }
     bool extrapolates = extrapolation == EXTRAPOLATE && all(lessThan(first, size));
     block.kept = extrapolates ? imageLoad(kept, ivec3(first / 2, KEPT)).r : 0.0;

@@ -1,10 +1,10 @@
 // Updates T: adds up the partial sums in a fixed order, solves N ζ = -g, and determines whether the level has settled.
 // By one workgroup of 256 invocations. CPU reference: src/engine/stages/update_transform.rs.
 //
-// Bindings: `partials`, `energies`, `arguments`; `updated`, the state; `all_arguments`, those before the solve. The
+// Bindings: `partials`, `energies`, `arguments`; `updated`, the state; `start_arguments`, those before the solve. The
 // host may write the last word of these at any time: it is not zero once the solve is cancelled. Push constants:
 // `t_step`; `factor`, pixels of the full-size image per pixel of this level. Functions: `rows_of_sums`, one for each
-// workgroup of the pass that made the sums; `length_of_places`, L in pixels; `half_size`, from the centre to a corner,
+// workgroup of the pass that made the sums; `length_of_places`, L in pixels; `corner_place`, from the centre to a corner,
 // pixels.
 
 // Indirect arguments of a level; the last are those of the passes that warp I2 again.
@@ -174,7 +174,7 @@ void solve() {
 // The most that a displacement moves a corner, full-size pixels: by t, by the larger singular value of the linear part
 // times the distance of the corner from the centre, and by g times its square.
 float corner_moves(Registration d) {
-    float corner = factor * length(half_size());
+    float corner = factor * length(corner_place());
     float linear = 0.5 * (length(vec2(d.xx + d.yy, d.yx - d.xy)) + length(vec2(d.xx - d.yy, d.xy + d.yx)));
     return length(vec2(d.tx, d.ty)) + (linear + length(vec2(d.gx, d.gy)) * corner) * corner;
 }
@@ -245,7 +245,7 @@ void cancel() {
 // With invocation 0 loading first, since the memory may be slow.
 void update_transform() {
     if (gl_LocalInvocationIndex == 0) {
-        cancelled = all_arguments[all_arguments.length() - 1] != 0;
+        cancelled = start_arguments[start_arguments.length() - 1] != 0;
         load_state();
     }
     add_up();
@@ -259,6 +259,6 @@ void update_transform() {
     int n = int(gl_LocalInvocationIndex), count = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     int first = WORDS * t_step.level, warp_first = first + WORDS - WARP_WORDS;
     if (settled && n < WORDS) arguments[first + n] = 0;
-    if (is_set(MAY_WARP) && n < WARP_WORDS) arguments[warp_first + n] = warps ? all_arguments[warp_first + n] : 0;
+    if (is_set(MAY_WARP) && n < WARP_WORDS) arguments[warp_first + n] = warps ? start_arguments[warp_first + n] : 0;
     for (int i = n; cancelled && i < first; i += count) arguments[i] = 0;
 }

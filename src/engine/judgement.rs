@@ -303,8 +303,7 @@ fn shading_warning(shading: &Shading) -> Option<String> {
 
 /// A doubt, if the state does not hold finite numbers.
 fn numbers_doubt(state: &State) -> Option<String> {
-    let single = state.registration;
-    let numbers = [&single.linear[..], &single.t, &single.g, &[single.gain, single.offset]].concat();
+    let numbers: [f32; 10] = bytemuck::cast(state.registration);
     let finite = numbers.iter().all(|v| v.is_finite());
     let doubt = "the solve ran out of numbers: some samples are far brighter than the rest; mask them or state a white \
                  level";

@@ -115,7 +115,7 @@ impl Pass {
 
     /// The name of its shader, and its variant.
     pub fn label(&self) -> String {
-        let flags: String = self.variant.map(|is_set| if is_set { '1' } else { '0' }).iter().collect();
+        let flags: String = (2..7).map(|id| if self.variant.has(Variant::flag(id)) { '1' } else { '0' }).collect();
         format!("{} {flags}", self.name)
     }
 
@@ -319,7 +319,7 @@ fn bytes(dispatch: &Dispatch) -> f64 {
 /// without the loop over sweeps and with one round of it.
 fn rounds(dispatch: &Dispatch) -> f64 {
     let c = &dispatch.constants;
-    match (dispatch.stage.shader.name, dispatch.variant[0]) {
+    match (dispatch.stage.shader.name, dispatch.variant.has(Variant::JOINED)) {
         ("relax_tiles", joined) => {
             let c: relax_tiles::Constants = bytemuck::pod_read_unaligned(c);
             rounds_of_relaxation(if joined { 12.5 } else { 7.3 }, c.sweeps, joined.then_some(c.coarser))
@@ -335,7 +335,8 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         ("linearise", _) => {
             // In lines, by variant: the fixed cost of an invocation; the step as the compiler counts it, which only the
             // last workgroup takes.
-            let [warped, projective] = [1, 3].map(|n| usize::from(dispatch.variant[n]));
+            let [warped, projective] =
+                [Variant::WARPED, Variant::PROJECTIVE].map(|flag| usize::from(dispatch.variant.has(flag)));
             let (once, step) = ([[0.3, 0.3], [0.7, 1.2]][warped][projective], [0.5, 1.05][warped]);
             let rows = bytemuck::pod_read_unaligned::<linearise::Constants>(c).rows;
             (once + f64::from(rows)) / (once + 8.0 + step)
@@ -381,7 +382,7 @@ fn rounds_of_relaxation(once: f64, sweeps: u32, coarser: Option<Coarser>) -> f64
 /// The share of the image that the listed tiles of a sweep cover; 1 for passes over the whole image.
 fn share_of_tiles(dispatch: &Dispatch, tiles: f64) -> f64 {
     let c = &dispatch.constants;
-    let (tile, size) = match (dispatch.stage.shader.name, dispatch.variant[2]) {
+    let (tile, size) = match (dispatch.stage.shader.name, dispatch.variant.has(Variant::LISTED)) {
         ("half_pair", _) => {
             let c: half_pair::Constants = bytemuck::pod_read_unaligned(c);
             (half_pair::TILE, [c.width, c.height])
@@ -389,7 +390,10 @@ fn share_of_tiles(dispatch: &Dispatch, tiles: f64) -> f64 {
         ("separable", true) => {
             let c: separable::Constants = bytemuck::pod_read_unaligned(c);
             let stride = separable::stride(dispatch.variant);
-            (separable::tile(stride, dispatch.variant[0]), [c.width, c.height].map(|side| side.div_ceil(stride)))
+            (
+                separable::tile(stride, dispatch.variant.has(Variant::ANY)),
+                [c.width, c.height].map(|side| side.div_ceil(stride)),
+            )
         }
         ("subdivide", true) => {
             let c: subdivide::Constants = bytemuck::pod_read_unaligned(c);

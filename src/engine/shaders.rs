@@ -1,7 +1,9 @@
-//! The shaders of `glsl/` and their constants, in tables that `build.rs` writes.
+//! The shaders of `glsl/`, their constants and structs, in tables that `build.rs` writes.
 //!
-//! A shader is a constant in capitals, named after its file: `shaders::RELAX`. The literal constants of
-//! `glsl/NAME.comp` and `glsl/include/NAME.glsl` are in the module `shaders::NAME`, so that Rust does not repeat them.
+//! A shader is a constant in capitals, named after its file: `shaders::RELAX`. The module `shaders::NAME` holds what
+//! `glsl/NAME.comp` or `glsl/include/NAME.glsl` declares, so that Rust does not repeat it: literal constants; the push
+//! constants, `Constants`; structs that push constants and buffers use. Fields have the names of the members. Integers
+//! are unsigned. `stages::interface` has the bindings.
 
 /// A compute shader.
 #[derive(Debug)]
@@ -12,7 +14,8 @@ pub struct Shader {
     pub spirv: &'static [u8],
 }
 
-#[allow(dead_code, clippy::approx_constant, reason = "only some of the shaders' constants are used in Rust")]
+#[allow(dead_code, missing_docs, clippy::all, reason = "generated; Rust uses some of it")]
+#[rustfmt::skip]
 mod table {
     use super::Shader;
 
@@ -20,6 +23,15 @@ mod table {
 }
 
 pub use table::*;
+
+// The parts of the build script that have tests.
+#[cfg(test)]
+#[allow(dead_code)]
+#[path = "../../build/glsl.rs"]
+mod glsl;
+#[cfg(test)]
+#[path = "../../build/spirv.rs"]
+mod spirv;
 
 #[cfg(test)]
 mod tests {

@@ -1,10 +1,4 @@
-//! The slots of a solve, one for each image and buffer, and typed handles to them.
-//!
-//! By the types, a pass that binds V cannot be given I1.
-
-use std::marker::PhantomData;
-
-use super::vulkan::{Access, Binding, Kind};
+//! The slots of a solve, one for each image and buffer, and the names by which shaders bind them.
 
 /// An image or a buffer of a solve. Those that are used only within a level are shared by all levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -77,9 +71,54 @@ pub(crate) enum Slot {
     EndEnergies,
     /// V, its standard deviation, the residual and the fused channels, mapped.
     EndMaps,
+    /// No slot: a binding that the script has yet to choose.
+    Unbound,
 }
 
 impl Slot {
+    /// For a pass that reads it.
+    pub(crate) fn read(self) -> Reads {
+        Reads(self)
+    }
+
+    /// For a pass that writes it without reading.
+    pub(crate) fn write(self) -> Writes {
+        Writes(self)
+    }
+
+    /// For a pass that reads and writes it.
+    pub(crate) fn update(self) -> Updates {
+        Updates(self)
+    }
+
+    /// The slot that a binding of this name means in all shaders, on a level. `Unbound`: the script chooses it.
+    pub(crate) fn named(name: &str, level: usize) -> Self {
+        match name {
+            "image1" | "channel1" => Self::Luminance { image: 0, level },
+            "image2" => Self::Luminance { image: 1, level },
+            "masks" => Self::Masks { level },
+            "relative_blur" | "focus" | "unknown" => Self::RelativeBlur { level },
+            "stacks" | "results" | "result" => Self::Stacks,
+            "smoothed" => Self::Scratch,
+            "spline" | "spline2" => Self::Spline2,
+            "weights" => Self::Weights,
+            "equations" | "grid_equations" => Self::GridEquations,
+            "steps" | "own_steps" | "listed" => Self::GridSteps,
+            "terms" | "pair" | "kept" => Self::UncertaintyTerms,
+            "aligned" => Self::Aligned,
+            "normal_equations" | "system" => Self::NormalEquations,
+            "tiles" => Self::Tiles,
+            "hidden" => Self::Hidden,
+            "state" | "updated" => Self::State,
+            "partials" | "means" => Self::Partials,
+            "energies" => Self::Energies,
+            "arguments" => Self::Arguments,
+            "start_arguments" => Self::StartArguments,
+            "mask" => Self::Mask,
+            _ => Self::Unbound,
+        }
+    }
+
     /// Whether each pair in flight has its own: input or output of one pair.
     pub(crate) fn is_of_one_pair(self) -> bool {
         matches!(
@@ -100,227 +139,42 @@ impl Slot {
     }
 }
 
-/// What a slot holds.
-pub(crate) trait Quantity: Copy {
-    /// The kind of binding in a shader.
-    const KIND: Kind;
-}
-
-/// A quantity that is an image with one float per pixel.
-pub(crate) trait Scalar: Quantity {}
-
-macro_rules! quantities {
-    ($($(#[$doc:meta])* $name:ident: $kind:ident $(, $scalar:ident)?;)*) => {$(
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug)]
-        pub(crate) enum $name {}
-        impl Quantity for $name {
-            const KIND: Kind = Kind::$kind;
-        }
-        $(impl $scalar for $name {})?
-    )*};
-}
-
-quantities! {
-    /// Luminance of I1.
-    I1: Image;
-    /// Luminance of I2.
-    I2: Image;
-    /// Any image with one float per pixel.
-    Plane: Image;
-    /// The same by its bits.
-    Words: Words;
-    /// The share by which each pixel counts.
-    Masks: Image, Scalar;
-    /// V.
-    RelativeBlur: Image, Scalar;
-    /// Blur stacks.
-    Stacks: Words, Scalar;
-    /// Results, in the first layers of the stacks.
-    Results: Image, Scalar;
-    /// Spline coefficients of I2.
-    Spline2: Image, Scalar;
-    /// Right sides of the linear system.
-    /// Weights of the linear system.
-    Weights: Image;
-    /// dV of one colour.
-    /// Equations of the coarse grids.
-    GridEquations: Buffer;
-    /// dV of the coarse grids.
-    GridSteps: Buffer;
-    /// The list of the cells at depth edges.
-    EdgeList: Buffer;
-    /// Terms of the uncertainty, a blur-matched pair, or a step of V.
-    UncertaintyTerms: Image, Scalar;
-    /// Filter weights.
-    Filters: Uniform;
-    /// T, gain, offset, shading and levels.
-    State: Buffer;
-    /// Partial sums.
-    Partials: Buffer;
-    /// Lists of tiles.
-    Tiles: Buffer;
-    /// A bit per pixel and frame.
-    Hidden: Buffer;
-    /// Energies.
-    Energies: Buffer;
-    /// Indirect arguments.
-    Arguments: Buffer;
-    /// Indirect arguments before a solve.
-    StartArguments: Buffer;
-    /// Samples of a photograph.
-    Samples: Buffer;
-    /// A photograph in its camera's packed format.
-    Packed: Buffer;
-    /// A byte per pixel of I1.
-    MaskBytes: Buffer;
-}
-
-/// A slot that holds the quantity `Q`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Handle<Q> {
-    slot: Slot,
-    quantity: PhantomData<Q>,
-}
-
-impl<Q: Quantity> Handle<Q> {
-    const fn new(slot: Slot) -> Self {
-        Self { slot, quantity: PhantomData }
-    }
-
-    /// The slot.
-    pub(crate) fn slot(self) -> Slot {
-        self.slot
-    }
-
-    /// For a pass that reads it.
-    pub(crate) fn read(self) -> Reads<Q> {
-        Reads(self)
-    }
-
-    /// For a pass that writes it without reading.
-    pub(crate) fn write(self) -> Writes<Q> {
-        Writes(self)
-    }
-
-    /// For a pass that reads and writes it.
-    pub(crate) fn update(self) -> Updates<Q> {
-        Updates(self)
-    }
-}
-
-impl<Q: Scalar> Handle<Q> {
-    /// For a pass that takes any image with one float per pixel.
-    pub(crate) fn plane(self) -> Handle<Plane> {
-        Handle::new(self.slot)
-    }
-}
-
-impl Handle<Plane> {
-    /// For a pass that takes it by its bits.
-    pub(crate) fn words(self) -> Handle<Words> {
-        Handle::new(self.slot)
-    }
-}
-
-pub(crate) const STACKS: Handle<Stacks> = Handle::new(Slot::Stacks);
-pub(crate) const RESULTS: Handle<Results> = Handle::new(Slot::Stacks);
-pub(crate) const SPLINE2: Handle<Spline2> = Handle::new(Slot::Spline2);
-pub(crate) const SCRATCH: Handle<Plane> = Handle::new(Slot::Scratch);
-pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
-pub(crate) const GRID_EQUATIONS: Handle<GridEquations> = Handle::new(Slot::GridEquations);
-pub(crate) const GRID_STEPS: Handle<GridSteps> = Handle::new(Slot::GridSteps);
-pub(crate) const EDGE_LIST: Handle<EdgeList> = Handle::new(Slot::GridSteps);
-pub(crate) const UNCERTAINTY_TERMS: Handle<UncertaintyTerms> = Handle::new(Slot::UncertaintyTerms);
-pub(crate) const ALIGNED: Handle<Plane> = Handle::new(Slot::Aligned);
-/// Frames of a sweep on one frame's pixels, in the place of I1 and of I2.
-pub(crate) const ALIGNED_AS_PAIR: (Handle<I1>, Handle<I2>) = (Handle::new(Slot::Aligned), Handle::new(Slot::Aligned));
-pub(crate) const NORMAL_EQUATIONS: Handle<Plane> = Handle::new(Slot::NormalEquations);
-pub(crate) const STATE: Handle<State> = Handle::new(Slot::State);
-pub(crate) const PARTIALS: Handle<Partials> = Handle::new(Slot::Partials);
-pub(crate) const TILES: Handle<Tiles> = Handle::new(Slot::Tiles);
-pub(crate) const HIDDEN: Handle<Hidden> = Handle::new(Slot::Hidden);
-pub(crate) const ENERGIES: Handle<Energies> = Handle::new(Slot::Energies);
-pub(crate) const ARGUMENTS: Handle<Arguments> = Handle::new(Slot::Arguments);
-pub(crate) const START_ARGUMENTS: Handle<StartArguments> = Handle::new(Slot::StartArguments);
-pub(crate) const MASK: Handle<MaskBytes> = Handle::new(Slot::Mask);
-
-pub(crate) fn i1(level: usize) -> Handle<I1> {
-    Handle::new(Slot::Luminance { image: 0, level })
-}
-
-pub(crate) fn i2(level: usize) -> Handle<I2> {
-    Handle::new(Slot::Luminance { image: 1, level })
-}
-
-pub(crate) fn frames(level: usize) -> Handle<Plane> {
-    Handle::new(Slot::Frames { level })
-}
-
-/// I1 or I2, for passes that treat both alike.
-pub(crate) fn luminance(image: usize, level: usize) -> Handle<Plane> {
-    Handle::new(Slot::Luminance { image, level })
-}
-
-pub(crate) fn masks(level: usize) -> Handle<Masks> {
-    Handle::new(Slot::Masks { level })
-}
-
-pub(crate) fn relative_blur(level: usize) -> Handle<RelativeBlur> {
-    Handle::new(Slot::RelativeBlur { level })
-}
-
-pub(crate) fn filters(bank: usize) -> Handle<Filters> {
-    Handle::new(Slot::Filters { bank })
-}
-
-pub(crate) fn samples(image: usize) -> Handle<Samples> {
-    Handle::new(Slot::Photograph { image })
-}
-
-pub(crate) fn packed(image: usize) -> Handle<Packed> {
-    Handle::new(Slot::Packed { image })
-}
-
-/// A field of a pass's bindings: a slot with its quantity and how the pass accesses it.
+/// A field of a pass's bindings: a slot, and how the pass accesses it.
 pub(crate) trait Bound: Copy {
-    /// Kind and access, for the pipeline's layout and for barriers.
-    const BINDING: Binding;
     /// The slot.
     fn slot(self) -> Slot;
     /// A slot as this binding.
     fn of(slot: Slot) -> Self;
 }
 
-/// A binding that a pass may read as `Q`.
-pub(crate) trait Readable<Q>: Bound {}
+/// A binding that a pass may read.
+pub(crate) trait Readable: Bound {}
 
-/// A binding that a pass may write as `Q`.
-pub(crate) trait Writable<Q>: Bound {}
+/// A binding that a pass may write.
+pub(crate) trait Writable: Bound {}
 
 macro_rules! accesses {
-    ($($(#[$doc:meta])* $name:ident = $access:ident: $($may:ident),*;)*) => {$(
+    ($($(#[$doc:meta])* $name:ident: $($may:ident),*;)*) => {$(
         $(#[$doc])*
         #[derive(Clone, Copy, Debug)]
-        pub(crate) struct $name<Q>(Handle<Q>);
-        impl<Q: Quantity> Bound for $name<Q> {
-            const BINDING: Binding = Binding { kind: Q::KIND, access: Access::$access };
+        pub(crate) struct $name(Slot);
+        impl Bound for $name {
             fn slot(self) -> Slot {
-                self.0.slot
+                self.0
             }
             fn of(slot: Slot) -> Self {
-                Self(Handle::new(slot))
+                Self(slot)
             }
         }
-        $(impl<Q: Quantity> $may<Q> for $name<Q> {})*
+        $(impl $may for $name {})*
     )*};
 }
 
 accesses! {
     /// A slot that a pass reads.
-    Reads = Read: Readable;
+    Reads: Readable;
     /// A slot that a pass writes.
-    Writes = Write: Writable;
+    Writes: Writable;
     /// A slot that a pass reads and writes.
-    Updates = Update: Readable, Writable;
+    Updates: Readable, Writable;
 }

@@ -194,10 +194,13 @@ impl<'a> Composer<'a> {
 
     /// Adds a dispatch.
     pub(super) fn dispatch<P: Pass>(&mut self, bindings: P, constants: &P::Constants, variant: Variant, grid: Grid) {
+        let (stage, slots) = (P::STAGE, bindings.slots());
+        debug_assert!(!slots.contains(&Slot::Unbound), "{}: {slots:?}", stage.shader.name);
+        debug_assert!(stage.flags.has(variant), "{} has no such variant: {variant:?}", stage.shader.name);
         self.push(Action::Dispatch(Dispatch {
-            stage: P::STAGE,
+            stage,
             variant,
-            slots: bindings.slots(),
+            slots,
             constants: bytemuck::bytes_of(constants).to_vec(),
             grid,
             place: self.place,

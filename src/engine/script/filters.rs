@@ -5,17 +5,17 @@ use std::ops::Range;
 use super::compose::Composer;
 use crate::engine::arguments::{Grid, Place};
 use crate::engine::plan::{FilterRange, Level, StackLayer};
-use crate::engine::slot::{self, Handle, Plane};
+use crate::engine::slot::Slot;
 use crate::engine::stages::stack::Sampling;
 use crate::engine::stages::{NO_VARIANT, apply_shading, separable, subdivide, warp};
 
 /// A layer of an image.
-type Layer = (Handle<Plane>, u32);
+type Layer = (Slot, u32);
 
 /// Layers of an image that are filtered at once, each as the others.
 #[derive(Clone, Copy)]
 pub(super) struct Layers {
-    pub(super) image: Handle<Plane>,
+    pub(super) image: Slot,
     pub(super) first: u32,
     /// From a layer to the next.
     pub(super) step: u32,
@@ -39,7 +39,7 @@ impl From<Layer> for Layers {
 
 /// The targets of the first direction of a separable filter of `count` layers.
 fn scratch(count: u32) -> Layers {
-    Layers { count, ..(slot::SCRATCH, 0).into() }
+    Layers { count, ..(Slot::Scratch, 0).into() }
 }
 
 /// Pixels around the wanted tiles for which a blur stack is computed: 4½ σ of the widest blur that a sweep compares.
@@ -75,10 +75,10 @@ impl Composer<'_> {
         let plan = self.plan;
         for (parent, level) in plan.pyramid.iter().zip(&plan.pyramid[1..]) {
             self.place = Place::level(level.index);
-            let images = [parent, level].map(|level| (slot::luminance(image, level.index), 0));
+            let images = [parent, level].map(|level| (Slot::Luminance { image, level: level.index }, 0));
             self.halve(images, parent.size);
             if self.masked {
-                let masks = [parent, level].map(|level| (slot::masks(level.index).plane(), image as u32));
+                let masks = [parent, level].map(|level| (Slot::Masks { level: level.index }, image as u32));
                 self.halve(masks, parent.size);
             }
         }
@@ -95,7 +95,7 @@ impl Composer<'_> {
 
     /// I2 with its shading applied, on levels where it is warped on I1's pixels, in the scratch image.
     fn shaded(&mut self, level: &Level) -> Layer {
-        let to = (slot::SCRATCH, 1);
+        let to = (Slot::Scratch, 1);
         if self.plan.warps(level) {
             self.warp(level, to)
         } else {
@@ -106,7 +106,7 @@ impl Composer<'_> {
 
     /// Spline coefficients of I1 and of the shaded I2, in one dispatch.
     fn both_splines(&mut self, level: &Level, shaded: Layer) {
-        let from = Layers { step: shaded.1, count: 2, ..(slot::luminance(0, level.index), 0).into() };
+        let from = Layers { step: shaded.1, count: 2, ..(Slot::Luminance { image: 0, level: level.index }, 0).into() };
         let to = self.stacks(level, 0..2, 0);
         self.filter([from, to], Some(shaded.0), &Filters::on(level.size, [self.plan.prefilter; 2]));
     }
@@ -115,7 +115,7 @@ impl Composer<'_> {
     pub(super) fn stacks(&self, level: &Level, images: Range<usize>, n: u32) -> Layers {
         let (count, step) = (images.len() as u32, self.plan.second_stack(level));
         let first = images.start as u32 * step + n;
-        Layers { image: slot::STACKS.plane(), first, step, count, is_packed: count == 2 && self.plan.packs(level) }
+        Layers { image: Slot::Stacks, first, step, count, is_packed: count == 2 && self.plan.packs(level) }
     }
 
     /// A layer n > 0 of the level's blur stacks of some images: a filter of an earlier layer. Returns the number of
@@ -142,16 +142,14 @@ impl Composer<'_> {
 
     /// Spline coefficients of I2.
     pub(super) fn spline2(&mut self, level: &Level) {
-        self.spline(level, (slot::luminance(1, level.index), 0), (slot::SPLINE2.plane(), 0));
+        self.spline(level, (Slot::Luminance { image: 1, level: level.index }, 0), (Slot::Spline2, 0));
     }
 
     /// I2 with its shading applied, into a layer.
     fn apply_shading(&mut self, level: &Level, to: Layer) {
-        let bindings = apply_shading::Bindings {
-            from: slot::i2(level.index).read(),
-            to: to.0.write(),
-            state: slot::STATE.update(),
-        };
+        let (from, named) =
+            (Slot::Luminance { image: 1, level: level.index }.read(), apply_shading::Bindings::on(level.index));
+        let bindings = apply_shading::Bindings { from, to: to.0.write(), ..named };
         let ([width, height], centre) = (level.size, level.centre.map(|c| c as f32));
         self.over(level.size, bindings, &apply_shading::Constants { width, height, layer: to.1, centre }, NO_VARIANT);
     }
@@ -184,7 +182,7 @@ impl Composer<'_> {
 
     /// I2 with its shading applied, on I1's pixels, into a layer.
     fn warp(&mut self, level: &Level, to: Layer) {
-        let bindings = warp::Bindings { spline2: slot::SPLINE2.read(), to: to.0.write(), state: slot::STATE.update() };
+        let bindings = warp::Bindings { to: to.0.write(), ..warp::Bindings::on(level.index) };
         let grid = self.grid(warp::tiles(level.size));
         let ([width, height], centre) = (level.size, level.centre.map(|c| c as f32));
         let constants = warp::Constants { width, height, layer: to.1, factor: level.factor as f32, centre };
@@ -201,7 +199,7 @@ impl Composer<'_> {
             self.both_splines(level, shaded);
             0..2
         } else {
-            self.spline(level, shaded, (slot::STACKS.plane(), self.plan.second_stack(level)));
+            self.spline(level, shaded, (Slot::Stacks, self.plan.second_stack(level)));
             1..2
         };
         for layer in 1..self.plan.layers_of(level) {
@@ -245,11 +243,8 @@ impl Composer<'_> {
         let tile = subdivide::STAGE.workgroup.map(|side| 2 * side);
         let groups = subdivide::groups(level.size.map(|side| side.div_ceil(2)), to.groups());
         let (grid, list) = self.extent(tile, groups);
-        let bindings = subdivide::Bindings {
-            coarse: from.image.words().read(),
-            fine: slot::STACKS.write(),
-            tiles: slot::TILES.read(),
-        };
+        let (coarse, fine) = (from.image.read(), Slot::Stacks.write());
+        let bindings = subdivide::Bindings { coarse, fine, ..subdivide::Bindings::on(level.index) };
         let (from_layer, from_step, listed) = (from.first, from.step, list.unwrap_or(0));
         let Layers { first: layer, step, count: planes, .. } = to;
         let constants = subdivide::Constants { width, height, from_layer, from_step, layer, step, planes, listed };
@@ -267,10 +262,10 @@ impl Composer<'_> {
 
     /// Filters along x and along y in one dispatch, from layers to others. `second`: the image of the second layer, if it
     /// is another than that of the first.
-    fn filter(&mut self, [from, to]: [Layers; 2], second: Option<Handle<Plane>>, filters: &Filters) {
+    fn filter(&mut self, [from, to]: [Layers; 2], second: Option<Slot>, filters: &Filters) {
         let &Filters { size: size @ [width, height], along, stride, periods, spacing, adds } = filters;
         debug_assert!(along[0].bank == along[1].bank, "a dispatch binds one bank");
-        debug_assert!(from.image.slot() != to.image.slot() || from.first != to.first, "it does not work in place");
+        debug_assert!(from.image != to.image || from.first != to.first, "it does not work in place");
         let radii = along.map(|filter| filter.radius);
         let any = adds || separable::is_any(size, radii, periods);
         let tile = separable::tile(stride, any).map(|side| side * stride * spacing);
@@ -291,12 +286,11 @@ impl Composer<'_> {
             add: u32::from(adds),
         };
         let bindings = separable::Bindings {
-            from: from.image.words().read(),
-            second: second.unwrap_or(from.image).words().read(),
-            to: to.image.words().update(),
-            filters: slot::filters(along[0].bank).read(),
-            tiles: slot::TILES.read(),
-            state: slot::STATE.read(),
+            from: from.image.read(),
+            second: second.unwrap_or(from.image).read(),
+            to: to.image.update(),
+            filters: Slot::Filters { bank: along[0].bank }.read(),
+            ..separable::Bindings::on(0)
         };
         let variant = separable::variant(stride, [any, list.is_some(), second.is_some(), to.is_packed]);
         self.dispatch(bindings, &constants, variant, grid);

@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn only_masked_scripts_weight_pixels_and_both_have_the_same_arguments() {
         let [plain, masked] = [false, true].map(|masked| script(Method::Unified, masked));
-        let weights = |script: &Script| script.dispatches().any(|dispatch| dispatch.variant[2]);
+        let weights = |script: &Script| script.dispatches().any(|dispatch| dispatch.variant.has(Variant::MASKED));
         assert!(!weights(&plain) && weights(&masked));
         assert_eq!(plain.arguments, masked.arguments);
     }
@@ -274,7 +274,7 @@ mod tests {
         let script = compose(&plan, false);
         let variants = |name: &str, level: usize| -> Vec<bool> {
             let of_level = script.dispatches().filter(|d| d.stage.shader.name == name && d.place.level == level);
-            of_level.map(|dispatch| dispatch.variant[0]).collect()
+            of_level.map(|dispatch| dispatch.variant.has(Variant::JOINED)).collect()
         };
         // Grids of 250, 500 and 1000 cells along a side before the finest level, the first two before the next.
         for (level, grids, joins) in [

@@ -5,7 +5,7 @@
 use super::compose::Composer;
 use crate::engine::arguments::{Edges, Grid, Place};
 use crate::engine::plan::Level;
-use crate::engine::slot::{self, Handle, I1, I2, Slot};
+use crate::engine::slot::{Reads, Slot};
 use crate::engine::stages::{
     NO_VARIANT, edge, edge_agree, edge_apply, edge_cells, edge_coarsen, edge_costs, edge_decide, edge_refine,
     edge_straighten,
@@ -53,8 +53,10 @@ impl Composer<'_> {
             let coarsening = edge_coarsen::Constants::of_pair(level, plan.size);
             let criteria = if level.index == 0 { FINEST } else { COARSE };
             let search = Search { coarsening, cells, levels: plan.solved, criteria };
-            let (images, constants) =
-                ((slot::i1(level.index), slot::i2(level.index)), edge_costs::Constants::of_pair(level, plan.solved));
+            let images =
+                [Slot::Luminance { image: 0, level: level.index }, Slot::Luminance { image: 1, level: level.index }]
+                    .map(Slot::read);
+            let constants = edge_costs::Constants::of_pair(level, plan.solved);
             self.outlines(level, &search, |s, cells| s.edge_costs(level, images, &constants, NO_VARIANT, cells));
         }
     }
@@ -63,20 +65,12 @@ impl Composer<'_> {
     pub(super) fn edge_costs(
         &mut self,
         level: &Level,
-        (i1, i2): (Handle<I1>, Handle<I2>),
+        [image1, image2]: [Reads; 2],
         constants: &edge_costs::Constants,
         variant: Variant,
         cells: Grid,
     ) {
-        let bindings = edge_costs::Bindings {
-            i1: i1.read(),
-            i2: i2.read(),
-            v: slot::relative_blur(level.index).read(),
-            results: slot::RESULTS.update(),
-            state: slot::STATE.read(),
-            arguments: slot::ARGUMENTS.read(),
-            listed: slot::EDGE_LIST.read(),
-        };
+        let bindings = edge_costs::Bindings { image1, image2, ..edge_costs::Bindings::on(level.index) };
         self.dispatch(bindings, constants, variant, cells);
     }
 
@@ -84,37 +78,32 @@ impl Composer<'_> {
     /// deviation are those of the finest level.
     pub(super) fn outlines(&mut self, level: &Level, search: &Search, costs: impl FnOnce(&mut Self, Grid)) {
         self.place = Place::level(level.index);
-        let (size @ [width, height], v) = (level.size, slot::relative_blur(level.index));
-        let (finest, results) = (slot::relative_blur(0), slot::RESULTS.update());
+        let (size @ [width, height], index) = (level.size, level.index);
+        let v = Slot::RelativeBlur { level: index };
         let over = |over| Grid::Edges { levels: search.levels, over };
         let (cells, pixels) = (over(Edges::Cells(level.index)), over(Edges::Pixels(level.index)));
         if level.index > 0 {
-            let bindings = edge_coarsen::Bindings { v: finest.read(), coarse: v.write(), results };
+            let bindings = edge_coarsen::Bindings { coarse: v.write(), ..edge_coarsen::Bindings::on(0) };
             self.over(size, bindings, &search.coarsening, NO_VARIANT);
         }
-        let (arguments, listed) = (slot::ARGUMENTS, slot::EDGE_LIST);
-        let found =
-            edge_cells::Bindings { v: v.read(), results, arguments: arguments.update(), listed: listed.write() };
-        self.over(edge::cells(size), found, &search.cells, NO_VARIANT);
-        let (arguments, listed, argument_place) = (arguments.read(), listed.read(), search.cells.argument_place);
-        let bindings = edge_straighten::Bindings { results, arguments, listed };
-        self.dispatch(bindings, &edge_straighten::Constants { width, height, argument_place }, NO_VARIANT, cells);
+        self.over(edge::cells(size), edge_cells::Bindings::on(index), &search.cells, NO_VARIANT);
+        let argument_place = search.cells.argument_place;
+        let constants = edge_straighten::Constants { width, height, argument_place };
+        self.dispatch(edge_straighten::Bindings::on(index), &constants, NO_VARIANT, cells);
         costs(self, cells);
-        let bindings = edge_decide::Bindings { results, arguments, listed };
-        self.dispatch(bindings, &edge_decide::Constants { width, height, argument_place }, NO_VARIANT, cells);
+        let constants = edge_decide::Constants { width, height, argument_place };
+        self.dispatch(edge_decide::Bindings::on(index), &constants, NO_VARIANT, cells);
         for n in 0..edge_agree::PASSES {
-            let bindings = edge_agree::Bindings { results, arguments, listed };
             let (from, to) = (edge_agree::place(n), edge_agree::place(n + 1));
             let constants = edge_agree::Constants { width, height, from, to, argument_place };
-            self.dispatch(bindings, &constants, NO_VARIANT, cells);
+            self.dispatch(edge_agree::Bindings::on(index), &constants, NO_VARIANT, cells);
         }
-        let bindings = edge_apply::Bindings { v: v.update(), results, state: slot::STATE.read() };
         let (decided, coarse) = (edge_agree::place(edge_agree::PASSES), u32::from(level.index > 0));
         let Criteria { spread, least_saving } = search.criteria;
         let constants = edge_apply::Constants { width, height, decided, spread, least_saving, coarse };
-        self.dispatch(bindings, &constants, NO_VARIANT, pixels);
+        self.dispatch(edge_apply::Bindings::on(index), &constants, NO_VARIANT, pixels);
         if level.index > 0 {
-            let bindings = edge_refine::Bindings { coarse: v.read(), v: finest.update(), results };
+            let bindings = edge_refine::Bindings { coarse: v.read(), ..edge_refine::Bindings::on(0) };
             self.dispatch(bindings, &search.coarsening, NO_VARIANT, pixels);
         }
     }

@@ -8,13 +8,13 @@ use crate::base::color::LUMINANCE;
 use crate::base::{Decode, RegistrationStep};
 use crate::engine::arguments::{Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
-use crate::engine::slot;
+use crate::engine::slot::Slot;
 use crate::engine::stages::cascade::Start;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::{
     NO_VARIANT, appearance, blur_matched_pair, cascade, exposure, grid, halve_grid, ingest, linearise, mask,
-    pair_samples, prolong, relax, relax_grid_tiles, relax_tiles, shape, shape_median, shape_windows, sums, system,
+    pair_samples, prolong, relax, relax_grid_tiles, relax_tiles, shape, shape_median, shape_windows, system,
     system_tiles, uncertainty_terms, unit, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
@@ -56,7 +56,8 @@ pub(super) fn single(numbers: [f64; 2]) -> [f32; 2] {
 impl Composer<'_> {
     /// Unpacks a photograph from its camera's format.
     pub(super) fn unpack(&mut self, image: usize) {
-        let bindings = unpack::Bindings { packed: slot::packed(image).read(), samples: slot::samples(image).write() };
+        let (packed_words, samples) = (Slot::Packed { image }.read(), Slot::Photograph { image }.write());
+        let bindings = unpack::Bindings { packed_words, samples };
         let format = self.plan.packed[image];
         let constants = unpack::Constants::new(self.plan.size, format);
         self.over(constants.invocations(), bindings, &constants, unpack::variant(format));
@@ -64,8 +65,8 @@ impl Composer<'_> {
 
     /// Chooses the unit of intensities by two photographs, which may be one.
     pub(super) fn unit(&mut self, images: [usize; 2]) {
-        let [first, second] = images.map(|image| slot::samples(image).read());
-        let bindings = unit::Bindings { first, second, state: slot::STATE.update() };
+        let [first, second] = images.map(|image| Slot::Photograph { image }.read());
+        let bindings = unit::Bindings { first, second, ..unit::Bindings::on(0) };
         let constants = unit::Constants::new(self.plan.size, images.map(|image| self.plan.formats[image]), LUMINANCE);
         let variant = unit::variant(self.plan.settings.decode);
         self.dispatch(bindings, &constants, variant, Grid::Direct([1; 3]));
@@ -84,11 +85,8 @@ impl Composer<'_> {
     }
 
     fn ingest(&mut self, image: usize, weights: [f32; 3], [measures, in_units]: [bool; 2]) {
-        let bindings = ingest::Bindings {
-            samples: slot::samples(image).read(),
-            image: slot::luminance(image, 0).write(),
-            state: slot::STATE.update(),
-        };
+        let (samples, to) = (Slot::Photograph { image }.read(), Slot::Luminance { image, level: 0 }.write());
+        let bindings = ingest::Bindings { samples, image: to, ..ingest::Bindings::on(0) };
         let ([width, height], format) = (self.plan.size, self.plan.formats[image]);
         let (channels, bytes) = (format.channels.count(), format.depth.bytes());
         let constants = ingest::Constants { width, height, channels, bytes, weights };
@@ -98,13 +96,9 @@ impl Composer<'_> {
 
     /// Determines which pixels of a photograph count, on the finest level.
     pub(super) fn mask(&mut self, image: usize) {
-        let counts = (slot::SCRATCH, image as u32);
-        let bindings = mask::Bindings {
-            samples: slot::samples(image).read(),
-            mask: slot::MASK.read(),
-            counts: counts.0.write(),
-            state: slot::STATE.update(),
-        };
+        let counts = (Slot::Scratch, image as u32);
+        let samples = Slot::Photograph { image }.read();
+        let bindings = mask::Bindings { samples, counts: counts.0.write(), ..mask::Bindings::on(0) };
         let ([width, height], format) = (self.plan.size, self.plan.formats[image]);
         let constants = mask::Constants {
             width,
@@ -115,22 +109,16 @@ impl Composer<'_> {
             clipped: self.plan.settings.clipped(format.depth),
         };
         self.over(self.plan.size, bindings, &constants, NO_VARIANT);
-        self.smooth([counts, (slot::masks(0).plane(), image as u32)], self.plan.size);
+        self.smooth([counts, (Slot::Masks { level: 0 }, image as u32)], self.plan.size);
     }
 
     /// Matches gain, offset and shading, or measures the correlation alone. Without blur stacks V is zero, and I2 is
     /// read from its spline.
     pub(super) fn exposure(&mut self, level: &Level, adopt: Adopt, has_stacks: bool) {
         let (plan, size) = (self.plan, uncertainty_terms::size(level.size));
-        let stacks = if has_stacks { slot::STACKS.plane() } else { slot::SPLINE2.plane() }.words();
-        let bindings = blur_matched_pair::Bindings {
-            i1: slot::i1(level.index).read(),
-            v: slot::relative_blur(level.index).read(),
-            stacks: stacks.read(),
-            pair: slot::UNCERTAINTY_TERMS.write(),
-            state: slot::STATE.read(),
-            masks: slot::masks(level.index).read(),
-        };
+        let stacks = if has_stacks { Slot::Stacks } else { Slot::Spline2 };
+        let bindings =
+            blur_matched_pair::Bindings { stacks: stacks.read(), ..blur_matched_pair::Bindings::on(level.index) };
         let constants = blur_matched_pair::Constants {
             width: level.size[0],
             height: level.size[1],
@@ -145,26 +133,20 @@ impl Composer<'_> {
         let variant = stack::packed(variant, has_stacks && plan.packs(level));
         self.over(size, bindings, &constants, variant);
         let constants = exposure::Constants::new(level.size, level.factor, level.centre, adopt);
-        let bindings = pair_samples::Bindings {
-            pair: slot::UNCERTAINTY_TERMS.read(),
-            filters: slot::filters(plan.window.bank).read(),
-            samples: slot::PARTIALS.write(),
-        };
+        let (filters, samples) = (Slot::Filters { bank: plan.window.bank }.read(), Slot::Partials.write());
+        let bindings = pair_samples::Bindings { filters, samples, ..pair_samples::Bindings::on(level.index) };
         let sampling = pair_samples::Constants::new(size, constants.every, plan.window);
         self.dispatch(bindings, &sampling, NO_VARIANT, Grid::Direct(sampling.groups()));
-        let bindings = exposure::Bindings { samples: slot::PARTIALS.read(), state: slot::STATE.update() };
-        self.dispatch(bindings, &constants, exposure::variant(adopt), Grid::Direct([1, 1, 1]));
+        self.dispatch(
+            exposure::Bindings::on(level.index),
+            &constants,
+            exposure::variant(adopt),
+            Grid::Direct([1, 1, 1]),
+        );
     }
 
     /// Estimates the kernel's shape from windows, and applies it to both blur stacks.
     pub(super) fn find_shape(&mut self, level: &Level) {
-        let bindings = shape_windows::Bindings {
-            v: slot::relative_blur(level.index).read(),
-            stacks: slot::STACKS.read(),
-            state: slot::STATE.read(),
-            masks: slot::masks(level.index).read(),
-            windows: slot::PARTIALS.write(),
-        };
         let grid @ [columns, rows] = shape_windows::grid(level.size);
         let constants = shape_windows::Constants {
             width: level.size[0],
@@ -176,23 +158,22 @@ impl Composer<'_> {
             centre: single(level.centre),
             noise: level.noise,
         };
-        let variant = stack::packed([false, false, self.masked, false, false], self.plan.packs(level));
+        let variant = Variant::MASKED.when(self.masked) | Variant::PACKED.when(self.plan.packs(level));
+        let bindings = shape_windows::Bindings::on(level.index);
         self.dispatch(bindings, &constants, variant, Grid::Direct([columns, rows, 1]));
-        let bindings = shape_median::Bindings { windows: slot::PARTIALS.read(), state: slot::STATE.update() };
         let constants = shape_median::Constants { windows: columns * rows };
-        self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1, 1, 1]));
+        self.dispatch(shape_median::Bindings::on(0), &constants, NO_VARIANT, Grid::Direct([1; 3]));
         self.shape(level, 0..2);
     }
 
     /// Applies the kernel's shape to the blur stacks of some images.
     pub(super) fn shape(&mut self, level: &Level, images: Range<usize>) {
-        let bindings = shape::Bindings { stacks: slot::STACKS.update(), state: slot::STATE.read() };
         let [width, height] = level.size;
         let nodes = level.nodes as u32;
         let stacks @ Layers { first, step, count: planes, is_packed, .. } = self.stacks(level, images, 0);
         let grid = self.grid(shape::groups(level.size, stacks.groups()));
         let constants = shape::Constants { width, height, nodes, first, step, planes };
-        self.dispatch(bindings, &constants, stack::packed(NO_VARIANT, is_packed), grid);
+        self.dispatch(shape::Bindings::on(level.index), &constants, Variant::PACKED.when(is_packed), grid);
     }
 }
 
@@ -200,13 +181,6 @@ impl Composer<'_> {
 impl Composer<'_> {
     /// The registration integrals without a blur model, equation 36.
     pub(super) fn appearance(&mut self, level: &Level) {
-        let bindings = appearance::Bindings {
-            i1: slot::i1(level.index).read(),
-            spline2: slot::SPLINE2.read(),
-            state: slot::STATE.read(),
-            partials: slot::PARTIALS.write(),
-            masks: slot::masks(level.index).read(),
-        };
         let constants = appearance::Constants {
             width: level.size[0],
             height: level.size[1],
@@ -216,27 +190,14 @@ impl Composer<'_> {
             length: level.length as f32,
             eta: self.plan.settings.data_eta as f32,
         };
-        let variant = [false, false, self.masked, self.plan.projective(), false];
-        self.within(level, Over::Tiles, bindings, &constants, variant);
+        let variant = Variant::MASKED.when(self.masked) | Variant::PROJECTIVE.when(self.plan.projective());
+        self.within(level, Over::Tiles, appearance::Bindings::on(level.index), &constants, variant);
     }
 
     /// Residuals, D, b and the registration integrals, equations 22 to 32. Its last workgroup updates T and determines
     /// whether the level has settled.
     pub(super) fn linearise(&mut self, level: &Level, k: u32) {
         let (plan, s) = (self.plan, &self.plan.settings);
-        let bindings = linearise::Bindings {
-            i1: slot::i1(level.index).read(),
-            v: slot::relative_blur(level.index).read(),
-            stacks: slot::STACKS.read(),
-            equations: slot::NORMAL_EQUATIONS.write(),
-            state: slot::STATE.read(),
-            partials: slot::PARTIALS.update(),
-            masks: slot::masks(level.index).read(),
-            updated: slot::STATE.update(),
-            energies: slot::ENERGIES.write(),
-            arguments: slot::ARGUMENTS.write(),
-            start_arguments: slot::START_ARGUMENTS.read(),
-        };
         let step = transform_step(plan, level, k);
         let constants = linearise::Constants {
             width: level.size[0],
@@ -246,7 +207,7 @@ impl Composer<'_> {
             rows: level.rows,
             factor: level.factor as f32,
             centre: single(level.centre),
-            length: level.length as f32,
+            scale_length: level.length as f32,
             continuation: plan.continued(level, k) as f32,
             eta: s.data_eta as f32,
             smoothness_eta: s.smoothness_eta as f32,
@@ -255,11 +216,11 @@ impl Composer<'_> {
             elimination: if descends(plan) { 1e20 } else { linearise::ELIMINATION },
             mean: single(s.kernel.mean()),
             noise: level.noise,
-            step: update_transform::Step { flags: step.flags | update_transform::STEPS, ..step },
+            t_step: update_transform::Step { flags: step.flags | update_transform::STEPS, ..step },
         };
         let variant = linearise::variant(plan.slopes(), plan.warps(level), self.masked, plan.sums_all(level));
         let variant = stack::packed(variant, plan.packs(level));
-        self.within(level, Over::Tiles, bindings, &constants, variant);
+        self.within(level, Over::Tiles, linearise::Bindings::on(level.index), &constants, variant);
         self.place = self.place.after_step();
     }
 
@@ -267,7 +228,7 @@ impl Composer<'_> {
     pub(super) fn update_transform_by_appearance(&mut self, level: &Level, k: u32) {
         use update_transform::{MAY_SETTLE, MAY_WARP};
         let step = transform_step(self.plan, level, k);
-        let step = update_transform::Step {
+        let t_step = update_transform::Step {
             unknowns: self.plan.settings.motion.unknowns() as u32,
             flags: step.flags & !(MAY_SETTLE | MAY_WARP) | flag(k > 0, MAY_SETTLE),
             steady: 0.0,
@@ -275,18 +236,12 @@ impl Composer<'_> {
             flatness: if level.index == 0 && step_share(k) == 1.0 { FINEST_FLAT } else { COARSER_FLAT },
             ..step
         };
-        let bindings = update_transform::Bindings {
-            partials: slot::PARTIALS.read(),
-            state: slot::STATE.update(),
-            energies: slot::ENERGIES.write(),
-            arguments: slot::ARGUMENTS.write(),
-            start_arguments: slot::START_ARGUMENTS.read(),
-        };
-        let ([columns, rows, _], [factor, length]) = (level.tiles(), [level.factor, level.length].map(|x| x as f32));
+        let ([columns, rows, _], [factor, scale_length]) =
+            (level.tiles(), [level.factor, level.length].map(|x| x as f32));
         let half_size = single(level.centre);
-        let constants = update_transform::Constants { rows: columns * rows, factor, length, half_size, step };
-        let variant = if self.plan.sums_all(level) { sums::PROJECTIVE } else { NO_VARIANT };
-        self.within(level, Over::One, bindings, &constants, variant);
+        let constants = update_transform::Constants { rows: columns * rows, factor, scale_length, half_size, t_step };
+        let variant = Variant::PROJECTIVE.when(self.plan.sums_all(level));
+        self.within(level, Over::One, update_transform::Bindings::on(level.index), &constants, variant);
         self.place = self.place.after_step();
     }
 }
@@ -339,8 +294,8 @@ impl Composer<'_> {
         if level.index + 1 == self.plan.solved {
             return self.clear(level);
         }
-        let coarse = slot::relative_blur(level.index + 1).read();
-        let bindings = prolong::Bindings { coarse, fine: slot::relative_blur(level.index).write() };
+        let coarse = Slot::RelativeBlur { level: level.index + 1 }.read();
+        let bindings = prolong::Bindings { coarse, fine: Slot::RelativeBlur { level: level.index }.write() };
         let [width, height] = level.size;
         let constants = prolong::Constants { width, height, limit: level.limit as f32, gain: 4.0 };
         self.over(level.size, bindings, &constants, NO_VARIANT);
@@ -363,16 +318,8 @@ impl Composer<'_> {
     /// The linear system for the step of the unknown: V of a pair, u of a sweep.
     pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) {
         let window = self.plan.window;
-        let bindings = system_tiles::Bindings {
-            unknown: slot::relative_blur(level.index).read(),
-            equations: slot::NORMAL_EQUATIONS.read(),
-            smoothed: slot::SCRATCH.write(),
-            weights: slot::WEIGHTS.write(),
-            partials: slot::PARTIALS.write(),
-            state: slot::STATE.read(),
-            grid: slot::GRID_EQUATIONS.write(),
-            filters: slot::filters(window.bank).read(),
-        };
+        let filters = Slot::Filters { bank: window.bank }.read();
+        let bindings = system_tiles::Bindings { filters, ..system_tiles::Bindings::on(level.index) };
         let constants = system_tiles::Constants::new(constants, window, self.plan.summed_grids(level));
         self.within(level, Over::SystemTiles, bindings, &constants, variant);
     }
@@ -416,8 +363,7 @@ impl Composer<'_> {
     fn halve_grid(&mut self, level: &Level, n: usize, [grid, next]: [grid::Place; 2]) {
         let [width, height] = grid.size;
         let constants = halve_grid::Constants { width, height, first: grid.first, next: next.first };
-        let bindings = halve_grid::Bindings { equations: slot::GRID_EQUATIONS.update() };
-        self.within(level, Over::Coarse(n), bindings, &constants, NO_VARIANT);
+        self.within(level, Over::Coarse(n), halve_grid::Bindings::on(level.index), &constants, NO_VARIANT);
     }
 
     /// All relaxation sweeps on the n-th grid: as many dispatches as halos of tiles ask for. Each stores dV in the place
@@ -440,11 +386,7 @@ impl Composer<'_> {
                 over_relaxation,
                 coarser: start.constants(),
             };
-            let bindings = relax_grid_tiles::Bindings {
-                equations: slot::GRID_EQUATIONS.read(),
-                coarse: slot::GRID_STEPS.read(),
-                steps: slot::GRID_STEPS.write(),
-            };
+            let bindings = relax_grid_tiles::Bindings::on(level.index);
             self.within(level, Over::CoarseTiles(n), bindings, &constants, start.variant());
         }
     }
@@ -456,16 +398,10 @@ impl Composer<'_> {
         let on_tiles = sweeps.min(relax_tiles::MOST_SWEEPS);
         let first = grid::cells(level.size) as u32;
         for half in 0..2 * (sweeps - on_tiles) {
-            let bindings = relax::Bindings {
-                smoothed: slot::SCRATCH.read(),
-                weights: slot::WEIGHTS.read(),
-                steps: slot::GRID_STEPS.read(),
-                own_steps: slot::GRID_STEPS.write(),
-            };
             let (color, over_relaxation) = (half % 2, self.plan.settings.over_relaxation as f32);
             let constants = relax::Constants { width, height, color, rows: relax::ROWS, over_relaxation, first };
-            let variant = if half < 2 { relax::FIRST } else { NO_VARIANT };
-            self.within(level, Over::Half, bindings, &constants, variant);
+            let variant = Variant::FIRST.when(half < 2);
+            self.within(level, Over::Half, relax::Bindings::on(level.index), &constants, variant);
         }
         let start = if sweeps > on_tiles { Start::Own(first) } else { Start::Coarser(0) };
         self.relax_tiles(level, start, on_tiles, update);
@@ -473,17 +409,8 @@ impl Composer<'_> {
 
     /// Relaxation sweeps on the level, and the update of V.
     fn relax_tiles(&mut self, level: &Level, start: Start, sweeps: u32, update: &update::Constants) {
-        let bindings = relax_tiles::Bindings {
-            smoothed: slot::SCRATCH.read(),
-            weights: slot::WEIGHTS.read(),
-            coarse: slot::GRID_STEPS.read(),
-            v: slot::relative_blur(level.index).update(),
-            state: slot::STATE.update(),
-            kept: slot::UNCERTAINTY_TERMS.update(),
-            equations: slot::GRID_EQUATIONS.read(),
-        };
         let relaxation = (sweeps, self.plan.settings.over_relaxation as f32);
         let constants = relax_tiles::Constants::new(start.constants(), relaxation, update);
-        self.within(level, Over::RelaxTiles, bindings, &constants, start.variant());
+        self.within(level, Over::RelaxTiles, relax_tiles::Bindings::on(level.index), &constants, start.variant());
     }
 }

@@ -5,7 +5,7 @@ use super::compose::Composer;
 use super::outlines::Search;
 use crate::engine::arguments::Place;
 use crate::engine::plan::{Level, Plan};
-use crate::engine::slot::{self, Handle, Plane, Slot};
+use crate::engine::slot::Slot;
 use crate::engine::stages::{NO_VARIANT, align, copy, edge, edge_costs, half_pair, prolong, system, update};
 use crate::engine::tiles::NeededCells;
 
@@ -26,10 +26,13 @@ pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
             s.next_part();
             s.luminance(0, false);
             let [width, height] = plan.size;
-            let bindings = copy::Bindings { from: slot::luminance(0, 0).read(), to: slot::frames(0).write() };
+            let bindings = copy::Bindings {
+                from: Slot::Luminance { image: 0, level: 0 }.read(),
+                to: Slot::Frames { level: 0 }.write(),
+            };
             s.over(plan.size, bindings, &copy::Constants { width, height, layer }, NO_VARIANT);
             for (parent, level) in plan.pyramid.iter().zip(&plan.pyramid[1..]) {
-                let layers = [parent, level].map(|level| (slot::frames(level.index), layer));
+                let layers = [parent, level].map(|level| (Slot::Frames { level: level.index }, layer));
                 s.halve(layers, parent.size);
             }
         }
@@ -38,9 +41,9 @@ pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
 
 impl Composer<'_> {
     /// Resamples a frame onto the reference's pixels of a level.
-    fn aligned(&mut self, level: &Level, frame: u32, constants: &align::Constants, (to, layer): (Handle<Plane>, u32)) {
-        self.spline(level, (slot::frames(level.index), frame), (slot::SPLINE2.plane(), 0));
-        let bindings = align::Bindings { spline: slot::SPLINE2.plane().read(), aligned: to.write() };
+    fn aligned(&mut self, level: &Level, frame: u32, constants: &align::Constants, (to, layer): (Slot, u32)) {
+        self.spline(level, (Slot::Frames { level: level.index }, frame), (Slot::Spline2, 0));
+        let bindings = align::Bindings { aligned: to.write(), ..align::Bindings::on(level.index) };
         self.over(level.size, bindings, &align::Constants { layer, ..*constants }, NO_VARIANT);
     }
 }
@@ -50,8 +53,8 @@ pub(crate) fn align(plan: &Plan, level: &Level, frames: &[(u32, align::Constants
     script(plan, level.index, |s| {
         for (frame, constants) in frames {
             let [low, along_x, along_y] = plan.band;
-            let [resampled, filtered] = [0, 1].map(|layer| (slot::SCRATCH, layer));
-            let to = (slot::ALIGNED, *frame);
+            let [resampled, filtered] = [0, 1].map(|layer| (Slot::Scratch, layer));
+            let to = (Slot::Aligned, *frame);
             s.aligned(level, *frame, constants, resampled);
             s.separable([resampled, filtered], level.size, [low; 2]);
             s.separable([resampled, to], level.size, [low; 2]);
@@ -64,8 +67,8 @@ pub(crate) fn align(plan: &Plan, level: &Level, frames: &[(u32, align::Constants
 pub(crate) fn prolong(plan: &Plan, level: &Level, limit: f32) -> Script {
     script(plan, level.index, |s| {
         let [width, height] = level.size;
-        let coarse = slot::relative_blur(level.index + 1).read();
-        let bindings = prolong::Bindings { coarse, fine: slot::relative_blur(level.index).write() };
+        let coarse = Slot::RelativeBlur { level: level.index + 1 }.read();
+        let bindings = prolong::Bindings { coarse, fine: Slot::RelativeBlur { level: level.index }.write() };
         s.over(level.size, bindings, &prolong::Constants { width, height, limit, gain: 1.0 }, NO_VARIANT);
     })
 }
@@ -90,20 +93,12 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold:
         for HalfPairs { sharper, others, needed } in frames {
             s.want(needed.clone());
             let Some((listed, grid)) = s.list(half_pair::TILE, 0) else { continue };
-            s.spline(level, (slot::ALIGNED, *sharper), (slot::STACKS.plane(), 0));
+            s.spline(level, (Slot::Aligned, *sharper), (Slot::Stacks, 0));
             for layer in 1..plan.layers_of(level) {
                 s.stack_layer(level, 0..1, layer);
             }
             for constants in others {
-                let bindings = half_pair::Bindings {
-                    focus: slot::relative_blur(level.index).read(),
-                    stacks: slot::STACKS.read(),
-                    aligned: slot::ALIGNED.read(),
-                    equations: slot::NORMAL_EQUATIONS.update(),
-                    partials: slot::PARTIALS.write(),
-                    tiles: slot::TILES.read(),
-                    hidden: slot::HIDDEN.read(),
-                };
+                let bindings = half_pair::Bindings::on(level.index);
                 s.dispatch(bindings, &half_pair::Constants { listed, ..*constants }, variant, grid);
             }
         }
@@ -131,7 +126,7 @@ pub(crate) struct Outlines<'a> {
 /// Begins the search for outlines: copies the standard deviation of u, which is in the place of u, into the results.
 pub(crate) fn begin_outlines(plan: &Plan) -> Script {
     script(plan, 0, |s| {
-        let (from, to) = (slot::relative_blur(0).plane().read(), slot::RESULTS.plane().write());
+        let (from, to) = (Slot::RelativeBlur { level: 0 }.read(), Slot::Stacks.write());
         let [width, height] = plan.size;
         // Only these are read before they are written: V of the results, and the sides.
         for layer in [0, edge::SIDES as u32] {
@@ -145,13 +140,13 @@ pub(crate) fn begin_outlines(plan: &Plan) -> Script {
 pub(crate) fn outlines(plan: &Plan, Outlines { level, search, frames, pairs }: &Outlines) -> Script {
     script(plan, level.index, |s| {
         for (frame, constants) in frames {
-            s.aligned(level, *frame, constants, (slot::ALIGNED, *frame));
+            s.aligned(level, *frame, constants, (Slot::Aligned, *frame));
         }
         let [first, last] = [edge::COSTS, edge::REVERSED_COSTS].map(|n| n as u32);
         s.empty(Slot::Stacks, level.size, first..last + 1);
         s.outlines(level, search, |s, cells| {
             for constants in pairs {
-                s.edge_costs(level, slot::ALIGNED_AS_PAIR, constants, edge_costs::SWEEP, cells);
+                s.edge_costs(level, [Slot::Aligned.read(); 2], constants, edge_costs::SWEEP, cells);
             }
         });
     })

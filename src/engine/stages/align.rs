@@ -1,43 +1,14 @@
 //! Resamples a frame of a sweep onto the reference's pixels and matches its brightness.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::SEGMENT;
-use super::state::{Registration, Single};
-use super::{Number, Raster, pixels, spline, warp};
-use crate::base::Shading;
+use super::state::Double;
+use super::{Number, Raster, spline, warp};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Target layer.
-    layer: u32,
-    /// Pixels of the full-size image per pixel of this level.
-    factor: f32,
-    /// The image centre in pixels of this level.
-    centre: [f32; 2],
-    /// Maps the reference's pixels into the frame, and the frame's brightness to the reference's.
-    registration: Single,
-    /// Shading: how the gain varies over the frame.
-    shading: [f32; Shading::TERMS],
-}
-
-bindings! {
-    ALIGN:
-    /// Spline coefficients of the frame.
-    spline: Reads<Plane>,
-    /// All frames on the reference's pixels.
-    aligned: Writes<Plane>,
-}
+pub use super::interface::align::*;
 
 impl Pass for Bindings {
-    /// Compulsory traffic: every pixel read and written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        8 * pixels(c.width, c.height)
-    }
-
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let reused = memory.take_layer(self.aligned, c.layer as usize);
         let aligned = cpu_reference(reused, c, memory.layer(self.spline, 0));
@@ -47,8 +18,8 @@ impl Pass for Bindings {
 
 /// The frame on the reference's pixels, in the memory of a raster. Beyond its border it repeats the border.
 fn cpu_reference<N: Number>(reused: Raster<N>, c: &Constants, spline: &Raster<N>) -> Raster<N> {
-    let (r, centre) = (Registration::from(c.registration), c.centre.map(f64::from));
-    let shading = Shading { coefficients: c.shading.map(f64::from) };
+    let (r, centre) = (c.registration.double(), c.centre.map(f64::from));
+    let shading = c.shading.double();
     let size = [c.width as usize, c.height as usize];
     warp::displaced(
         reused.of_size(size),
@@ -85,6 +56,7 @@ fn cpu_reference<N: Number>(reused: Raster<N>, c: &Constants, spline: &Raster<N>
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Input, Trial, random_field};
+    use super::super::state::Registration;
     use super::*;
     use crate::base::{Photometric, Similarity};
     use crate::engine::stages::NO_VARIANT;

@@ -15,48 +15,14 @@
 //! Section 7 of `docs/method.md`.
 
 use super::blur::{Sample, Samples, Stacks};
-use super::noise::Noise;
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::SEGMENT;
 use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::base::workers;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the image, pixels.
-    width: u32,
-    /// Height of the image, pixels.
-    height: u32,
-    /// Nodes of the stacks.
-    nodes: u32,
-    /// First layer of the stack of I2.
-    second_stack: u32,
-    /// The image centre, pixels.
-    centre: [f32; 2],
-    /// Mean of the kernel at V = 1, px.
-    mean: [f32; 2],
-    /// Largest |V|, px².
-    limit: f32,
-    /// η of the data term, intensities.
-    eta: f32,
-    /// N of the [uncertainty](mod@super::uncertainty), pixels of a window.
-    pixels: f32,
-    /// The noise of the full-size image.
-    noise: Noise,
-}
-
-bindings! {
-    AMBIGUITY:
-    i1: Reads<I1>,
-    v: Reads<RelativeBlur>,
-    stacks: Reads<Stacks>,
-    /// Means of the curvature, b², (∇²V)², b Σb and of the squared residual.
-    terms: Updates<UncertaintyTerms>,
-    state: Reads<State>,
-    /// A byte per pixel: 0 where there are no results.
-    mask: Reads<MaskBytes>,
-}
+pub use super::interface::ambiguity::*;
 
 /// Side of a block, px. Blocks of a workgroup along x and y: 2.
 const BLOCK: usize = shaders::ambiguity::BLOCK as usize;
@@ -99,14 +65,14 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
-        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
-        let (warped, r) = (variant[1].then_some(&state.warped), &state.registration);
-        let (i1, lens) = (memory.layer(self.i1, 0), (c.mean, 1.0, c.centre));
+        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant.has(Variant::ANY_KERNEL));
+        let (warped, r) = (variant.has(Variant::WARPED).then_some(&state.warped), &state.registration);
+        let (i1, lens) = (memory.layer(self.image1, 0), (c.mean, 1.0, c.centre));
         let terms = memory.layers(self.terms);
         let terms = [&terms[0], &terms[1], &terms[uncertainty_terms::RESIDUAL]];
-        let mask = memory.mask_bytes().filter(|_| variant[2]);
+        let mask = memory.mask_bytes().filter(|_| variant.has(Variant::MASKED));
         let samples = Samples { lens, r, warped, i1, stacks };
-        let curvature = cpu_reference(c, &samples, memory.layer(self.v, 0), terms, mask);
+        let curvature = cpu_reference(c, &samples, memory.layer(self.relative_blur, 0), terms, mask);
         memory.set_layer(self.terms, 0, curvature);
     }
 }
@@ -196,6 +162,7 @@ fn cpu_reference<N: Number>(
 mod tests {
     use super::super::Field;
     use super::super::harness::{Input, Trial, build_stack, random_field};
+    use super::super::noise::Noise;
     use super::super::sampled_pair::SampledPair;
     use super::super::stack::{self, Slopes};
     use super::super::state::Registration;

@@ -9,39 +9,14 @@
 //! the unified method.
 
 use super::mask::{self, Masks};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::state::{Registration, inside};
 use super::sums::{Layout, Line};
 use super::{Number, Raster, linearise, pixels, spline};
 use crate::base::workers;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Rows of blocks per workgroup; the workgroups are those of [`linearise`].
-    rows: u32,
-    /// Pixels of the full-size image per pixel of this level.
-    factor: f32,
-    /// The image centre in pixels of this level.
-    centre: [f32; 2],
-    /// L, the length that places are divided by: a quarter of the diagonal, pixels.
-    length: f32,
-    /// η, intensities.
-    eta: f32,
-}
-
-bindings! {
-    APPEARANCE:
-    i1: Reads<I1>,
-    spline2: Reads<Spline2>,
-    state: Reads<State>,
-    /// A row of sums for each workgroup.
-    partials: Writes<Partials>,
-    masks: Reads<Masks>,
-}
+pub use super::interface::appearance::*;
 
 impl Pass for Bindings {
     /// Compulsory traffic: I1 and the spline of I2 read, a row of sums a workgroup written.
@@ -53,7 +28,7 @@ impl Pass for Bindings {
         let r = memory.state(self.state).registration;
         let masks = mask::of(memory, self.masks, variant);
         let layout = Layout::of_variant(variant);
-        let sums = cpu_reference(c, layout, &r, memory.layer(self.i1, 0), memory.layer(self.spline2, 0), masks);
+        let sums = cpu_reference(c, layout, &r, memory.layer(self.image1, 0), memory.layer(self.spline2, 0), masks);
         memory.set_numbers(self.partials, &sums);
     }
 }
@@ -128,7 +103,7 @@ mod tests {
         let room = vec![0.0; Layout::of(true).length * (groups[0] * groups[1]) as usize];
         let [i1, spline2, masks] = [std::slice::from_ref(i1), &spline2, &masks].map(Input::Image);
         let inputs = [i1, spline2, Input::State(&state), Input::Numbers(&room), masks];
-        for variant in [[false, false, false, true, false], [false, false, true, false, false]] {
+        for variant in [Variant::PROJECTIVE, Variant::MASKED] {
             let trial = Trial::run::<Bindings>(&inputs, &c, variant, groups);
             let layout = Layout::of_variant(variant);
             assert_sums_close(trial.sums(3, layout), layout);

@@ -2,39 +2,15 @@
 //!
 //! Shading is smooth and hardly changes within a blur kernel, so that blur and shading may be applied in either order.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::state::from_centre;
-use super::{Number, Raster, pixels};
+use super::{Number, Raster};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Target layer.
-    layer: u32,
-    /// The image centre in pixels of this level.
-    centre: [f32; 2],
-}
-
-bindings! {
-    APPLY_SHADING:
-    /// I2.
-    from: Reads<I2>,
-    /// The shaded image.
-    to: Writes<Plane>,
-    /// State, which stores the shading that was applied.
-    state: Updates<State>,
-}
+pub use super::interface::apply_shading::*;
 
 impl Pass for Bindings {
-    /// Compulsory traffic: every pixel read and written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        8 * pixels(c.width, c.height)
-    }
-
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let shading = memory.state(self.state).shading;
         let applied_shading = cpu_reference(c, &shading, memory.layer(self.from, 0));

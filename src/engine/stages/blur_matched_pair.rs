@@ -6,44 +6,17 @@
 
 use super::blur::{Sample, Samples, Stacks};
 use super::mask::{self, Masks};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::rows::{self, Rows};
 use super::state::{Registration, inside};
 use super::uncertainty_terms;
 use super::{Number, Raster, pixels, spline};
 use crate::engine::vulkan::Variant;
 
+pub use super::interface::blur_matched_pair::*;
+
 /// Layers: I1 and I2, each times the share, and the share.
 pub const LAYERS: u32 = 3;
-
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Nodes of the stacks; 0 before there are any: then V is zero and only the spline of I2 is read.
-    nodes: u32,
-    /// First layer of the stack of I2.
-    second_stack: u32,
-    /// Pixels of the full-size image per pixel of this level.
-    factor: f32,
-    /// The image centre in pixels of this level.
-    centre: [f32; 2],
-    /// Mean of the kernel at V = 1, px.
-    mean: [f32; 2],
-}
-
-bindings! {
-    BLUR_MATCHED_PAIR:
-    i1: Reads<I1>,
-    v: Reads<RelativeBlur>,
-    /// Stacks of I1 and I2, or spline coefficients of I2.
-    stacks: Reads<Words>,
-    /// The blur-matched pair, with shares.
-    pair: Writes<UncertaintyTerms>,
-    state: Reads<State>,
-    masks: Reads<Masks>,
-}
 
 impl Pass for Bindings {
     /// Compulsory traffic: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image
@@ -56,14 +29,14 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
         let masks = mask::of(memory, self.masks, variant);
-        let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
+        let [i1, v] = [memory.layer(self.image1, 0), memory.layer(self.relative_blur, 0)];
         let layers = memory.layers(self.stacks);
         let (r, lens) = (&state.registration, (c.mean, c.factor, c.centre));
         let pair = if c.nodes == 0 {
             before_stacks(c, r, [i1, &layers[0]], masks)
         } else {
-            let stacks = Stacks::of(layers, c.second_stack, c.nodes, variant[0]);
-            let warped = variant[1].then_some(&state.warped);
+            let stacks = Stacks::of(layers, c.second_stack, c.nodes, variant.has(Variant::ANY_KERNEL));
+            let warped = variant.has(Variant::WARPED).then_some(&state.warped);
             cpu_reference(c, &Samples { lens, r, warped, i1, stacks }, v, masks)
         };
         pair.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.pair, n, field));

@@ -6,12 +6,12 @@
 
 use std::borrow::Cow;
 
-use bytemuck::{Pod, Zeroable};
-
 use super::grid::{self, Grid, halved, prolonged};
 use super::{Number, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
+
+pub use shaders::coarser::Coarser;
 
 const _: () = assert!(WORKGROUP[0] * WORKGROUP[1] == shaders::cascade::TOTAL);
 
@@ -34,23 +34,6 @@ pub(crate) enum Start<'a> {
     Joined { grids: &'a [grid::Place], small: usize },
 }
 
-/// The push constants of a `Start`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Coarser {
-    /// First cell of the dV that is stored, or `u32::MAX`. If joined: of the finest grid in shared memory.
-    pub next: u32,
-    /// If joined: grids between that one and the target.
-    pub grids: u32,
-    /// Grids in shared memory; 0 unless joined.
-    pub small_grids: u32,
-    /// Relaxation sweeps on the coarsest grid.
-    pub coarsest_sweeps: u32,
-}
-
-const JOINED: usize = 0;
-const CONTINUES: usize = 1;
-
 impl Start<'_> {
     /// The push constants.
     pub(crate) fn constants(self) -> Coarser {
@@ -67,16 +50,14 @@ impl Start<'_> {
 
     /// The variant of the pass on the target.
     pub(crate) fn variant(self) -> Variant {
-        let mut variant = [false; 5];
-        variant[JOINED] = matches!(self, Self::Joined { .. });
-        variant[CONTINUES] = matches!(self, Self::Own(_));
-        variant
+        Variant::JOINED.when(matches!(self, Self::Joined { .. }))
+            | Variant::CONTINUES.when(matches!(self, Self::Own(_)))
     }
 }
 
 /// Whether a variant starts from the dV of its target.
 pub(crate) fn continues(variant: Variant) -> bool {
-    variant[CONTINUES]
+    variant.has(Variant::CONTINUES)
 }
 
 impl Coarser {

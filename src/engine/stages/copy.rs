@@ -2,31 +2,13 @@
 //!
 //! It is no part of the method: [`bench`](crate::internals::bench) measures the memory bandwidth with it.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
-use super::{Number, Raster, pixels};
+use super::pass::{Memory, Pass};
+use super::{Number, Raster};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// Target layer.
-    layer: u32,
-}
-
-bindings! {
-    COPY:
-    from: Reads<Plane>,
-    to: Writes<Plane>,
-}
+pub use super::interface::copy::*;
 
 impl Pass for Bindings {
-    /// Compulsory traffic: every pixel read, every pixel written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        8 * pixels(c.width, c.height)
-    }
-
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let copied = cpu_reference(memory.layer(self.from, 0));
         memory.set_layer(self.to, c.layer as usize, copied);

@@ -2,10 +2,12 @@
 //! `docs/method.md`.
 
 use super::edge::{self, DECISIONS, EDGES, Edge};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, Raster};
-use crate::engine::shaders::edge_agree as shader;
 use crate::engine::vulkan::Variant;
+
+pub use super::interface::edge_agree::*;
+use crate::engine::shaders::edge_agree as shader;
 
 /// Numbers of the evidence for an outline, of a cell.
 pub(crate) const NUMBERS: usize = shader::EVIDENCE as usize;
@@ -15,27 +17,6 @@ pub(crate) const PASSES: u32 = 3;
 /// The first number of the decisions after n passes.
 pub(crate) fn place(n: u32) -> u32 {
     shader::EVIDENCE * (n % 2)
-}
-
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// First number of the decisions that are read.
-    from: u32,
-    /// First number of those that are written.
-    to: u32,
-    /// First word of the workgroups of the passes over edges.
-    argument_place: u32,
-}
-
-bindings! {
-    EDGE_AGREE, [128, 1];
-    /// Layers: edges and decisions.
-    results: Updates<Results>,
-    arguments: Reads<Arguments>,
-    listed: Reads<EdgeList>,
 }
 
 impl Pass for Bindings {

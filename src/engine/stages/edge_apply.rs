@@ -12,35 +12,13 @@ use super::edge::{
     self, BACKWARD, COARSE_FAR, COARSE_NEAR, COARSE_SHARE, COARSE_TOWARDS_NEAR, DECISIONS, DISPLACEMENTS, EDGES, Edge,
     OUTLINES, SIDES,
 };
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::rows::{self, Rows};
 use super::{Number, Raster, WORKGROUP};
-use crate::engine::shaders::edge_apply as shader;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// First number of the decisions.
-    decided: u32,
-    /// σ² of the weights of cells along the edge, px².
-    spread: f32,
-    /// By how much an outline must cost less than V as it is where residuals are independent, per cell; below 0, by
-    /// how much it may cost more.
-    least_saving: f32,
-    /// 0 on the finest level. On others V of both sides is kept, and by which share each counts.
-    coarse: u32,
-}
-
-bindings! {
-    EDGE_APPLY:
-    v: Updates<RelativeBlur>,
-    /// Layers: V, its standard deviation; edges, distributions and decisions; sides. On a coarser level others.
-    results: Updates<Results>,
-    state: Reads<State>,
-}
+pub use super::interface::edge_apply::*;
+use crate::engine::shaders::edge_apply as shader;
 
 impl Pass for Bindings {
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
@@ -51,12 +29,12 @@ impl Pass for Bindings {
         let (layer, correlated) = (|n| memory.layer(self.results, n), memory.state(self.state).correlated);
         let outlines = OUTLINES.map(layer);
         let deviation_layer = edge::deviation_layer(c.coarse == 0);
-        let (v, deviation) = (memory.layer(self.v, 0), layer(deviation_layer));
+        let (v, deviation) = (memory.layer(self.relative_blur, 0), layer(deviation_layer));
         if c.coarse != 0 {
             let none = Raster::zeros(v.width, v.height);
             let before = [v, deviation, &none, &none, &none, &none];
             let [v, after @ ..] = cpu_reference(c, correlated, before, layer(EDGES), outlines, layer(DECISIONS));
-            memory.set_layer(self.v, 0, v);
+            memory.set_layer(self.relative_blur, 0, v);
             let layers = [deviation_layer, COARSE_FAR, COARSE_SHARE, COARSE_NEAR, COARSE_TOWARDS_NEAR];
             layers.into_iter().zip(after).for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
             return;
@@ -69,7 +47,7 @@ impl Pass for Bindings {
                 v.height,
                 |x, y| if deviation.get(x, y).is_nan() { f64::NAN } else { v.get(x, y) },
             );
-        memory.set_layer(self.v, 0, v);
+        memory.set_layer(self.relative_blur, 0, v);
         memory.set_layer(self.results, 0, masked);
         memory.set_layer(self.results, 1, deviation);
         memory.set_layer(self.results, SIDES, sides);

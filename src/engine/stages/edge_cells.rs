@@ -6,12 +6,14 @@
 //! with a large deviation count little: in the blurred light of a near surface V is not measured, farther on it is.
 
 use super::edge::{self, CELL, EDGES, Edge, between, deviation_layer};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, Raster, edge_apply, edge_costs, pixels};
 use crate::base::workers;
 use crate::engine::arguments::Edges;
-use crate::engine::shaders::edge_cells as shader;
 use crate::engine::vulkan::Variant;
+
+pub use super::interface::edge_cells::*;
+use crate::engine::shaders::edge_cells as shader;
 
 /// The least blur at a jump, px²: each side's in the focus of the other. V differs by twice as much.
 const LEAST_BLUR: f64 = 0.75;
@@ -31,37 +33,6 @@ const WIDEST_JUMP: f64 = 5.6;
 /// side to the other it is 0.08 and more (card, bars and blocks, 11 frames), on the steepest slopes of three
 /// generated reliefs of 41 frames up to 0.04.
 const UNCERTAIN: f32 = 0.06;
-
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// First word of the workgroups of the passes over edges.
-    argument_place: u32,
-    /// The workgroups over pixels along x and y, if there is an edge.
-    pixels: [u32; 2],
-    /// First word of the workgroups of `edge_fuse`.
-    fused_place: u32,
-    /// Its workgroups along x and y, if there is an edge.
-    fused: [u32; 2],
-    /// The layer of the standard deviation.
-    deviation_layer: u32,
-    /// The least jump of V, px², or of u in a sweep.
-    least_jump: f32,
-    /// The deviation of V at which a pixel of a side has half the weight, px², or of u in a sweep.
-    half_weight: f32,
-    /// The least difference of the levels, as a share of the larger |V|.
-    share: f32,
-    /// The largest |V| of a side, px²: the blur that the searched profile has room for.
-    largest: f32,
-    /// The largest difference of the levels.
-    widest: f32,
-    /// The least deviation at the jump, as a share of it: what is measured there is a slope.
-    uncertain: f32,
-    /// What all photographs show: left, top, right, bottom, pixels.
-    shown: [f32; 4],
-}
 
 impl Constants {
     /// Those of a pair on a level of `size`, in a solve of `levels` levels, the finest of `finest`.
@@ -109,15 +80,6 @@ fn least_blur(level: usize) -> f64 {
     if level == 0 { LEAST_BLUR } else { COARSE_BLUR }
 }
 
-bindings! {
-    EDGE_CELLS:
-    v: Reads<RelativeBlur>,
-    /// Layers: the standard deviation of V; the edges.
-    results: Updates<Results>,
-    arguments: Updates<Arguments>,
-    listed: Writes<EdgeList>,
-}
-
 impl Pass for Bindings {
     /// Compulsory traffic: V and its deviation read, a number per cell written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
@@ -125,7 +87,11 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let edges = cpu_reference(c, memory.layer(self.v, 0), memory.layer(self.results, c.deviation_layer as usize));
+        let edges = cpu_reference(
+            c,
+            memory.layer(self.relative_blur, 0),
+            memory.layer(self.results, c.deviation_layer as usize),
+        );
         let listed = edge::listed(&edges, [c.width, c.height]);
         if !listed.is_empty() {
             let (words, [x, y]) = (memory.words_mut(self.arguments), c.fused);

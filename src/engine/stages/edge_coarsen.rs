@@ -4,26 +4,13 @@
 //! where it is NaN on all of them, so that excluded areas do not grow.
 
 use super::edge::COARSE_DEVIATION;
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::vectorised;
 use super::{Number, Raster, pixels};
 use crate::engine::plan::Level;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the coarser level, pixels.
-    width: u32,
-    /// Height of the coarser level, pixels.
-    height: u32,
-    /// Width and height of the finest level, pixels.
-    finest: [u32; 2],
-    /// Pixels of the finest level along a pixel of the coarser one.
-    pixels: u32,
-    /// Distance of the samples, pixels of the finest level. The tent ends `apart` pixels of the coarser level away.
-    apart: u32,
-    /// V of the coarser level by V of the finest: 1/pixels², or 1 for values that do not depend on the size of pixels.
-    scale: f32,
-}
+pub use super::interface::edge_coarsen::*;
 
 impl Constants {
     /// Those of a level of a pair: V depends on the size of pixels. Noise makes an edge of V wind, so that the normals
@@ -39,16 +26,6 @@ impl Constants {
     }
 }
 
-bindings! {
-    EDGE_COARSEN:
-    /// V of the finest level.
-    v: Reads<RelativeBlur>,
-    /// V of the coarser level.
-    coarse: Writes<RelativeBlur>,
-    /// Layers: the standard deviation of V; the same on the coarser level.
-    results: Updates<Results>,
-}
-
 impl Pass for Bindings {
     /// Compulsory traffic: V and its deviation read, both written on the coarser level.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
@@ -56,7 +33,7 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let [v, deviation] = cpu_reference(c, memory.layer(self.v, 0), memory.layer(self.results, 1));
+        let [v, deviation] = cpu_reference(c, memory.layer(self.relative_blur, 0), memory.layer(self.results, 1));
         memory.set_layer(self.coarse, 0, v);
         memory.set_layer(self.results, COARSE_DEVIATION, deviation);
     }

@@ -14,37 +14,20 @@
 use std::ops::Range;
 
 use super::edge::{self, BACKWARD, COSTS, DISPLACEMENTS, EDGES, Edge, REVERSED_COSTS, TOTAL, between};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::vectorised;
 use super::state::{DoubleState, from_centre};
 use super::{Number, Raster};
 use crate::base::workers;
 use crate::engine::arguments::Edges;
 use crate::engine::plan::Level;
-use crate::engine::shaders::edge_costs as shader;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// The image centre, pixels.
-    centre: [f32; 2],
-    /// Pixels of the full-size image per pixel of this level.
-    factor: f32,
-    /// c of a sweep, px² by squared settings.
-    rate: f32,
-    /// The settings of two frames, the larger first, relative to the middle setting.
-    settings: [f32; 2],
-    /// Their layers.
-    layers: [u32; 2],
-    /// First word of the workgroups of the passes over edges.
-    argument_place: u32,
-}
+pub use super::interface::edge_costs::*;
+use crate::engine::shaders::edge_costs as shader;
 
 /// Two frames of a sweep, on one frame's pixels; their costs are added to those of other frames.
-pub(crate) const SWEEP: Variant = [true, false, false, false, false];
+pub(crate) const SWEEP: Variant = Variant::SWEEP;
 
 /// The largest |V| of a side, px²: the blur that the samples have room for.
 pub(crate) const LARGEST: f32 = shader::LARGEST as f32;
@@ -73,20 +56,6 @@ impl Constants {
     }
 }
 
-bindings! {
-    EDGE_COSTS, [shader::ROW, shader::ROWS];
-    /// Of a sweep all frames, in layers.
-    i1: Reads<I1>,
-    i2: Reads<I2>,
-    /// u in a sweep.
-    v: Reads<RelativeBlur>,
-    /// Layers: the edges; the costs.
-    results: Updates<Results>,
-    state: Reads<State>,
-    arguments: Reads<Arguments>,
-    listed: Reads<EdgeList>,
-}
-
 impl Pass for Bindings {
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         edge::traffic([c.width, c.height])
@@ -95,8 +64,8 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let mut layers = CHANGED_LAYERS.map(|layer| memory.take_layer(self.results, layer));
         let [first, second] = c.layers.map(|layer| layer as usize);
-        let photographs = [memory.layer(self.i1, first), memory.layer(self.i2, second)];
-        let v = memory.layer(self.v, 0);
+        let photographs = [memory.layer(self.image1, first), memory.layer(self.image2, second)];
+        let v = memory.layer(self.relative_blur, 0);
         cpu_reference(c, variant, memory.state(self.state), photographs, v, &mut layers);
         for (n, layer) in CHANGED_LAYERS.into_iter().zip(layers) {
             memory.set_layer(self.results, n, layer);

@@ -9,27 +9,12 @@
 //! that of this one; and how many cells within two continue the edge.
 
 use super::edge::{self, BEFORE, COSTS, DECISIONS, DISPLACEMENTS, EDGES, Edge, OUTLINES, REVERSED_COSTS, TOTAL};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, Raster};
-use crate::engine::shaders::edge_decide as shader;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// First word of the workgroups of the passes over edges.
-    argument_place: u32,
-}
-
-bindings! {
-    EDGE_DECIDE, [64, 2];
-    /// Layers: edges and costs; distributions and decisions.
-    results: Updates<Results>,
-    arguments: Reads<Arguments>,
-    listed: Reads<EdgeList>,
-}
+pub use super::interface::edge_decide::*;
+use crate::engine::shaders::edge_decide as shader;
 
 impl Pass for Bindings {
     fn bytes(c: &Constants, _variant: Variant) -> u64 {

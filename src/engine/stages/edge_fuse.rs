@@ -7,35 +7,14 @@
 //! photograph shows what is behind too, blurred, which limits what a wrong outline does.
 
 use super::edge::SIDES;
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::state::Registration;
 use super::{Number, Raster, fuse, pixels};
 use crate::base::Shading;
-use crate::engine::shaders::edge_fuse as shader;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// Layer of the channel.
-    layer: u32,
-    /// The image centre, pixels.
-    centre: [f32; 2],
-}
-
-bindings! {
-    EDGE_FUSE:
-    /// Channel of I1.
-    channel1: Reads<I1>,
-    /// Spline coefficients of the channel of I2.
-    spline2: Reads<Spline2>,
-    v: Reads<RelativeBlur>,
-    /// Layers: sides, and the channel.
-    results: Updates<Results>,
-    state: Reads<State>,
-}
+pub use super::interface::edge_fuse::*;
+use crate::engine::shaders::edge_fuse as shader;
 
 impl Pass for Bindings {
     /// Compulsory traffic: the side of each pixel read. What is read and written at edges depends on the scene.
@@ -49,7 +28,7 @@ impl Pass for Bindings {
             c,
             (&state.registration.in_intensities(state.unit), &state.applied_shading),
             [memory.layer(self.channel1, 0), memory.layer(self.spline2, 0)],
-            memory.layer(self.v, 0),
+            memory.layer(self.relative_blur, 0),
             [memory.layer(self.results, SIDES), memory.layer(self.results, layer)],
         );
         memory.set_layer(self.results, layer, fused);

@@ -5,20 +5,11 @@
 //! outline is as sharp as on the finest level. Where V may not change, nothing is written.
 
 use super::edge::{self, COARSE_DEVIATION, COARSE_FAR, COARSE_NEAR, COARSE_SHARE, COARSE_TOWARDS_NEAR, SIDES};
-use super::edge_coarsen::Constants;
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass};
 use super::{Number, Raster, pixels};
 use crate::engine::vulkan::Variant;
 
-bindings! {
-    EDGE_REFINE:
-    /// V of the near side at outlines of the coarser level.
-    coarse: Reads<RelativeBlur>,
-    /// V of the finest level.
-    v: Updates<RelativeBlur>,
-    /// Layers: V, its standard deviation; sides; of the coarser level the deviation, V of the far side, and the shares.
-    results: Updates<Results>,
-}
+pub use super::interface::edge_refine::*;
 
 impl Pass for Bindings {
     /// Compulsory traffic: the share read. What is written depends on the scene.
@@ -28,13 +19,13 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let mut fine = [0, 1, SIDES].map(|n| memory.take_layer(self.results, n));
-        let mut v = memory.take_layer(self.v, 0);
+        let mut v = memory.take_layer(self.relative_blur, 0);
         let layer = |n| memory.layer(self.results, n);
         let near = [memory.layer(self.coarse, 0), layer(COARSE_DEVIATION), layer(COARSE_FAR), layer(COARSE_SHARE)];
         let [v_near, deviation, far, share] = near;
         let coarse = [v_near, deviation, far, share, layer(COARSE_NEAR), layer(COARSE_TOWARDS_NEAR)];
         cpu_reference(c, coarse, &mut v, fine.each_mut());
-        memory.set_layer(self.v, 0, v);
+        memory.set_layer(self.relative_blur, 0, v);
         [0, 1, SIDES].into_iter().zip(fine).for_each(|(n, layer)| memory.set_layer(self.results, n, layer));
     }
 }

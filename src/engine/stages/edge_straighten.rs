@@ -9,27 +9,12 @@
 //! that have another surface on either side count little.
 
 use super::edge::{self, EDGES, Edge, STRAIGHT};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, Raster};
-use crate::engine::shaders::edge_straighten as shader;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// First word of the workgroups of the passes over edges.
-    argument_place: u32,
-}
-
-bindings! {
-    EDGE_STRAIGHTEN, [128, 1];
-    /// A layer: edges.
-    results: Updates<Results>,
-    arguments: Reads<Arguments>,
-    listed: Reads<EdgeList>,
-}
+pub use super::interface::edge_straighten::*;
+use crate::engine::shaders::edge_straighten as shader;
 
 impl Pass for Bindings {
     fn bytes(c: &Constants, _variant: Variant) -> u64 {

@@ -18,29 +18,14 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::blur_matched_pair::LAYERS;
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::state::{DoubleState, from_centre};
 use super::{Number, pixels};
 use crate::base::{Shading, brightness};
 use crate::engine::shaders;
 use crate::engine::vulkan::{LEAST_WORKGROUP, Variant};
 
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Pixels of the full-size image per pixel of this level.
-    factor: f32,
-    /// The image centre in pixels of this level.
-    centre: [f32; 2],
-    /// Pixels of the pair from sample to sample.
-    every: u32,
-    /// 1: gain and offset are adopted.
-    adopt: u32,
-    /// The number of samples that are worth one independent sample.
-    dependent: f32,
-}
+pub use super::interface::exposure::*;
 
 /// Which estimates are adopted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +40,7 @@ pub(crate) enum Adopt {
 
 /// The variant that matches the shading too. It takes ten times as many instructions.
 pub(crate) fn variant(adopt: Adopt) -> Variant {
-    [adopt == Adopt::Shading, false, false, false, false]
+    Variant::SHADES.when(adopt == Adopt::Shading)
 }
 
 /// The most samples, for one workgroup.
@@ -103,20 +88,8 @@ pub(crate) fn shows_shading([width, height]: [u32; 2]) -> bool {
     pixels(width, height) as f64 >= 4.0 * WINDOW * 60.0
 }
 
-/// Width and height of the workgroup: a GPU is idle otherwise, and the samples of an invocation follow one another.
-/// With 256 invocations of 16 samples each it takes three times as long by the model of a GPU. Software devices have
-/// 256.
-const WIDE: [u32; 2] = [64, 16];
-
 // An invocation for each element of the normal equations and of their right side.
 const _: () = assert!((Shading::TERMS + 1) * (Shading::TERMS + 2) <= LEAST_WORKGROUP as usize);
-
-bindings! {
-    EXPOSURE, WIDE;
-    /// Samples of the blur-matched pair.
-    samples: Reads<Partials>,
-    state: Updates<State>,
-}
 
 impl Pass for Bindings {
     /// Compulsory traffic: the samples, once.
@@ -124,9 +97,9 @@ impl Pass for Bindings {
         4 * u64::from(LAYERS) * c.samples() as u64
     }
 
-    fn run<N: Number>(&self, c: &Constants, [shades, ..]: Variant, memory: &mut Memory<N>) {
+    fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let mut state = memory.state(self.state).clone();
-        cpu_reference(c, shades, &mut state, memory.numbers(self.samples));
+        cpu_reference(c, variant.has(Variant::SHADES), &mut state, memory.numbers(self.means));
         *memory.state_mut(self.state) = state;
     }
 }

@@ -4,45 +4,18 @@
 //! reach, the result is I1.
 
 use super::blur::heaviside;
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::{SEGMENT, place, segment};
 use super::state::{Registration, from_centre, inside, margin};
-use super::{Number, Raster, pixels, spline, warp};
+use super::{Number, Raster, spline, warp};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// Target layer.
-    layer: u32,
-    /// The image centre, pixels.
-    centre: [f32; 2],
-    /// ε of the Heaviside, px².
-    epsilon: f32,
-}
-
-bindings! {
-    FUSE:
-    /// Channel of I1.
-    channel1: Reads<I1>,
-    /// Spline coefficients of the channel of I2.
-    spline2: Reads<Spline2>,
-    v: Reads<RelativeBlur>,
-    results: Writes<Results>,
-    state: Reads<State>,
-}
+pub use super::interface::fuse::*;
 
 impl Pass for Bindings {
-    /// Compulsory traffic: both channels and V read, the fused channel written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        16 * pixels(c.width, c.height)
-    }
-
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let reused = memory.take_layer(self.results, c.layer as usize);
+        let reused = memory.take_layer(self.result, c.layer as usize);
         let state = memory.state(self.state);
         let fused = cpu_reference(
             reused,
@@ -50,9 +23,9 @@ impl Pass for Bindings {
             (&state.registration.in_intensities(state.unit), &state.applied_shading),
             memory.layer(self.channel1, 0),
             memory.layer(self.spline2, 0),
-            memory.layer(self.v, 0),
+            memory.layer(self.relative_blur, 0),
         );
-        memory.set_layer(self.results, c.layer as usize, fused);
+        memory.set_layer(self.result, c.layer as usize, fused);
     }
 }
 

@@ -20,7 +20,7 @@
 //!
 //! f, px², is the correlation of noise that pixel and low pass leave. Section 11 of `docs/method.md`.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::rows::{self, Rows};
 use super::stack::{self, Slopes};
 use super::sums::{Layout, Line};
@@ -28,48 +28,14 @@ use super::{Number, Raster, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Nodes of the stack.
-    nodes: u32,
-    /// Layer of the other frame.
-    other: u32,
-    /// First row of partial sums.
-    row: u32,
-    /// First entry of the list of tiles.
-    listed: u32,
-    /// Layer of the sharper frame.
-    own: u32,
-    /// Words of bits per pixel; 0 if all pixels of all frames count.
-    words: u32,
-    /// Focus setting of the sharper frame, in units of u.
-    own_setting: f32,
-    /// Focus setting of the other frame.
-    other_setting: f32,
-    /// c, px² of the level per squared setting.
-    rate: f32,
-    /// f, px² of the level.
-    grain: f32,
-    /// η of the data term.
-    eta: f32,
-    /// The largest V, px² of the level.
-    limit: f32,
-    /// Pixels where the sharper frame is blurred by more are left out, px² of the level.
-    far: f32,
-    /// L, the length that places are divided by, pixels of the level.
-    length: f32,
-    /// The image centre in pixels of this level.
-    centre: [f32; 2],
-    /// Left, top, right and bottom of the area that both frames show, pixels of this level.
-    shown: [f32; 4],
-}
+pub use super::interface::half_pair::*;
 
 /// The variant for a kernel's slopes, for held T and c (no sums), and for homographies.
 pub(crate) fn variant(slopes: Slopes, stays: bool, projective: bool) -> Variant {
-    [slopes == Slopes::Layers, stays, true, projective, false]
+    Variant::LISTED
+        | Variant::ANY_KERNEL.when(slopes == Slopes::Layers)
+        | Variant::STAYS.when(stays)
+        | Variant::PROJECTIVE.when(projective)
 }
 
 /// Lines per invocation.
@@ -87,23 +53,6 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(TILE[0]), height.div_ceil(TILE[1]), 1]
 }
 
-bindings! {
-    HALF_PAIR:
-    /// u.
-    focus: Reads<RelativeBlur>,
-    /// Stack of the sharper frame.
-    stacks: Reads<Stacks>,
-    /// All frames on the reference's pixels.
-    aligned: Reads<Plane>,
-    /// D, b, q.
-    equations: Updates<Plane>,
-    /// Sums of the registration between the two. Σ w S_c² and Σ w S_c S replace the roughness.
-    partials: Writes<Partials>,
-    tiles: Reads<Tiles>,
-    /// A bit per pixel and frame: set where the frame does not count.
-    hidden: Reads<Hidden>,
-}
-
 impl Pass for Bindings {
     /// Compulsory traffic: u, two nodes and the other frame read, the system read and written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
@@ -112,7 +61,7 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let size = [c.width as usize, c.height as usize];
-        let mut system = [0, 1, 2, 3].map(|layer| memory.take_layer(self.equations, layer));
+        let mut system = [0, 1, 2, 3].map(|layer| memory.take_layer(self.system, layer));
         system
             .iter_mut()
             .filter(|layer| layer.data.is_empty())
@@ -120,7 +69,7 @@ impl Pass for Bindings {
         let nodes = &memory.layers(self.stacks)[..c.nodes as usize * slopes(variant).layers()];
         let (focus, other) = (memory.layer(self.focus, 0), memory.layer(self.aligned, c.other as usize));
         let sums = cpu_reference(c, variant, focus, nodes, other, memory.words(self.hidden), &mut system);
-        system.into_iter().enumerate().for_each(|(layer, field)| memory.set_layer(self.equations, layer, field));
+        system.into_iter().enumerate().for_each(|(layer, field)| memory.set_layer(self.system, layer, field));
         let first = sums.len() * c.row as usize;
         let rows = &mut memory.numbers_mut(self.partials, first + sums.len())[first..];
         rows.iter_mut().zip(sums).for_each(|(number, sum)| *number = N::of(sum));
@@ -128,12 +77,12 @@ impl Pass for Bindings {
 }
 
 fn slopes(variant: Variant) -> Slopes {
-    if variant[0] { Slopes::Layers } else { Slopes::Laplacian }
+    if variant.has(Variant::ANY_KERNEL) { Slopes::Layers } else { Slopes::Laplacian }
 }
 
 /// Adds the contribution of each pixel to the system: D, b, q; or D, b and two of noise. Returns a row of partial sums
 /// of the registration.
-pub fn cpu_reference<N: Number>(
+pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
     variant: Variant,
     focus: &Raster<N>,
@@ -178,7 +127,7 @@ pub fn cpu_reference<N: Number>(
             let w = share / (s * s + eta * eta).sqrt();
             let [jx, jy] = [blurred.dx, blurred.dy].map(|d| -root * d);
             line.valid += share;
-            let rest = if variant[1] {
+            let rest = if variant.has(Variant::STAYS) {
                 let of_noise = 0.5 * grain / (n * (grain + v).powi(3)) * v_by_u.powi(2);
                 [of_noise, of_noise * s * s * (1.0 + 0.5 * (s / eta).powi(2).ln_1p())]
             } else {
@@ -212,7 +161,7 @@ mod tests {
 
     fn check([own, other]: [&Field; 2], focus: &Field, far: f32, variant: Variant, words: u32) {
         let (width, height, nodes) = (focus.width, focus.height, stack::node_count(6.0));
-        let kernel = if variant[0] { Kernel::Pillbox } else { Kernel::Gaussian };
+        let kernel = if variant.has(Variant::ANY_KERNEL) { Kernel::Pillbox } else { Kernel::Gaussian };
         let stack = build_stack(own, &kernel, nodes);
         let c = Constants {
             width: width as u32,

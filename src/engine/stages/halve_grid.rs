@@ -1,26 +1,11 @@
 //! Sums the linear system of a [grid](super::grid) up to the next coarser one.
 
 use super::grid::{FLOATS, Grid, halved};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, pixels};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the finer grid, cells.
-    width: u32,
-    /// Height of the finer grid, cells.
-    height: u32,
-    /// First cell of the finer grid.
-    first: u32,
-    /// First cell of the coarser grid.
-    next: u32,
-}
-
-bindings! {
-    HALVE_GRID:
-    /// Equations of all grids.
-    equations: Updates<GridEquations>,
-}
+pub use super::interface::halve_grid::*;
 
 impl Pass for Bindings {
     /// Compulsory traffic: the equations of the finer grid read, those of the coarser written.

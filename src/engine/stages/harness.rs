@@ -198,7 +198,7 @@ impl Rig {
         constants: &C,
         groups: [u32; 3],
     ) {
-        self.run_variant(stage, [false; 5], resources, constants, groups);
+        self.run_variant(stage, NO_VARIANT, resources, constants, groups);
     }
 
     /// Runs a variant of a pass with `groups` workgroups.

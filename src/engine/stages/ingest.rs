@@ -1,42 +1,16 @@
 //! Converts samples of a photograph to one channel: Rec. 601 luminance in [units](super::unit), or one of the colors as
 //! stored. Measures white, the largest magnitude of both photographs, where blur stacks are packed.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, Raster, pixels};
 use crate::base::{Decode, Frame, Samples};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// 1 or 3 interleaved channels.
-    channels: u32,
-    /// 1, 2 or 4 bytes per sample.
-    bytes: u32,
-    /// Weights of red, green and blue; unused for one channel.
-    weights: [f32; 3],
-}
-
-const SRGB: usize = 0;
-const MEASURES: usize = 1;
-const IN_UNITS: usize = 3;
+pub use super::interface::ingest::*;
 
 /// The variant that decodes the sRGB curve, that raises white to the largest magnitude, and whose results are in units.
 pub(crate) fn variant([decodes, measures, in_units]: [bool; 3]) -> Variant {
-    let mut variant = [false; 5];
-    (variant[SRGB], variant[MEASURES], variant[IN_UNITS]) = (decodes, measures, in_units);
-    variant
-}
-
-bindings! {
-    INGEST:
-    samples: Reads<Samples>,
-    /// Luminance or a channel.
-    image: Writes<Plane>,
-    /// State, with unit and white.
-    state: Updates<State>,
+    Variant::SRGB.when(decodes) | Variant::MEASURES.when(measures) | Variant::IN_UNITS.when(in_units)
 }
 
 impl Pass for Bindings {
@@ -46,11 +20,11 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let decode = if variant[SRGB] { Decode::Srgb } else { Decode::None };
+        let decode = if variant.has(Variant::SRGB) { Decode::Srgb } else { Decode::None };
         let reused = memory.take_layer(self.image, 0);
-        let unit = if variant[IN_UNITS] { memory.state(self.state).unit } else { 1.0 };
+        let unit = if variant.has(Variant::IN_UNITS) { memory.state(self.state).unit } else { 1.0 };
         let image = in_units(reused, memory.photograph(self.samples), decode, c.weights, unit);
-        if variant[MEASURES] {
+        if variant.has(Variant::MEASURES) {
             let white = &mut memory.state_mut(self.state).white;
             *white = image.data.iter().fold(*white, |most, &value| most.max(value.into().abs()));
         }

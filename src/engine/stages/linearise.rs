@@ -19,18 +19,20 @@
 use super::blur::{NEAR, Stacks, heaviside, sample_pair, sample_segment};
 use super::links::Links;
 use super::mask::{self, Masks};
-use super::noise::{self, Noise};
-use super::pass::{Bindings as _, Memory, Pass, bindings, push_constants};
+use super::noise;
+use super::pass::{Bindings as _, Memory, Pass};
 use super::rows::{self, Rows};
 use super::segments::{SEGMENT, segment, vectorised};
 use super::stack::Slopes;
 use super::state::{Registration, margin};
 use super::sums::{Layout, Line};
-use super::update_transform::{self, Step};
+use super::update_transform;
 use super::{Number, Raster, Real, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::slot::Bound;
 use crate::engine::vulkan::Variant;
+
+pub use super::interface::linearise::*;
 
 /// The most lines of two pixels per invocation. Values that adjacent lines share are loaded once, and the sums of a
 /// workgroup are reduced once for all lines.
@@ -62,41 +64,6 @@ pub const BOUND: f64 = shaders::linearise::BOUND;
 /// λ.
 pub const ELIMINATION: f32 = 0.25;
 
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Nodes of the stacks.
-    nodes: u32,
-    /// First layer of the stack of I2.
-    second_stack: u32,
-    /// Lines per invocation.
-    rows: u32,
-    /// Pixels of the full-size image per pixel of this level.
-    factor: f32,
-    /// The image centre in pixels of this level.
-    centre: [f32; 2],
-    /// L, the length that places are divided by: a quarter of the diagonal, pixels.
-    length: f32,
-    /// Factor by which α is larger than its final value.
-    continuation: f32,
-    /// η of the data term, intensities.
-    eta: f32,
-    /// η of the smoothness term, px² per pixel.
-    smoothness_eta: f32,
-    /// ε of the Heaviside, px².
-    epsilon: f32,
-    /// λ; [`ELIMINATION`].
-    elimination: f32,
-    /// Mean of the kernel at V = 1, px.
-    mean: [f32; 2],
-    /// Noise of either image.
-    noise: Noise,
-    /// The step of T, if the last workgroup takes it.
-    step: Step,
-}
-
 /// Workgroups over a level of this size, with `rows` lines per invocation.
 pub(crate) fn tiles([width, height]: [u32; 2], rows: u32) -> [u32; 3] {
     [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows), 1]
@@ -104,56 +71,36 @@ pub(crate) fn tiles([width, height]: [u32; 2], rows: u32) -> [u32; 3] {
 
 /// The variant for a kernel, for a warped I2, for masked pixels, and for the sums of homographies.
 pub(crate) fn variant(slopes: Slopes, warped: bool, masked: bool, projective: bool) -> Variant {
-    [slopes == Slopes::Layers, warped, masked, projective, false]
-}
-
-bindings! {
-    LINEARISE:
-    /// I1.
-    i1: Reads<I1>,
-    /// V.
-    v: Reads<RelativeBlur>,
-    /// Stacks of I1 and I2.
-    stacks: Reads<Stacks>,
-    /// D, b.
-    equations: Writes<Plane>,
-    /// State.
-    state: Reads<State>,
-    /// A row of sums for each workgroup. The last one reads them all.
-    partials: Updates<Partials>,
-    /// Masks of I1 and I2.
-    masks: Reads<Masks>,
-    /// The state, and what else [`update_transform`] writes.
-    updated: Updates<State>,
-    energies: Writes<Energies>,
-    arguments: Writes<Arguments>,
-    start_arguments: Reads<StartArguments>,
+    Variant::ANY_KERNEL.when(slopes == Slopes::Layers)
+        | Variant::WARPED.when(warped)
+        | Variant::MASKED.when(masked)
+        | Variant::PROJECTIVE.when(projective)
 }
 
 impl Pass for Bindings {
     /// Compulsory traffic: I1, V, the two nodes of the stacks about V and the other image, read once per pixel; D, b
     /// and a row of sums per workgroup written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
-        let slopes = if variant[0] { Slopes::Layers } else { Slopes::Laplacian };
+        let slopes = if variant.has(Variant::ANY_KERNEL) { Slopes::Layers } else { Slopes::Laplacian };
         let layers = 3 * slopes.layers() as u64;
         (8 + 4 * layers + 8) * pixels(c.width, c.height)
             + row_bytes([c.width, c.height], c.rows, Layout::of_variant(variant))
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let reused = [0, 1].map(|n| memory.take_layer(self.equations, n));
+        let reused = [0, 1].map(|n| memory.take_layer(self.normal_equations, n));
         let state = memory.state(self.state);
-        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
-        let warped = variant[1].then_some(&state.warped);
+        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant.has(Variant::ANY_KERNEL));
+        let warped = variant.has(Variant::WARPED).then_some(&state.warped);
         let masks = mask::of(memory, self.masks, variant);
-        let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
+        let [i1, v] = [memory.layer(self.image1, 0), memory.layer(self.relative_blur, 0)];
         let layout = Layout::of_variant(variant);
         let state = (&state.registration, state.alpha, state.spread);
         let Linearised { equations, partials } =
             cpu_reference(reused, c, layout, state, warped, [i1, v], (&stacks, masks));
-        equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.equations, n, field));
+        equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.normal_equations, n, field));
         memory.set_numbers(self.partials, &partials);
-        if c.step.is(update_transform::STEPS) {
+        if c.t_step.is(update_transform::STEPS) {
             let Self { partials, updated, energies, arguments, start_arguments, .. } = self;
             let slots = [partials.slot(), updated.slot(), energies.slot(), arguments.slot(), start_arguments.slot()];
             update_transform::Bindings::of(&slots).run(&c.step_constants(), variant, memory);
@@ -165,8 +112,8 @@ impl Constants {
     /// The constants of [`update_transform`] after this pass.
     pub(crate) fn step_constants(&self) -> update_transform::Constants {
         let [columns, rows, _] = tiles([self.width, self.height], self.rows);
-        let &Self { factor, length, centre: half_size, step, .. } = self;
-        update_transform::Constants { rows: columns * rows, factor, length, half_size, step }
+        let &Self { factor, scale_length, centre: half_size, t_step, .. } = self;
+        update_transform::Constants { rows: columns * rows, factor, scale_length, half_size, t_step }
     }
 }
 
@@ -239,7 +186,7 @@ fn cpu_reference<N: Number>(
                             moved.displacements(start, c.factor.into(), centre, [&mut shift_x, &mut shift_y]);
                         }
                         let [first, row, middle, length] =
-                            N::all([xs.start as f64, y as f64, centre[0], c.length.into()]);
+                            N::all([xs.start as f64, y as f64, centre[0], c.scale_length.into()]);
                         for n in 0..BLOCK {
                             let (x, d) = (first + steps[n], [dx[n], dy[n]]);
                             pixels[SHARE][n] = margin([x, row], d, size, pixels[V][n], scale);
@@ -278,7 +225,7 @@ fn cpu_reference<N: Number>(
                         level.line(&pixels, &mut terms)
                     },
                 );
-                line.add_to(partials, (y as f64 - centre[1]) / f64::from(c.length), layout);
+                line.add_to(partials, (y as f64 - centre[1]) / f64::from(c.scale_length), layout);
                 let first = (y - row * lines) * width + xs.start;
                 diagonals[first..first + count].copy_from_slice(&terms[DIAGONAL][..count]);
                 sides[first..first + count].copy_from_slice(&terms[SIDE][..count]);
@@ -472,9 +419,11 @@ fn spreads(spread: f64, difference: f64) -> f64 {
 mod tests {
     use super::super::Field;
     use super::super::harness::{Rig, random_field};
+    use super::super::noise::Noise;
     use super::super::stack::{self, Slopes, White};
-    use super::super::state::State;
+    use super::super::state::{Double, State};
     use super::super::sums::{Sums, assert_close};
+    use super::super::update_transform::Step;
     use super::*;
     use crate::base::{Aperture, Homography, Kernel, Photometric, Similarity};
     use crate::engine::arguments;
@@ -490,7 +439,7 @@ mod tests {
             rows: MOST_ROWS,
             factor: 2.0,
             centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
-            length: 20.0,
+            scale_length: 20.0,
             continuation: 2.0,
             eta: 0.01,
             smoothness_eta: 0.1,
@@ -498,7 +447,7 @@ mod tests {
             elimination: ELIMINATION,
             mean: kernel.mean().map(|m| m as f32),
             noise: Noise::new(1),
-            step: Step { flags: update_transform::STEPS, ..Step::of_tests() },
+            t_step: Step { flags: update_transform::STEPS, ..Step::of_tests() },
         }
     }
 
@@ -540,7 +489,7 @@ mod tests {
         if let Some(before) = &before {
             state.warped = before.into();
         }
-        let warped = Registration::from(state.warped);
+        let warped = state.warped.double();
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
         let of_state = (&state.registration(), state.alpha.into(), state.spread.into());
         let warped = moved.map(|_| &warped);
@@ -577,9 +526,7 @@ mod tests {
         let resources: Vec<_> = resources.collect();
         rig.run_variant(&update_transform::STAGE, variant, &resources, &c.step_constants(), [1; 3]);
         let [actual, expected] = [state, stepped].map(|state| rig.value::<State>(&state));
-        let moved = |state: &State| {
-            Registration::from(state.registration).transform.corner_distance(transform, c.width, c.height)
-        };
+        let moved = |state: &State| state.registration().transform.corner_distance(transform, c.width, c.height);
         assert!((moved(&actual) - moved(&expected)).abs() <= 1e-5 * moved(&expected), "{actual:?} {expected:?}");
         let [level, other] = [actual, expected].map(|state| state.levels[1]);
         assert!((level.energy - other.energy).abs() <= 1e-6 * other.energy, "{level:?} {other:?}");

@@ -12,40 +12,17 @@
 //! The counts of clipped pixels leave out those that the mask of I1 excludes, in I2 those at the same place: T is not
 //! known yet, and a mask is large beside the displacement.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::{Segment, segment};
 use super::{Number, Raster, Real, ingest, pixels, spline};
 use crate::base::Frame;
-use crate::engine::slot::{self, Reads};
+use crate::engine::slot::Reads;
 use crate::engine::vulkan::Variant;
+
+pub use super::interface::mask::*;
 
 /// The averaged masks of I1 and I2 on a level.
 pub type Masks<N = f64> = [Raster<N>; 2];
-
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// 1 or 3 interleaved channels.
-    channels: u32,
-    /// 1, 2 or 4 bytes per sample.
-    bytes: u32,
-    /// 1 for I2, which has no mask of its own.
-    second: u32,
-    /// Black and white: stored values at which a sample is clipped. White of integers is 1.
-    clipped: [f32; 2],
-}
-
-bindings! {
-    MASK:
-    samples: Reads<Samples>,
-    mask: Reads<MaskBytes>,
-    /// 1 where a pixel counts, in the layer of the photograph.
-    counts: Writes<Plane>,
-    /// State, with the count.
-    state: Updates<State>,
-}
 
 impl Pass for Bindings {
     /// Compulsory traffic: every sample and the mask read, a number a pixel written.
@@ -86,8 +63,8 @@ pub fn count_clipped<N: Number>(counts: &Raster<N>, mask: Option<&[u8]>) -> u32 
 }
 
 /// The masks of a variant with masked pixels; `None` for other variants.
-pub(super) fn of<N: Number>(memory: &Memory<N>, masks: Reads<slot::Masks>, variant: Variant) -> Option<&Masks<N>> {
-    variant[2].then(|| memory.layers(masks).first_chunk()).flatten()
+pub(super) fn of<N: Number>(memory: &Memory<N>, masks: Reads, variant: Variant) -> Option<&Masks<N>> {
+    variant.has(Variant::MASKED).then(|| memory.layers(masks).first_chunk()).flatten()
 }
 
 /// The share by which pixel (x, y), which T displaces by d, counts; 1 without masks. The CPU reference of

@@ -31,6 +31,7 @@ pub mod halve_grid;
 #[cfg(test)]
 pub(crate) mod harness;
 pub mod ingest;
+mod interface;
 pub mod linearise;
 mod links;
 pub mod mask;
@@ -84,7 +85,7 @@ use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};
 pub(crate) const WORKGROUP: [u32; 2] = [64, 4];
 
 /// The variant with no specialization constant set.
-pub(crate) const NO_VARIANT: Variant = [false; 5];
+pub(crate) const NO_VARIANT: Variant = Variant::NONE;
 
 /// The number of pixels of an image.
 pub(crate) fn pixels(width: u32, height: u32) -> u64 {
@@ -117,44 +118,6 @@ impl Pipelines {
             Entry::Vacant(place) => {
                 Ok(place.insert(Arc::new(Pipeline::variant(&self.device, stage, variant)?)).clone())
             }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::engine::vulkan::{Access, Kind};
-
-    include!(concat!(env!("OUT_DIR"), "/stages.rs"));
-
-    /// The binding that a line of a shader declares: number, kind and access.
-    fn declared(line: &str) -> Option<(usize, Kind, Access)> {
-        let (layout, rest) = line.strip_prefix("layout(binding = ")?.split_once(')')?;
-        let number = layout.split(',').next()?.trim().parse().ok()?;
-        let kind = match rest {
-            _ if rest.contains("uimage2DArray") => Kind::Words,
-            _ if rest.contains("image2DArray") => Kind::Image,
-            _ if rest.contains("uniform") => Kind::Uniform,
-            _ => Kind::Buffer,
-        };
-        let access = match rest {
-            _ if rest.contains("readonly") || kind == Kind::Uniform => Access::Read,
-            _ if rest.contains("writeonly") => Access::Write,
-            _ => Access::Update,
-        };
-        Some((number, kind, access))
-    }
-
-    #[test]
-    fn bindings_of_stages_are_those_of_their_shaders() {
-        for stage in STAGES {
-            let name = stage.shader.name;
-            let text = std::fs::read_to_string(format!("{}/glsl/{name}.comp", env!("CARGO_MANIFEST_DIR"))).unwrap();
-            let mut actual: Vec<_> = text.lines().filter_map(declared).collect();
-            actual.sort_by_key(|(number, ..)| *number);
-            let bound = stage.bindings.iter().enumerate().map(|(n, binding)| (n, binding.kind, binding.access));
-            assert_eq!(actual, bound.collect::<Vec<_>>(), "{name}");
         }
     }
 }

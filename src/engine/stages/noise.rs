@@ -19,21 +19,9 @@
 
 use std::f64::consts::PI;
 
-use bytemuck::{Pod, Zeroable};
-
 use super::Real;
 
-/// The power of noise as a function of V on a level.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Noise {
-    /// `fall` above.
-    pub fall: f32,
-    /// `reach` above.
-    pub reach: f32,
-    /// Power of a sharpened image: `1 + rise v + sharpened (rise v)²`, rise = fall/2.
-    pub sharpened: f32,
-}
+pub use crate::engine::shaders::noise::Noise;
 
 /// Power relative to that of the image itself, and its derivative by V.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,28 +5,17 @@
 //! of the pair.
 
 use super::blur_matched_pair::LAYERS;
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::separable::weigh;
 use super::spline::fold;
 use super::{Number, Raster, pixels};
 use crate::engine::plan::FilterRange;
 use crate::engine::vulkan::Variant;
 
+pub use super::interface::pair_samples::*;
+
 /// The most weights of the window along an axis.
 const TAPS: u32 = crate::engine::shaders::pair_samples::TAPS;
-
-push_constants! {
-    /// Width of the pair, pixels.
-    width: u32,
-    /// Height of the pair, pixels.
-    height: u32,
-    /// Pixels of the pair from sample to sample.
-    every: u32,
-    /// First weight of the window, in units of four weights.
-    offset: u32,
-    /// The window has 2 radius + 1 weights along x and along y, at most `TAPS`.
-    radius: u32,
-}
 
 impl Constants {
     /// The constants of a pair of a size, sampled at every `every`-th pixel.
@@ -46,15 +35,6 @@ impl Constants {
         let [x, y, _] = STAGE.groups(self.samples());
         [x, y, LAYERS]
     }
-}
-
-bindings! {
-    PAIR_SAMPLES:
-    /// The blur-matched pair, with shares.
-    pair: Reads<UncertaintyTerms>,
-    filters: Reads<Filters>,
-    /// The samples of each layer, row by row.
-    samples: Writes<Partials>,
 }
 
 impl Pass for Bindings {

@@ -8,12 +8,12 @@ use bytemuck::Pod;
 use super::stack::White;
 use super::state::DoubleState;
 use super::sums::{Layout, Sums};
-use super::{Number, Raster};
+use super::{Number, Raster, pixels};
 use crate::base::{Frame, Mask};
-use crate::engine::slot::{Partials, Readable, Slot, State, Weights, Writable};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::slot::{Readable, Slot, Writable};
+use crate::engine::vulkan::{Access, Binding, Kind, Stage, Variant};
 
-/// The bindings of a stage as a struct. [`bindings!`] implements it.
+/// The bindings of a stage as a struct, which `build.rs` writes from the shader's text.
 pub(crate) trait Bindings: Copy {
     /// The push constants.
     type Constants: Pod;
@@ -23,72 +23,32 @@ pub(crate) trait Bindings: Copy {
     fn slots(&self) -> Vec<Slot>;
     /// The bindings of slots in the shader's order.
     fn of(slots: &[Slot]) -> Self;
+    /// Width and height of the push constants; zero if there are none.
+    fn size(constants: &Self::Constants) -> [u32; 2];
+}
+
+/// The bindings of a stage on a level, each to the slot that its name means. A script states the others:
+/// `Bindings { to, ..Bindings::on(level) }`.
+pub(crate) fn on<B: Bindings>(level: usize) -> B {
+    B::of(&B::STAGE.bindings.iter().map(|binding| Slot::named(binding.name, level)).collect::<Vec<_>>())
 }
 
 /// A stage that scripts can dispatch.
 pub(crate) trait Pass: Bindings {
-    /// Compulsory traffic, bytes: each input element read once, each output element written once.
-    fn bytes(constants: &Self::Constants, variant: Variant) -> u64;
+    /// Compulsory traffic, bytes: each input element read once, each output element written once. By default a float
+    /// per pixel of each image that is bound, two of one that is read and written. A pass that differs states its own.
+    fn bytes(constants: &Self::Constants, _variant: Variant) -> u64 {
+        let floats = |binding: &Binding| match (binding.kind, binding.access) {
+            (Kind::Buffer | Kind::Uniform, _) => 0,
+            (_, Access::Update) => 2,
+            _ => 1,
+        };
+        let [width, height] = Self::size(constants);
+        4 * Self::STAGE.bindings.iter().map(floats).sum::<u64>() * pixels(width, height)
+    }
     /// Runs the CPU reference on the slots.
     fn run<N: Number>(&self, constants: &Self::Constants, variant: Variant, memory: &mut Memory<N>);
 }
-
-/// Declares the push constants of a stage: the members of the shader's block in its order, at most 128 bytes.
-macro_rules! push_constants {
-    ($($(#[$doc:meta])* $field:ident: $kind:ty,)*) => {
-        /// Push constants.
-        #[repr(C)]
-        #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-        pub struct Constants {
-            $($(#[$doc])* pub $field: $kind,)*
-        }
-    };
-}
-pub(crate) use push_constants;
-
-/// Declares the stage of a shader and its bindings, in the shader's order. Each field is
-/// [`Reads`](crate::engine::slot::Reads), [`Writes`](crate::engine::slot::Writes) or
-/// [`Updates`](crate::engine::slot::Updates) of a quantity. A test compares order and accesses with the shader's text.
-/// A workgroup other than [`WORKGROUP`](super::WORKGROUP) follows the shader.
-macro_rules! bindings {
-    ($shader:ident: $($fields:tt)*) => {
-        bindings! { $shader, $crate::engine::stages::WORKGROUP; $($fields)* }
-    };
-    ($shader:ident, $workgroup:expr; $($(#[$doc:meta])* $field:ident: $access:ident<$quantity:ident>,)*) => {
-        /// The bindings of the shader, in its order.
-        #[derive(Clone, Copy, Debug)]
-        pub(crate) struct Bindings {
-            $($(#[$doc])* pub(crate) $field: $crate::engine::slot::$access<$crate::engine::slot::$quantity>,)*
-        }
-
-        /// The shader and its layout.
-        pub(crate) const STAGE: $crate::engine::vulkan::Stage = $crate::engine::vulkan::Stage {
-            shader: &$crate::engine::shaders::$shader,
-            bindings: &[$(
-                <$crate::engine::slot::$access<$crate::engine::slot::$quantity> as $crate::engine::slot::Bound>::BINDING
-            ),*],
-            constant_bytes: size_of::<Constants>(),
-            workgroup: $workgroup,
-        };
-
-        impl $crate::engine::stages::pass::Bindings for Bindings {
-            type Constants = Constants;
-            const STAGE: &'static $crate::engine::vulkan::Stage = &STAGE;
-
-            fn slots(&self) -> Vec<$crate::engine::slot::Slot> {
-                use $crate::engine::slot::Bound;
-                vec![$(self.$field.slot()),*]
-            }
-
-            fn of(slots: &[$crate::engine::slot::Slot]) -> Self {
-                use $crate::engine::slot::Bound;
-                let &[$($field),*] = slots else { unreachable!("{} slots for {} bindings", slots.len(), STAGE.bindings.len()) };
-                Self { $($field: Bound::of($field)),* }
-            }
-        }
-    };
-}
-pub(crate) use bindings;
 
 /// The contents of the slots, for the CPU references. A layer has the size of the field that was last written to it.
 /// Slots that were never written must not be read.
@@ -137,7 +97,7 @@ impl<N: Number> Memory<N> {
     }
 
     /// A photograph. A binding of any other slot than that of I2 gives I1.
-    pub(crate) fn photograph<Q>(&self, from: impl Readable<Q>) -> &Frame {
+    pub(crate) fn photograph(&self, from: impl Readable) -> &Frame {
         let image = usize::from(from.slot() == Slot::Photograph { image: 1 });
         self.photographs[image].as_ref().expect("photographs are uploaded before a pass reads them")
     }
@@ -148,17 +108,17 @@ impl<N: Number> Memory<N> {
     }
 
     /// The layers of an image.
-    pub(crate) fn layers<Q>(&self, from: impl Readable<Q>) -> &[Raster<N>] {
+    pub(crate) fn layers(&self, from: impl Readable) -> &[Raster<N>] {
         &self.layers[&from.slot()]
     }
 
     /// A layer of an image.
-    pub(crate) fn layer<Q>(&self, from: impl Readable<Q>, n: usize) -> &Raster<N> {
+    pub(crate) fn layer(&self, from: impl Readable, n: usize) -> &Raster<N> {
         &self.layers(from)[n]
     }
 
     /// A layer of an image, mutably.
-    pub(crate) fn layer_mut<Q>(&mut self, to: impl Writable<Q>, n: usize) -> &mut Raster<N> {
+    pub(crate) fn layer_mut(&mut self, to: impl Writable, n: usize) -> &mut Raster<N> {
         let layers = self.layers.entry(to.slot()).or_default();
         if layers.len() <= n {
             layers.resize(n + 1, Raster::default());
@@ -167,21 +127,21 @@ impl<N: Number> Memory<N> {
     }
 
     /// Writes a layer of an image.
-    pub(crate) fn set_layer<Q>(&mut self, to: impl Writable<Q>, n: usize, field: Raster<N>) {
+    pub(crate) fn set_layer(&mut self, to: impl Writable, n: usize, field: Raster<N>) {
         *self.layer_mut(to, n) = field;
     }
 
     /// Takes a layer of an image to write it again.
-    pub(crate) fn take_layer<Q>(&mut self, to: impl Writable<Q>, n: usize) -> Raster<N> {
+    pub(crate) fn take_layer(&mut self, to: impl Writable, n: usize) -> Raster<N> {
         std::mem::take(self.layer_mut(to, n))
     }
 
     /// The linear system of one color: right side, in a layer, then the weights of the right, left, lower and upper
     /// neighbour.
-    pub(crate) fn system<Q>(
+    pub(crate) fn system(
         &self,
-        (right_sides, layer): (impl Readable<Q>, usize),
-        weights: impl Readable<Weights>,
+        (right_sides, layer): (impl Readable, usize),
+        weights: impl Readable,
         color: usize,
     ) -> [&Raster<N>; 5] {
         let weights = self.layers(weights);
@@ -189,17 +149,17 @@ impl<N: Number> Memory<N> {
     }
 
     /// Writes the weights of the linear system of one color.
-    pub(crate) fn set_weights(&mut self, to: impl Writable<Weights>, color: usize, weights: [Raster<N>; 4]) {
+    pub(crate) fn set_weights(&mut self, to: impl Writable, color: usize, weights: [Raster<N>; 4]) {
         weights.into_iter().enumerate().for_each(|(n, weight)| self.set_layer(to, 4 * color + n, weight));
     }
 
     /// The state.
-    pub(crate) fn state(&self, from: impl Readable<State>) -> &DoubleState {
+    pub(crate) fn state(&self, from: impl Readable) -> &DoubleState {
         &self.states[&from.slot()]
     }
 
     /// The state, mutably.
-    pub(crate) fn state_mut(&mut self, to: impl Writable<State>) -> &mut DoubleState {
+    pub(crate) fn state_mut(&mut self, to: impl Writable) -> &mut DoubleState {
         self.states.entry(to.slot()).or_default()
     }
 
@@ -209,46 +169,46 @@ impl<N: Number> Memory<N> {
     }
 
     /// The registration integrals, of rows of partial sums.
-    pub(crate) fn sums(&self, from: impl Readable<Partials>, layout: Layout) -> Sums {
+    pub(crate) fn sums(&self, from: impl Readable, layout: Layout) -> Sums {
         Sums::from_partials(self.numbers(from), layout)
     }
 
     /// The numbers in a buffer: filter weights, energies, partial sums or equations.
-    pub(crate) fn numbers<Q>(&self, from: impl Readable<Q>) -> &[N] {
+    pub(crate) fn numbers(&self, from: impl Readable) -> &[N] {
         &self.numbers[&from.slot()]
     }
 
     /// Takes numbers to write them again.
-    pub(crate) fn take_numbers<Q>(&mut self, to: impl Writable<Q>) -> Vec<N> {
+    pub(crate) fn take_numbers(&mut self, to: impl Writable) -> Vec<N> {
         std::mem::take(self.numbers.entry(to.slot()).or_default())
     }
 
     /// Puts numbers back.
-    pub(crate) fn put_numbers<Q>(&mut self, to: impl Writable<Q>, numbers: Vec<N>) {
+    pub(crate) fn put_numbers(&mut self, to: impl Writable, numbers: Vec<N>) {
         self.numbers.insert(to.slot(), numbers);
     }
 
     /// Writes numbers from the first on.
-    pub(crate) fn set_numbers<Q>(&mut self, to: impl Writable<Q>, numbers: &[f64]) {
+    pub(crate) fn set_numbers(&mut self, to: impl Writable, numbers: &[f64]) {
         let slot = self.numbers.entry(to.slot()).or_default();
         slot.clear();
         slot.extend(numbers.iter().map(|&number| N::of(number)));
     }
 
     /// The numbers in a buffer, mutably: at least `count`.
-    pub(crate) fn numbers_mut<Q>(&mut self, to: impl Writable<Q>, count: usize) -> &mut Vec<N> {
+    pub(crate) fn numbers_mut(&mut self, to: impl Writable, count: usize) -> &mut Vec<N> {
         let numbers = self.numbers.entry(to.slot()).or_default();
         numbers.resize(numbers.len().max(count), N::default());
         numbers
     }
 
     /// The words in a buffer: indirect arguments, or bits.
-    pub(crate) fn words<Q>(&self, from: impl Readable<Q>) -> &[u32] {
+    pub(crate) fn words(&self, from: impl Readable) -> &[u32] {
         self.words.get(&from.slot()).map_or(&[], Vec::as_slice)
     }
 
     /// The words in a buffer, mutably.
-    pub(crate) fn words_mut<Q>(&mut self, to: impl Writable<Q>) -> &mut Vec<u32> {
+    pub(crate) fn words_mut(&mut self, to: impl Writable) -> &mut Vec<u32> {
         self.words.entry(to.slot()).or_default()
     }
 }

@@ -3,28 +3,11 @@
 //! V is read at x/2 (the mean half-way between pixels), times four, since a px² of the finer level is a quarter as
 //! large.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, Raster, pixels};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the fine level, pixels.
-    width: u32,
-    /// Height of the fine level, pixels.
-    height: u32,
-    /// Largest |V|, px² of the fine level.
-    limit: f32,
-    /// 4 for V; 1 for values that do not depend on the size of pixels.
-    gain: f32,
-}
-
-bindings! {
-    PROLONG:
-    /// V of the coarser level.
-    coarse: Reads<RelativeBlur>,
-    /// V of the level.
-    fine: Writes<RelativeBlur>,
-}
+pub use super::interface::prolong::*;
 
 impl Pass for Bindings {
     /// Compulsory traffic: coarse V read, fine V written.

@@ -2,27 +2,14 @@
 //!
 //! The system is divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::rows::{self, Rows};
 use super::segments::vectorised;
 use super::{Field, Number, Raster, WORKGROUP, grid, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// 0 red, 1 black.
-    color: u32,
-    /// [`ROWS`].
-    rows: u32,
-    /// ω of successive over-relaxation.
-    over_relaxation: f32,
-    /// Place of dV of the level.
-    first: u32,
-}
+pub use super::interface::relax::*;
 
 /// Lines of one color per invocation.
 pub const ROWS: u32 = 4;
@@ -33,19 +20,7 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 }
 
 /// The variant for the first relaxation sweep, which starts from dV of the coarse grid.
-pub(crate) const FIRST: Variant = [true, false, false, false, false];
-
-bindings! {
-    RELAX:
-    /// Right sides, in their layer.
-    smoothed: Reads<Plane>,
-    /// Weights.
-    weights: Reads<Weights>,
-    /// dV of the coarse grids, and of the level.
-    steps: Reads<GridSteps>,
-    /// The same buffer.
-    own_steps: Writes<GridSteps>,
-}
+pub(crate) const FIRST: Variant = Variant::FIRST;
 
 impl Pass for Bindings {
     /// Compulsory traffic: right side, four weights and dV of both colors read, dV of one written. The first relaxation
@@ -278,7 +253,7 @@ pub(crate) mod tests {
         let resources: Vec<_> = resources.chain([&steps, &steps].map(Resource::Buffer)).collect();
         for half in 0..halves {
             let c = Constants { first: coarse.len() as u32, ..constants(width, height, half % 2) };
-            let variant = if half < 2 { FIRST } else { [false; 5] };
+            let variant = Variant::FIRST.when(half < 2);
             rig.run_variant(&STAGE, variant, &resources, &c, tiles([c.width, c.height]));
         }
         let dv: Vec<f64> = rig.floats(&steps)[coarse.len()..].iter().map(|&dv| dv.into()).collect();

@@ -3,41 +3,14 @@
 //!
 //! [`relax_tiles`](super::relax_tiles) does the same on a level. Sweeps that exceed a halo are several dispatches.
 
-use super::cascade::{self, Coarser};
+use super::cascade;
 use super::grid::{FLOATS, Grid, prolonged};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, pixels, relax_tiles};
 use crate::engine::slot::Bound;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the grid, cells.
-    width: u32,
-    /// Height of the grid, cells.
-    height: u32,
-    /// First cell of the grid.
-    first: u32,
-    /// Where its dV is stored.
-    to: u32,
-    /// Relaxation sweeps of this dispatch.
-    sweeps: u32,
-    /// The relaxation sweeps that the halo of a tile is for: at least as many.
-    halo: u32,
-    /// ω of successive over-relaxation.
-    over_relaxation: f32,
-    /// What it starts from.
-    coarser: Coarser,
-}
-
-bindings! {
-    RELAX_GRID_TILES:
-    /// Equations of all grids.
-    equations: Reads<GridEquations>,
-    /// dV of all grids: the next coarser one is read, or what an earlier dispatch has stored of this one.
-    coarse: Reads<GridSteps>,
-    /// The same buffer: the grid is written. With a binding for each, validation reports missing barriers.
-    steps: Writes<GridSteps>,
-}
+pub use super::interface::relax_grid_tiles::*;
 
 impl Pass for Bindings {
     /// Compulsory traffic: for tiles with their halos, the equations and what they start from; dV written once.
@@ -52,7 +25,7 @@ impl Pass for Bindings {
         let (size, first, relaxation) = ([c.width, c.height], c.first as usize, (c.sweeps, c.over_relaxation));
         let cells = (c.width * c.height) as usize;
         // dV may never have been written before, if joined.
-        let (equations, steps) = (memory.numbers(self.equations), memory.numbers_in(self.coarse.slot()));
+        let (equations, steps) = (memory.numbers(self.equations), memory.numbers_in(self.steps.slot()));
         let mut dv = match cascade::continues(variant) {
             true => steps[c.coarser.next as usize..][..cells].to_vec(),
             false => {
@@ -62,7 +35,7 @@ impl Pass for Bindings {
         };
         Grid::of(equations, first, size).relax_all(&mut dv, c.sweeps, c.over_relaxation);
         let to = c.to as usize..c.to as usize + cells;
-        memory.numbers_mut(self.steps, to.end)[to].copy_from_slice(&dv);
+        memory.numbers_mut(self.own_steps, to.end)[to].copy_from_slice(&dv);
     }
 }
 
@@ -73,20 +46,15 @@ mod tests {
     use super::super::grid::{Place, grids, halved};
     use super::super::harness::{Rig, assert_numbers, random_field};
     use super::*;
-    use crate::engine::slot::{self, Slot};
+    use crate::engine::slot::Slot;
     use crate::engine::vulkan::Resource;
 
     /// Compares dV of all grids with the CPU reference.
     fn check(c: &Constants, variant: Variant, equations: Vec<f64>, steps: Vec<f64>) {
-        let bindings = Bindings {
-            equations: slot::GRID_EQUATIONS.read(),
-            coarse: slot::GRID_STEPS.read(),
-            steps: slot::GRID_STEPS.write(),
-        };
         let mut memory = Memory::<f64>::new();
         memory.numbers.insert(Slot::GridEquations, equations.clone());
         memory.numbers.insert(Slot::GridSteps, steps.clone());
-        bindings.run(c, variant, &mut memory);
+        Bindings::on(0).run(c, variant, &mut memory);
         let expected = &memory.numbers[&Slot::GridSteps];
         let rig = Rig::new();
         let [equations, steps] = [rig.numbers(equations), rig.numbers(steps)];

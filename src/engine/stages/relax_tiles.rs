@@ -8,12 +8,14 @@
 
 use super::cascade::{self, Coarser};
 use super::grid::FLOATS;
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::relax::{own_of, relaxed, start_of};
 use super::{Number, WORKGROUP, pixels, update};
 use crate::engine::shaders;
 use crate::engine::slot::Bound;
 use crate::engine::vulkan::Variant;
+
+pub use super::interface::relax_tiles::*;
 
 /// Width and height of a tile with its halo, pixels.
 const SIDE: u32 = shaders::relaxation_tile::SIDE;
@@ -29,31 +31,6 @@ pub(crate) const MOST_SWEEPS: u32 = 8;
 const MOST_TILES: u64 = 64;
 
 const _: () = assert!(WORKGROUP[0] * WORKGROUP[1] * 2 * shaders::relaxation_tile::ROWS == SIDE * SIDE);
-
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Relaxation sweeps of this dispatch.
-    sweeps: u32,
-    /// The relaxation sweeps that the halo of a tile is for: as many.
-    halo: u32,
-    /// ω of successive over-relaxation.
-    over_relaxation: f32,
-    /// Largest |dV|, px² of the level,
-    largest_step: f32,
-    /// or this share of |V|, if that is more.
-    relative_step: f32,
-    /// Largest |V|, px² of the level.
-    limit: f32,
-    /// Share of dV that is added.
-    share: f32,
-    /// That of [`update`].
-    extrapolation: u32,
-    /// What it starts from.
-    coarser: Coarser,
-}
 
 impl Constants {
     /// The start and the sweeps, and the update that follows.
@@ -78,24 +55,6 @@ impl Constants {
         let &Self { width, height, largest_step, relative_step, limit, share, extrapolation, .. } = self;
         update::Constants { width, height, largest_step, relative_step, limit, share, extrapolation }
     }
-}
-
-bindings! {
-    RELAX_TILES:
-    /// D, averaged over a window, and the right sides.
-    smoothed: Reads<Plane>,
-    /// Weights.
-    weights: Reads<Weights>,
-    /// dV of the coarse grids, or of the level.
-    coarse: Reads<GridSteps>,
-    /// V.
-    v: Updates<RelativeBlur>,
-    /// State, with the count.
-    state: Updates<State>,
-    /// The kept step.
-    kept: Updates<UncertaintyTerms>,
-    /// Equations of the coarse grids.
-    equations: Reads<GridEquations>,
 }
 
 /// The relaxation sweeps of each dispatch but the last, and the dispatches, of sweeps on a grid.
@@ -160,7 +119,7 @@ impl Pass for Bindings {
         let (size, relaxation) = ([c.width, c.height], (c.sweeps, c.over_relaxation));
         let reused = [(); 2].map(|()| memory.take_spare());
         // Never written before, if joined.
-        let steps = memory.numbers_in(self.coarse.slot());
+        let steps = memory.numbers_in(self.steps.slot());
         let system = [0, 1].map(|color| memory.system((self.smoothed, RIGHT_SIDE + color), self.weights, color));
         let change = if cascade::continues(variant) {
             let dv = &steps[c.coarser.next as usize..];
@@ -169,10 +128,10 @@ impl Pass for Bindings {
             let coarse = c.coarser.cpu_reference(size, relaxation, memory.numbers(self.equations), steps);
             relaxed(reused, size, relaxation, &system, [0, 1].map(|color| start_of(&coarse, c.width, color)))
         };
-        let (mut v, mut kept) = (memory.take_layer(self.v, 0), memory.take_layer(self.kept, update::KEPT));
+        let (mut v, mut kept) = (memory.take_layer(self.relative_blur, 0), memory.take_layer(self.kept, update::KEPT));
         let (d, variance) = (memory.layer(self.smoothed, 0), memory.state(self.state).variance);
         let moving = update::cpu_reference(&c.update(), change.each_ref(), d, variance, &mut kept, &mut v);
-        memory.set_layer(self.v, 0, v);
+        memory.set_layer(self.relative_blur, 0, v);
         memory.set_layer(self.kept, update::KEPT, kept);
         memory.state_mut(self.state).count(moving);
         change.into_iter().for_each(|dv| memory.keep_spare(dv));
@@ -188,7 +147,7 @@ mod tests {
     use super::super::relax::{both, interleaved, tests::system};
     use super::super::state::{DoubleState, State};
     use super::*;
-    use crate::engine::slot::{self, Slot};
+    use crate::engine::slot::Slot;
     use crate::engine::vulkan::Resource;
 
     /// From stored dV of the coarse grid or of the level, and from equations of the coarser grids.
@@ -264,16 +223,7 @@ mod tests {
             memory.states.insert(Slot::State, (&state).into());
             memory.numbers.insert(Slot::GridSteps, stored.to_vec());
             memory.numbers.insert(Slot::GridEquations, equations.clone());
-            let bindings = Bindings {
-                smoothed: slot::SCRATCH.read(),
-                weights: slot::WEIGHTS.read(),
-                coarse: slot::GRID_STEPS.read(),
-                v: slot::relative_blur(0).update(),
-                state: slot::STATE.update(),
-                kept: slot::UNCERTAINTY_TERMS.update(),
-                equations: slot::GRID_EQUATIONS.read(),
-            };
-            bindings.run(&constants, start.variant(), &mut memory);
+            Bindings::on(0).run(&constants, start.variant(), &mut memory);
             rig.assert_close(&actual, &memory.layers[&Slot::RelativeBlur { level: 0 }], 1e-4);
             rig.assert_close(&kept, &memory.layers[&Slot::UncertaintyTerms], 1e-4);
             let [found, expected] = [rig.value::<State>(&counts), memory.state_in(Slot::State).into()]

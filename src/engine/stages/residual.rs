@@ -5,38 +5,11 @@
 //! differently, or is occluded.
 
 use super::blur::{Sample, Samples, Stacks, heaviside};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, Raster, pixels, uncertainty_terms};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the image, pixels.
-    width: u32,
-    /// Height of the image, pixels.
-    height: u32,
-    /// Target layer.
-    layer: u32,
-    /// Nodes of the stacks.
-    nodes: u32,
-    /// First layer of the stack of I2.
-    second_stack: u32,
-    /// The image centre, pixels.
-    centre: [f32; 2],
-    /// Mean of the kernel at V = 1, px.
-    mean: [f32; 2],
-    /// ε of the Heaviside, px².
-    epsilon: f32,
-}
-
-bindings! {
-    RESIDUAL:
-    i1: Reads<I1>,
-    v: Reads<RelativeBlur>,
-    stacks: Reads<Stacks>,
-    /// The last layer of the uncertainty terms.
-    terms: Writes<UncertaintyTerms>,
-    state: Reads<State>,
-}
+pub use super::interface::residual::*;
 
 impl Pass for Bindings {
     /// Compulsory traffic: on every fourth pixel V, I1, J and two nodes read, one value written.
@@ -47,10 +20,10 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
-        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
-        let (warped, r) = (variant[1].then_some(&state.warped), &state.registration);
-        let (i1, lens) = (memory.layer(self.i1, 0), (c.mean, 1.0, c.centre));
-        let squared = cpu_reference(c, &Samples { lens, r, warped, i1, stacks }, memory.layer(self.v, 0));
+        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant.has(Variant::ANY_KERNEL));
+        let (warped, r) = (variant.has(Variant::WARPED).then_some(&state.warped), &state.registration);
+        let (i1, lens) = (memory.layer(self.image1, 0), (c.mean, 1.0, c.centre));
+        let squared = cpu_reference(c, &Samples { lens, r, warped, i1, stacks }, memory.layer(self.relative_blur, 0));
         memory.set_layer(self.terms, c.layer as usize, squared);
     }
 }

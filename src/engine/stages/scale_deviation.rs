@@ -17,23 +17,14 @@
 //!
 //! Section 7 of `docs/method.md`.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::uncertainty::LARGEST;
 use super::{Number, Raster, uncertainty, uncertainty_terms};
 use crate::base::{Kernel, Settings};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the terms, pixels.
-    width: u32,
-    /// Height of the terms, pixels.
-    height: u32,
-    /// |V| from which V is only a bound, px².
-    at_limit: f32,
-    /// The shape that is assumed for a stated disk, whose shape is not estimated; 0 for other kernels.
-    shape: f32,
-}
+pub use super::interface::scale_deviation::*;
 
 impl Constants {
     /// The constants of an image.
@@ -43,14 +34,6 @@ impl Constants {
         let shape = if settings.kernel == Kernel::Pillbox { BLURRED_TWICE } else { 0.0 };
         Self { width, height, at_limit, shape }
     }
-}
-
-bindings! {
-    SCALE_DEVIATION:
-    v: Reads<RelativeBlur>,
-    /// Means of the curvature, b², (∇²V)² and b Σb.
-    terms: Reads<UncertaintyTerms>,
-    state: Updates<State>,
 }
 
 /// Samples along x and y.
@@ -77,7 +60,7 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let (terms, shape) = (memory.layers(self.terms), memory.state(self.state).kernel_shape);
-        let found = cpu_reference(c, shape, memory.layer(self.v, 0), [&terms[1], &terms[3]]);
+        let found = cpu_reference(c, shape, memory.layer(self.relative_blur, 0), [&terms[1], &terms[3]]);
         let state = memory.state_mut(self.state);
         [state.scale_deviation, state.correlated] = found;
     }

@@ -6,16 +6,18 @@
 //! memory, and these along y. Adjacent tiles filter the lines that they share twice. The CPU device runs both filters on
 //! bands of rows instead.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::rows::{self, Rows};
 use super::segments::streamed;
-use super::spline::{Raster, fold};
-use super::{Number, WORKGROUP, pixels, stack};
+use super::spline::fold;
+use super::{Number, Raster, WORKGROUP, pixels, stack};
 use crate::base::weighted;
 use crate::engine::shaders::filter::{SPAN, TAPS};
 use crate::engine::shaders::separable::{ANY_LINES, COLUMNS, LINES, TOTAL, VECTORS};
 use crate::engine::vulkan::Variant;
 use crate::engine::{filter, shaders};
+
+pub use super::interface::separable::*;
 
 /// Weights per block of a filter; the last block is padded with zeros. Filters of `TAPS` have a pipeline without a loop:
 /// most of a Gaussian's blur stack.
@@ -24,35 +26,6 @@ pub const BLOCK: u32 = shaders::separable::BLOCK;
 /// The most weights of all filters: the 16 KiB that each device allows a uniform buffer.
 pub const WEIGHTS: usize = 4 * VECTORS as usize;
 
-push_constants! {
-    /// Width before the filters, pixels.
-    width: u32,
-    /// Height before the filters, pixels.
-    height: u32,
-    /// First layer read.
-    from_layer: u32,
-    /// First layer written.
-    to_layer: u32,
-    /// From a layer read to the next.
-    from_step: u32,
-    /// From a layer written to the next.
-    to_step: u32,
-    /// The number of layers, at most two: workgroups along z, unless they are packed.
-    planes: u32,
-    /// First weights of the filters along x and along y, in units of four weights.
-    offsets: [u32; 2],
-    /// A filter has 2 radius + 1 weights.
-    radii: [u32; 2],
-    /// Pixels after which the mirrored image repeats, along x and along y.
-    periods: [u32; 2],
-    /// First entry of the list of tiles; only with the variant for lists.
-    listed: u32,
-    /// Blocks of weights of the filters along x and along y; only with the variant for any filters.
-    blocks: [u32; 2],
-    /// 1: adds to the target; only with the variant for any filters.
-    add: u32,
-}
-
 /// Whether filters need the variant for any: they are long, or longer than the sides that they filter, so that one
 /// reflection does not suffice.
 pub(crate) fn is_any(sides: [u32; 2], radii: [u32; 2], periods: [u32; 2]) -> bool {
@@ -60,16 +33,14 @@ pub(crate) fn is_any(sides: [u32; 2], radii: [u32; 2], periods: [u32; 2]) -> boo
     [0, 1].iter().any(|&n| radii[n] > REACH || sides[n] <= REACH || sides[n] + REACH > periods[n])
 }
 
-const ANY: usize = 0;
-const JOINS: usize = 1;
-const HALVING: usize = 3;
-
 /// The variant that filters or, with stride 2, halves. `any`: any filters; `listed`: listed tiles; `joins`: two layers
 /// of floats, of two images; `packs`: to packed layers, from such too unless it joins.
 pub(crate) fn variant(stride: u32, [any, listed, joins, packs]: [bool; 4]) -> Variant {
-    let mut variant = [false, false, listed, false, false];
-    (variant[ANY], variant[JOINS], variant[HALVING]) = (any, joins, stride == 2);
-    stack::packed(variant, packs)
+    Variant::ANY.when(any)
+        | Variant::JOINS.when(joins)
+        | Variant::LISTED.when(listed)
+        | Variant::HALVING.when(stride == 2)
+        | Variant::PACKED.when(packs)
 }
 
 /// Width and height of a workgroup's results, pixels of the filtered image.
@@ -84,26 +55,13 @@ pub(crate) fn groups(size: [u32; 2], stride: u32, any: bool, planes: u32) -> [u3
     [columns.div_ceil(width), rows.div_ceil(height), planes]
 }
 
-bindings! {
-    SEPARABLE:
-    /// Image that is filtered.
-    from: Reads<Words>,
-    /// The image of the second layer, with the variants that join two.
-    second: Reads<Words>,
-    /// Other layers than those that are read.
-    to: Updates<Words>,
-    filters: Reads<Filters>,
-    tiles: Reads<Tiles>,
-    /// State, with white.
-    state: Reads<State>,
-}
-
 impl Pass for Bindings {
     /// Compulsory traffic: every value read, every result written, and read first where it is added to.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let [columns, rows] = [c.width, c.height].map(|side| side.div_ceil(stride(variant)));
         let packs = stack::is_packed(variant);
-        let [read, written] = [packs && !variant[JOINS], packs].map(|is_packed| stack::bytes(c.planes, is_packed));
+        let [read, written] =
+            [packs && !variant.has(Variant::JOINS), packs].map(|is_packed| stack::bytes(c.planes, is_packed));
         read * pixels(c.width, c.height) + u64::from(1 + c.add) * written * pixels(columns, rows)
     }
 
@@ -130,7 +88,7 @@ impl Pass for Bindings {
 
 /// The stride of a variant.
 pub(crate) fn stride(variant: Variant) -> u32 {
-    if variant[HALVING] { 2 } else { 1 }
+    if variant.has(Variant::HALVING) { 2 } else { 1 }
 }
 
 /// `out(i) = Σ_n filter(n) input(stride i + n)` along x, then along y, mirrored about the border pixels.

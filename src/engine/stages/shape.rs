@@ -4,31 +4,11 @@
 //! The slope at a node stays half the Laplacian, which is exact only for a Gaussian. Between nodes a disk's image is
 //! then off by a ninth of its difference from a Gaussian's, less than the departure itself leaves.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, Raster, pixels, stack};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Nodes of the stack.
-    nodes: u32,
-    /// First layer of the first stack.
-    first: u32,
-    /// From a stack to the next.
-    step: u32,
-    /// The number of stacks: workgroups along z, unless they are packed.
-    planes: u32,
-}
-
-bindings! {
-    SHAPE:
-    /// Stacks of I1 and I2; one or both are changed.
-    stacks: Updates<Stacks>,
-    state: Reads<State>,
-}
+pub use super::interface::shape::*;
 
 /// Workgroups over the blur stacks of `planes` images. Packed ones count as one.
 pub(crate) fn groups(size: [u32; 2], planes: u32) -> [u32; 3] {

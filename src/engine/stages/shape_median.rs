@@ -3,22 +3,12 @@
 //! The median is robust to [windows](super::shape_windows) with wrong estimates, at depth edges and on moving objects.
 
 use super::Number;
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::shape_windows::Window;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Number of windows.
-    windows: u32,
-}
-
-bindings! {
-    SHAPE_MEDIAN:
-    /// Shape and weight of each window.
-    windows: Reads<Partials>,
-    state: Updates<State>,
-}
+pub use super::interface::shape_median::*;
 
 /// The least number of independent windows. With fewer, the shape does not change.
 const LEAST_WINDOWS: f64 = shaders::shape_median::LEAST_WINDOWS;
@@ -41,7 +31,7 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let numbers = &memory.numbers(self.windows)[..2 * c.windows as usize];
+        let numbers = &memory.numbers(self.partials)[..2 * c.windows as usize];
         let windows: Vec<_> = numbers.chunks(2).map(|w| Window { shape: w[0].into(), weight: w[1].into() }).collect();
         let state = memory.state_mut(self.state);
         state.kernel_shape = cpu_reference(state.kernel_shape, &windows);

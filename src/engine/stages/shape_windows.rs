@@ -15,7 +15,7 @@ use std::f64::consts::FRAC_PI_2;
 use super::blur::Stacks;
 use super::mask::{self, Masks};
 use super::noise::{self, Noise};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::{SEGMENT, Segment, first_repeated, place, range, vectorised};
 use super::stack::{self, BlurredSegment};
 use super::state::{DoubleState, margin};
@@ -23,6 +23,8 @@ use super::{Number, Raster, spline};
 use crate::base::workers;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
+
+pub use super::interface::shape_windows::*;
 
 /// Side of a window, pixels: wide compared with the blur of most pairs, narrow compared with areas in focus at one
 /// distance.
@@ -32,25 +34,6 @@ const SIDE: usize = shaders::shape_windows::SIDE as usize;
 const COUNTED: f64 = shaders::shape_windows::COUNTED;
 /// The most windows along a side of the level: together a seventh of 1 Mpx.
 const MOST_ALONG: u32 = 16;
-
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Nodes of the stacks.
-    nodes: u32,
-    /// First layer of the stack of I2.
-    second_stack: u32,
-    /// Columns and rows of windows.
-    grid: [u32; 2],
-    /// Pixels of the full-size image per pixel of this level.
-    factor: f32,
-    /// The image centre in pixels of this level.
-    centre: [f32; 2],
-    /// Noise that remains after a blur.
-    noise: Noise,
-}
 
 /// Columns and rows of windows on a level.
 pub(crate) fn grid(size: [u32; 2]) -> [u32; 2] {
@@ -64,17 +47,6 @@ const _: () = assert!(MOST_ALONG * MOST_ALONG == shaders::shape_median::MOST_WIN
 /// Whether a level is large enough for a window.
 pub(crate) fn fits([width, height]: [u32; 2]) -> bool {
     width.min(height) >= SIDE as u32
-}
-
-bindings! {
-    SHAPE_WINDOWS:
-    v: Reads<RelativeBlur>,
-    /// Blur stacks of I1 and of the warped I2, for a Gaussian.
-    stacks: Reads<Stacks>,
-    state: Reads<State>,
-    masks: Reads<Masks>,
-    /// Shape and weight of each window.
-    windows: Writes<Partials>,
 }
 
 /// The estimate of a window.
@@ -95,8 +67,8 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, false);
         let masks = mask::of(memory, self.masks, variant);
-        let windows = cpu_reference(c, memory.state(self.state), memory.layer(self.v, 0), &stacks, masks);
-        let numbers = memory.numbers_mut(self.windows, FLOATS as usize);
+        let windows = cpu_reference(c, memory.state(self.state), memory.layer(self.relative_blur, 0), &stacks, masks);
+        let numbers = memory.numbers_mut(self.partials, FLOATS as usize);
         for (n, window) in windows.iter().enumerate() {
             [numbers[2 * n], numbers[2 * n + 1]] = [window.shape, window.weight].map(N::of);
         }
@@ -383,7 +355,7 @@ mod tests {
         let windows = vec![0.0; FLOATS as usize];
         let inputs = [v, stacks, Input::State(&state), masks, Input::Numbers(&windows)];
         for is_packed in [false, true] {
-            let variant = stack::packed([false, false, masked, false, false], is_packed);
+            let variant = Variant::MASKED.when(masked) | Variant::PACKED.when(is_packed);
             let trial = Trial::run::<Bindings>(&inputs, &c, variant, [c.grid[0], c.grid[1], 1]);
             let (actual, expected) = trial.numbers(4);
             let most = expected.chunks(2).fold(1.0, |most: f64, w| most.max(w[1]));

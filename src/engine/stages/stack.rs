@@ -149,8 +149,6 @@ pub(super) fn node_below(v: f64, count: usize) -> usize {
     NODES[1..count - 1].iter().take_while(|&&node| node <= v).count()
 }
 
-/// The specialization constant by which a texel of the stacks has a coefficient of I1 and one of I2.
-const PACKED: usize = 4;
 /// The largest magnitude of a packed coefficient, in whites. A white pixel on black has 3, a black one on white -2, and
 /// a step at most 1.4. Larger ones have contrasts of both signs from pixel to pixel along both axes, which lenses do
 /// not show; they are clamped.
@@ -159,14 +157,13 @@ const FIXED_MOST: f64 = shaders::stacks::FIXED_MOST;
 const FIXED_STEPS: f64 = shaders::stacks::FIXED_STEPS;
 
 /// A variant for packed stacks, if they are.
-pub(crate) fn packed(mut variant: Variant, is_packed: bool) -> Variant {
-    variant[PACKED] = is_packed;
-    variant
+pub(crate) fn packed(variant: Variant, is_packed: bool) -> Variant {
+    variant | Variant::PACKED.when(is_packed)
 }
 
 /// Whether a variant is for packed stacks.
 pub(crate) fn is_packed(variant: Variant) -> bool {
-    variant[PACKED]
+    variant.has(Variant::PACKED)
 }
 
 /// Bytes per pixel of layers of `count` stacks.
@@ -360,7 +357,7 @@ mod tests {
     #[test]
     fn packing_errs_by_a_hundredth_of_photon_noise_at_any_brightness() {
         let (largest, electrons) = (0.7, 1e5);
-        let white = White::of(packed([false; 5], true), largest).unwrap();
+        let white = White::of(Variant::PACKED, largest).unwrap();
         for brightness in [2.0, 1.0, 0.1, 0.01, 1e-4] {
             let c = |n: i32| (if n % 2 == 0 { 1.0 } else { -1.0 }) * brightness * largest * (1.0 + 1e-4 * f64::from(n));
             let square = |n| (white.coefficient(white.root(c(n))) - c(n)).powi(2);
@@ -371,7 +368,7 @@ mod tests {
             assert!(error < 0.0102 * photon_noise, "{brightness}: {}", error / photon_noise);
         }
         assert_eq!([4.0, -4.0].map(|c| white.root(c)), [32767, -32767], "larger ones are clamped");
-        assert_eq!(White::of(packed([false; 5], true), 0.0).unwrap().root(0.0), 0, "black photographs");
+        assert_eq!(White::of(Variant::PACKED, 0.0).unwrap().root(0.0), 0, "black photographs");
     }
 
     #[test]

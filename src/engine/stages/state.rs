@@ -2,11 +2,16 @@
 //!
 //! The CPU reference of `glsl/include/state.glsl`.
 
-use bytemuck::{Pod, Zeroable};
+use bytemuck::Zeroable;
 
 use super::{Number, Real};
 use crate::base::{Homography, Photometric, Shading};
 use crate::engine::shaders;
+
+pub use shaders::state::{LevelState, Registration as Single, State};
+
+// The state in double precision.
+include!(concat!(env!("OUT_DIR"), "/state.rs"));
 
 /// The most levels of a pyramid: a short side of 32 px on the twelfth is 65536 px on the first.
 pub const MAX_LEVELS: usize = shaders::state::MAX_LEVELS as usize;
@@ -15,91 +20,11 @@ const _: () = assert!(Shading::TERMS == shaders::shading::TERMS as usize);
 /// α of the coarsest level before it is estimated.
 pub const FIRST_ALPHA: f64 = 0.003;
 
-/// The state buffer.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct State {
-    /// T, gain and offset.
-    pub registration: Single,
-    /// Correlation of the low-passed images when it was last measured: with the exposure, or else at the end.
-    pub correlation: f32,
-    /// 1 if the last step had unknowns that the images do not determine.
-    pub degenerate: u32,
-    /// α of the current level.
-    pub alpha: f32,
-    /// Shape of the kernel: 0 a Gaussian, 1 a disk.
-    pub kernel_shape: f32,
-    /// σ of noise in S, intensities, an M-estimate from adjacent pixels; 0 until T is steady on the finest level.
-    pub spread: f32,
-    /// Standard deviation of the scale of V, as a share of V; 0 until the finest level is solved.
-    pub scale_deviation: f32,
-    /// By how much the correlation of neighbouring residuals in a window counts, 0 to 1.
-    pub correlated: f32,
-    /// Σ b² / Σ D of the latest iteration.
-    pub variance: f32,
-    /// Pixels that the latest step moved by more than a tenth of their standard deviation.
-    pub moving: u32,
-    /// Pixels that it moved by more than half of it.
-    pub moving_far: u32,
-    /// Pixels with data that it left at the limit of |V|.
-    pub at_limit: u32,
-    /// Clipped pixels of I1 and I2 that no mask excludes.
-    pub clipped: [u32; 2],
-    /// Workgroups of the current dispatch that have stored their sums; 0 between dispatches.
-    pub finished: u32,
-    /// The [unit of intensities](super::unit) in those of the photographs, a power of two.
-    pub unit: f32,
-    /// The largest intensity of both photographs; 0 unless blur stacks are packed.
-    pub white: f32,
-    /// T when I2 was last warped onto I1's pixels.
-    pub warped: Single,
-    /// Coefficients of the shading.
-    pub shading: [f32; Shading::TERMS],
-    /// The shading that I2 was last multiplied by.
-    pub applied_shading: [f32; Shading::TERMS],
-    /// By level, finest first.
-    pub levels: [LevelState; MAX_LEVELS],
-}
-
 impl State {
     /// Offset in bytes of the word that is 1 once a level has settled.
     pub(crate) fn settled_at(level: usize) -> usize {
         std::mem::offset_of!(Self, levels) + level * size_of::<LevelState>() + std::mem::offset_of!(LevelState, settled)
     }
-}
-
-/// T, gain and offset in single precision, as on the device.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Single {
-    /// M minus the identity, by rows: zeros if T is the identity.
-    pub linear: [f32; 4],
-    /// t, pixels of the full-size image.
-    pub t: [f32; 2],
-    /// g, 1/px of the full-size image.
-    pub g: [f32; 2],
-    /// Gain of I2.
-    pub gain: f32,
-    /// Offset of I2.
-    pub offset: f32,
-}
-
-/// The progress of a level.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct LevelState {
-    /// Outer iterations.
-    pub iterations: u32,
-    /// Energy per valid pixel of the latest iteration.
-    pub energy: f32,
-    /// Valid pixels.
-    pub valid: f32,
-    /// Bit n: I2 was warped again before iteration 2ⁿ.
-    pub warps: u32,
-    /// 1 once T and V are at rest, or the solve is cancelled: the level has no more iterations.
-    pub settled: u32,
-    /// The share of the valid pixels below the limit of |V| that the latest step moved.
-    pub moving: f32,
 }
 
 /// T, gain and offset, in double precision.
@@ -113,90 +38,79 @@ pub struct Registration {
     pub offset: f64,
 }
 
-/// The state in double precision, for the CPU references.
-#[derive(Clone, Debug)]
-pub struct DoubleState {
-    /// T, gain and offset.
-    pub registration: Registration,
-    /// T when I2 was last warped onto I1's pixels.
-    pub warped: Registration,
-    /// The shading.
-    pub shading: Shading,
-    /// The shading that I2 was last multiplied by.
-    pub applied_shading: Shading,
-    /// Correlation of the low-passed images.
-    pub correlation: f64,
-    /// The last step had unknowns that the images do not determine.
-    pub degenerate: bool,
-    /// α of the current level.
-    pub alpha: f64,
-    /// Shape of the kernel: 0 a Gaussian, 1 a disk.
-    pub kernel_shape: f64,
-    /// σ of noise in S, intensities.
-    pub spread: f64,
-    /// Standard deviation of the scale of V, as a share of V.
-    pub scale_deviation: f64,
-    /// By how much the correlation of neighbouring residuals in a window counts, 0 to 1.
-    pub correlated: f64,
-    /// Σ b² / Σ D of the latest iteration.
-    pub variance: f64,
-    /// Pixels that the latest step moved by more than a tenth and by more than half of their standard deviation; pixels
-    /// with data that it left at the limit of |V|.
-    pub moving: [f64; 3],
-    /// Clipped pixels of I1 and I2 that no mask excludes.
-    pub clipped: [u32; 2],
-    /// The [unit of intensities](super::unit) in those of the photographs, a power of two.
-    pub unit: f64,
-    /// The largest intensity of both photographs; 0 unless blur stacks are packed.
-    pub white: f64,
-    /// By level, finest first.
-    pub levels: [DoubleLevel; MAX_LEVELS],
+/// What the device stores in single precision and the CPU references compute with in double precision. `build.rs` writes
+/// it for the state, from `glsl/include/state.glsl`.
+pub trait Double {
+    /// The type in double precision.
+    type Of;
+    /// From single precision.
+    fn double(&self) -> Self::Of;
+    /// To single precision.
+    fn single(double: &Self::Of) -> Self;
 }
 
-/// The progress of a level, in double precision.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct DoubleLevel {
-    /// Outer iterations.
-    pub iterations: u32,
-    /// Energy per valid pixel of the latest iteration.
-    pub energy: f64,
-    /// Valid pixels.
-    pub valid: f64,
-    /// Bit n: I2 was warped again before iteration 2ⁿ.
-    pub warps: u32,
-    /// T and V are at rest: the level has no more iterations.
-    pub settled: bool,
-    /// The share of the valid pixels below the limit of |V| that the latest step moved.
-    pub moving: f64,
+impl Double for f32 {
+    type Of = f64;
+    fn double(&self) -> f64 {
+        (*self).into()
+    }
+    fn single(double: &f64) -> Self {
+        *double as f32
+    }
+}
+
+impl Double for u32 {
+    type Of = u32;
+    fn double(&self) -> u32 {
+        *self
+    }
+    fn single(double: &u32) -> Self {
+        *double
+    }
+}
+
+impl Double for [u32; 2] {
+    type Of = [u32; 2];
+    fn double(&self) -> [u32; 2] {
+        *self
+    }
+    fn single(double: &[u32; 2]) -> Self {
+        *double
+    }
+}
+
+impl Double for [f32; Shading::TERMS] {
+    type Of = Shading;
+    fn double(&self) -> Shading {
+        Shading { coefficients: self.map(f64::from) }
+    }
+    fn single(double: &Shading) -> Self {
+        double.coefficients.map(|c| c as f32)
+    }
+}
+
+impl Double for [LevelState; MAX_LEVELS] {
+    type Of = [DoubleLevel; MAX_LEVELS];
+    fn double(&self) -> [DoubleLevel; MAX_LEVELS] {
+        self.each_ref().map(Double::double)
+    }
+    fn single(double: &[DoubleLevel; MAX_LEVELS]) -> Self {
+        double.each_ref().map(Double::single)
+    }
 }
 
 impl DoubleState {
     /// Adds counts of pixels that a step moved, that it moved far, and that it left at the limit.
-    pub(crate) fn count(&mut self, moving: [u32; 3]) {
-        self.moving.iter_mut().zip(moving).for_each(|(sum, count)| *sum += f64::from(count));
+    pub(crate) fn count(&mut self, [moving, moving_far, at_limit]: [u32; 3]) {
+        self.moving += moving;
+        self.moving_far += moving_far;
+        self.at_limit += at_limit;
     }
 
     /// The state before a solve that estimates α.
     pub fn new(start: Registration) -> Self {
-        Self {
-            registration: start,
-            warped: start,
-            shading: Shading::NONE,
-            applied_shading: Shading::NONE,
-            correlation: 0.0,
-            degenerate: false,
-            alpha: FIRST_ALPHA,
-            kernel_shape: 0.0,
-            spread: 0.0,
-            scale_deviation: 0.0,
-            correlated: 0.0,
-            variance: 0.0,
-            moving: [0.0; 3],
-            clipped: [0; 2],
-            unit: 1.0,
-            white: 0.0,
-            levels: [DoubleLevel::default(); MAX_LEVELS],
-        }
+        let (registration, warped, zero) = (start, start, State::zeroed().double());
+        Self { registration, warped, alpha: FIRST_ALPHA, unit: 1.0, ..zero }
     }
 }
 
@@ -214,98 +128,38 @@ impl State {
 
     /// T, gain and offset; the offset in units.
     pub fn registration(&self) -> Registration {
-        self.registration.into()
+        self.registration.double()
     }
 
     /// The shading that I2 was last multiplied by.
     pub fn applied_shading(&self) -> Shading {
-        Shading { coefficients: self.applied_shading.map(f64::from) }
-    }
-}
-
-impl From<&DoubleState> for State {
-    fn from(double: &DoubleState) -> Self {
-        let level = |n: usize| {
-            let DoubleLevel { iterations, energy, valid, warps, settled, moving } = double.levels[n];
-            let [energy, valid, moving] = [energy, valid, moving].map(|number| number as f32);
-            LevelState { iterations, energy, valid, warps, settled: settled.into(), moving }
-        };
-        let [moving, moving_far, at_limit] = double.moving.map(|count| count as u32);
-        Self {
-            registration: (&double.registration).into(),
-            correlation: double.correlation as f32,
-            degenerate: double.degenerate.into(),
-            alpha: double.alpha as f32,
-            kernel_shape: double.kernel_shape as f32,
-            spread: double.spread as f32,
-            scale_deviation: double.scale_deviation as f32,
-            correlated: double.correlated as f32,
-            variance: double.variance as f32,
-            moving,
-            moving_far,
-            at_limit,
-            clipped: double.clipped,
-            finished: 0,
-            unit: double.unit as f32,
-            white: double.white as f32,
-            warped: (&double.warped).into(),
-            shading: double.shading.coefficients.map(|c| c as f32),
-            applied_shading: double.applied_shading.coefficients.map(|c| c as f32),
-            levels: std::array::from_fn(level),
-        }
-    }
-}
-
-impl From<&State> for DoubleState {
-    fn from(single: &State) -> Self {
-        let level = |n: usize| {
-            let LevelState { iterations, energy, valid, warps, settled, moving } = single.levels[n];
-            let [energy, valid, moving] = [energy, valid, moving].map(f64::from);
-            DoubleLevel { iterations, energy, valid, warps, settled: settled == 1, moving }
-        };
-        Self {
-            registration: single.registration(),
-            warped: single.warped.into(),
-            shading: Shading { coefficients: single.shading.map(f64::from) },
-            applied_shading: single.applied_shading(),
-            correlation: single.correlation.into(),
-            degenerate: single.degenerate == 1,
-            alpha: single.alpha.into(),
-            kernel_shape: single.kernel_shape.into(),
-            spread: single.spread.into(),
-            scale_deviation: single.scale_deviation.into(),
-            correlated: single.correlated.into(),
-            variance: single.variance.into(),
-            moving: [single.moving, single.moving_far, single.at_limit].map(f64::from),
-            clipped: single.clipped,
-            unit: single.unit.into(),
-            white: single.white.into(),
-            levels: std::array::from_fn(level),
-        }
+        self.applied_shading.double()
     }
 }
 
 impl From<&Registration> for Single {
-    fn from(r: &Registration) -> Self {
-        let [[xx, xy, tx], [yx, yy, ty], [gx, gy, _]] = r.transform.matrix();
-        Self {
-            linear: [xx - 1.0, xy, yx, yy - 1.0].map(|v| v as f32),
-            t: [tx as f32, ty as f32],
-            g: [gx as f32, gy as f32],
-            gain: r.gain as f32,
-            offset: r.offset as f32,
-        }
+    fn from(registration: &Registration) -> Self {
+        Self::single(registration)
     }
 }
 
-impl From<Single> for Registration {
+impl Double for Single {
+    type Of = Registration;
+
     /// An invalid T becomes the identity; the solution warns of it.
-    fn from(single: Single) -> Self {
-        let ([xx, xy, yx, yy], [tx, ty]) = (single.linear.map(f64::from), single.t.map(f64::from));
-        let [gx, gy] = single.g.map(f64::from);
+    fn double(&self) -> Registration {
+        let Self { xx, xy, yx, yy, tx, ty, gx, gy, gain, offset } = *self;
+        let [xx, xy, yx, yy, tx, ty, gx, gy] = [xx, xy, yx, yy, tx, ty, gx, gy].map(f64::from);
         let matrix = [[1.0 + xx, xy, tx], [yx, 1.0 + yy, ty], [gx, gy, 1.0]];
         let transform = Homography::from_matrix(matrix).unwrap_or_default();
-        Self { transform, gain: single.gain.into(), offset: single.offset.into() }
+        Registration { transform, gain: gain.into(), offset: offset.into() }
+    }
+
+    fn single(r: &Registration) -> Self {
+        let [[xx, xy, tx], [yx, yy, ty], [gx, gy, _]] = r.transform.matrix();
+        let numbers = [xx - 1.0, xy, yx, yy - 1.0, tx, ty, gx, gy, r.gain, r.offset];
+        let [xx, xy, yx, yy, tx, ty, gx, gy, gain, offset] = numbers.map(|number| number as f32);
+        Self { xx, xy, yx, yy, tx, ty, gx, gy, gain, offset }
     }
 }
 

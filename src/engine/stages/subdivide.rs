@@ -5,30 +5,13 @@
 //! at pixel 2i. The image is mirrored about the border pixels of the *fine* grid: for an even size, half-way between
 //! the last pixel of the coarse grid and the next.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::streamed;
 use super::spline::{Raster, fold};
 use super::{Number, pixels, stack};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the fine image, pixels.
-    width: u32,
-    /// Height of the fine image, pixels.
-    height: u32,
-    /// First layer of the coarse image.
-    from_layer: u32,
-    /// Layers from there to the next.
-    from_step: u32,
-    /// Target layer of the fine image, for the first layer of the coarse one.
-    layer: u32,
-    /// Layers from there to the next.
-    step: u32,
-    /// The number of layers.
-    planes: u32,
-    /// First entry of the list of tiles; only with the variant for lists.
-    listed: u32,
-}
+pub use super::interface::subdivide::*;
 
 /// Workgroups over the pixels of a coarse image, of `planes` layers. Packed ones count as one.
 pub(crate) fn groups(size: [u32; 2], planes: u32) -> [u32; 3] {
@@ -38,16 +21,7 @@ pub(crate) fn groups(size: [u32; 2], planes: u32) -> [u32; 3] {
 
 /// The variant for listed tiles, and for packed layers.
 pub(crate) fn variant(listed: bool, packed: bool) -> Variant {
-    stack::packed([false, false, listed, false, false], packed)
-}
-
-bindings! {
-    SUBDIVIDE:
-    /// Coefficients on every other pixel.
-    coarse: Reads<Words>,
-    /// Coefficients on every pixel.
-    fine: Writes<Stacks>,
-    tiles: Reads<Tiles>,
+    Variant::LISTED.when(listed) | Variant::PACKED.when(packed)
 }
 
 impl Pass for Bindings {

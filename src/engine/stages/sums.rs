@@ -15,9 +15,6 @@ use crate::engine::vulkan::Variant;
 /// Unknowns of the registration step, each in pixels of the level.
 pub const UNKNOWNS: usize = 8;
 
-/// The variant of stages that compute the sums of homographies: more monomials.
-pub(crate) const PROJECTIVE: Variant = [false, false, false, true, false];
-
 /// The displacement by one pixel of each unknown, at a place from the centre divided by L.
 pub fn displacements([x, y]: [f64; 2]) -> [[f64; 2]; UNKNOWNS] {
     [[1.0, 0.0], [0.0, 1.0], [x, y], [-y, x], [x, -y], [y, x], [-x * x, -x * y], [-x * y, -y * y]]
@@ -71,7 +68,7 @@ impl Layout {
 
     /// The layout of a variant of a stage.
     pub(crate) fn of_variant(variant: Variant) -> Self {
-        Self::of(variant[3])
+        Self::of(variant.has(Variant::PROJECTIVE))
     }
 }
 

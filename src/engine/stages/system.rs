@@ -40,7 +40,7 @@ pub struct Constants {
 }
 
 /// The variant for a sweep.
-pub(crate) const SWEEP: Variant = [true, false, false, false, false];
+pub(crate) const SWEEP: Variant = Variant::SWEEP;
 
 /// Layers of the equations that a variant reads: D, b, and for a sweep q.
 pub(crate) fn layers(variant: Variant) -> u32 {

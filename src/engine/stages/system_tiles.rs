@@ -6,7 +6,7 @@
 //! equations up to five grids. It stores the means of D, which the update of V reads, and the right sides.
 
 use super::grid::{FLOATS, Grid, grids};
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::separable::filter_both;
 use super::{Number, WORKGROUP, pixels, system};
 use crate::engine::plan::FilterRange;
@@ -14,6 +14,8 @@ use crate::engine::shaders;
 use crate::engine::shaders::filter::{SPAN, TAPS};
 use crate::engine::shaders::system_tiles::{CELLS, LINES, TILE, TOTAL};
 use crate::engine::vulkan::Variant;
+
+pub use super::interface::system_tiles::*;
 
 /// The most grids of a dispatch.
 pub(crate) const GRIDS: usize = shaders::system_tiles::GRIDS as usize;
@@ -25,25 +27,6 @@ const _: () = assert!(TOTAL == WORKGROUP[0] * WORKGROUP[1] && TOTAL == CELLS * C
 const _: () = assert!(1 << GRIDS == TILE && LINES == TILE + TAPS - 1 && TILE.is_multiple_of(SPAN));
 const _: () = assert!(shaders::system_tiles::RIGHT_SIDE == shaders::relax_tiles::RIGHT_SIDE);
 const _: () = assert!(shaders::system_tiles::RIGHT_SIDE == shaders::relax::RIGHT_SIDE);
-
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// α; for a pair the factor on the state's α.
-    alpha: f32,
-    /// c, px² of the level per squared setting; 1 for a pair.
-    rate: f32,
-    /// η of the smoothness term, px of blur per pixel; for a pair px² per pixel.
-    smoothness_eta: f32,
-    /// First weights of the window, in units of four weights.
-    offset: u32,
-    /// The window has 2 radius + 1 weights, at most 19.
-    radius: u32,
-    /// Grids to store.
-    grids: u32,
-}
 
 impl Constants {
     /// The constants of the system, with the window before it and the number of grids behind it.
@@ -57,26 +40,6 @@ impl Constants {
         let &Self { width, height, alpha, rate, smoothness_eta, .. } = self;
         system::Constants { width, height, alpha, rate, smoothness_eta }
     }
-}
-
-bindings! {
-    SYSTEM_TILES:
-    /// V or u.
-    unknown: Reads<RelativeBlur>,
-    /// D, b, and for a sweep q.
-    equations: Reads<Plane>,
-    /// Layer 0: D averaged over the window. Layer 1: right sides; in the memory of the CPU reference layers 1 and 2, by
-    /// color.
-    smoothed: Writes<Plane>,
-    /// Weights.
-    weights: Writes<Weights>,
-    /// For a sweep Σ q b/(D + Σa) and Σ q²/(D + Σa).
-    partials: Writes<Partials>,
-    /// State, with α of a pair.
-    state: Reads<State>,
-    /// The equations of the coarse grids.
-    grid: Writes<GridEquations>,
-    filters: Reads<Filters>,
 }
 
 /// Workgroups over a level.
@@ -105,10 +68,10 @@ impl Pass for Bindings {
                 _ => memory.take_layer(self.weights, 4 * color + n - 1),
             })
         });
-        let mut cells = memory.take_numbers(self.grid);
+        let mut cells = memory.take_numbers(self.grid_equations);
         let window = &memory.numbers(self.filters)[4 * c.offset as usize..][..2 * c.radius as usize + 1];
         let (size, periods) = ([c.width, c.height], [c.width, c.height].map(|side| 2 * (side as usize - 1)));
-        for (smoothed, layer) in smoothed.iter_mut().zip(memory.layers(self.equations)) {
+        for (smoothed, layer) in smoothed.iter_mut().zip(memory.layers(self.normal_equations)) {
             *smoothed = std::mem::take(smoothed).of_size(size.map(|side| side as usize));
             filter_both(smoothed, layer, [window; 2], 1, periods, false);
         }
@@ -120,7 +83,7 @@ impl Pass for Bindings {
             cells.resize(cells.len().max(first + FLOATS * coarser.cells.len()), N::default());
             cells[first..][..FLOATS * coarser.cells.len()].copy_from_slice(coarser.cells.as_flattened());
         }
-        memory.put_numbers(self.grid, cells);
+        memory.put_numbers(self.grid_equations, cells);
         for (color, [right_side, weights @ ..]) in colors.into_iter().enumerate() {
             memory.set_layer(self.smoothed, RIGHT_SIDE + color, right_side);
             memory.set_weights(self.weights, color, weights);
@@ -205,8 +168,8 @@ mod tests {
     fn matches_the_cpu_reference() {
         for size in [[67, 43], [64, 33], [33, 18], [8, 9], [131, 260], [1030, 530]] {
             check(size, system::SWEEP, false);
-            check(size, [false; 5], false);
+            check(size, Variant::NONE, false);
         }
-        check([35, 20], [false; 5], true);
+        check([35, 20], Variant::NONE, true);
     }
 }

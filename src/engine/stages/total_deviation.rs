@@ -4,38 +4,20 @@
 //! The search for depth edges runs before this pass. It compares levels of one pair, which share the scale, so it needs
 //! only the errors that differ from pixel to pixel. Section 7 of `docs/method.md`.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::{SEGMENT, segment};
 use super::uncertainty::{LARGEST, WINDOW_PIXELS};
 use super::uncertainty_terms::{self, at_pixels};
 use super::{Number, Raster, pixels};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// Pixels of a window.
-    pixels: f32,
-    /// Standard deviation where the photographs do not determine V, px².
-    largest: f32,
-}
+pub use super::interface::total_deviation::*;
 
 impl Constants {
     /// The constants of an image.
     pub(crate) fn new([width, height]: [u32; 2]) -> Self {
         Self { width, height, pixels: WINDOW_PIXELS, largest: LARGEST }
     }
-}
-
-bindings! {
-    TOTAL_DEVIATION:
-    /// Means of the curvature, b², (∇²V)² and b Σb.
-    terms: Reads<UncertaintyTerms>,
-    /// Layers: V, its standard deviation.
-    results: Updates<Results>,
-    state: Reads<State>,
 }
 
 impl Pass for Bindings {

@@ -25,7 +25,7 @@
 //! Where V is at its limit, only a bound of it is known. σ there is that of a pixel that the photographs do not
 //! determine, so that no count, mask or measurement takes the bound for a measured value.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::{SEGMENT, segment};
 use super::state::{DoubleState, margin};
 use super::uncertainty_terms::{self, WINDOW, at_pixels};
@@ -33,6 +33,8 @@ use super::{Number, Raster, pixels};
 use crate::base::Settings;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
+
+pub use super::interface::uncertainty::*;
 
 /// β, px⁴.
 pub const BENDING: f32 = 30.0;
@@ -52,27 +54,6 @@ const CERTAIN: f64 = shaders::uncertainty::CERTAIN;
 pub const WINDOW_PIXELS: f32 = (4.0 * std::f64::consts::PI * WINDOW * WINDOW) as f32;
 /// Standard deviation where the photographs do not determine V, px²: more than any |V|.
 pub const LARGEST: f32 = 1e3;
-
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// The image centre, pixels.
-    centre: [f32; 2],
-    /// N.
-    pixels: f32,
-    /// β, px⁴.
-    bending: f32,
-    /// Standard deviation where the photographs do not determine V, px².
-    largest: f32,
-    /// |V| from which V is only a bound, px².
-    at_limit: f32,
-    /// η of the data term, intensities.
-    eta: f32,
-    /// Independent samples of what is not noise in a window.
-    features: f32,
-}
 
 impl Constants {
     /// The constants of an image.
@@ -99,21 +80,6 @@ pub(crate) fn at_limit(max_relative_blur: f64) -> f32 {
     0.999 * max_relative_blur as f32
 }
 
-/// The variant for masked pixels.
-pub(crate) const MASKED: Variant = [false, false, true, false, false];
-
-bindings! {
-    UNCERTAINTY:
-    v: Reads<RelativeBlur>,
-    /// Means of the curvature, b², (∇²V)², b Σb and of the squared residual.
-    terms: Reads<UncertaintyTerms>,
-    /// Layers: V, its standard deviation, the residual.
-    results: Writes<Results>,
-    state: Reads<State>,
-    /// A byte per pixel: 0 where there are no results.
-    mask: Reads<MaskBytes>,
-}
-
 impl Pass for Bindings {
     /// Compulsory traffic: V and on every fourth pixel the terms read, three results written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
@@ -122,10 +88,10 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let mask = memory.mask_bytes().filter(|_| variant == MASKED);
+        let mask = memory.mask_bytes().filter(|_| variant.has(Variant::MASKED));
         if let Some(terms) = memory.layers(self.terms).first_chunk() {
-            let results = cpu_reference(c, memory.state(self.state), memory.layer(self.v, 0), terms, mask);
-            results.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.results, n, field));
+            let results = cpu_reference(c, memory.state(self.state), memory.layer(self.relative_blur, 0), terms, mask);
+            results.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.result, n, field));
         }
     }
 }
@@ -207,7 +173,7 @@ mod tests {
             let mask = Mask::from_image(&Frame::gray(width, height, picture).unwrap());
             let (state, mask) = (Input::State(&state), Input::Mask(&mask));
             let inputs = [Input::Image(&v), Input::Image(&terms), Input::Unread, state, mask];
-            for variant in [MASKED, NO_VARIANT] {
+            for variant in [Variant::MASKED, NO_VARIANT] {
                 let trial = Trial::run::<Bindings>(&inputs, &c, variant, STAGE.groups(size));
                 // 1e-3 of up to 1000 px²: quotients by terms near zero.
                 trial.assert_within(1e-3);

@@ -12,13 +12,15 @@
 //! V depends on all pixels within reach of the smoothness, so that a single pixel says little. Averaged over a
 //! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::rows::{self, Rows};
 use super::segments::{SEGMENT, Segment, streamed};
 use super::{Number, Raster, pixels};
 use crate::engine::filter::{self, Filter};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
+
+pub use super::interface::uncertainty_terms::*;
 
 /// Layers: curvature, b², (∇²V)², b Σb; then the squared [residual](mod@super::residual).
 pub const LAYERS: usize = 5;
@@ -37,28 +39,6 @@ pub const NOISE: f32 = 1e-3;
 /// 1e-6.
 pub const LEAST: f32 = 1e-8;
 
-push_constants! {
-    /// Width of the image, pixels.
-    width: u32,
-    /// Height of the image, pixels.
-    height: u32,
-    /// η of the data term, intensities.
-    eta: f32,
-    /// Least standard deviation of a residual, intensities.
-    noise: f32,
-    /// D below which it is rounding; [`LEAST`].
-    least: f32,
-}
-
-bindings! {
-    UNCERTAINTY_TERMS:
-    v: Reads<RelativeBlur>,
-    /// D, b.
-    equations: Reads<Plane>,
-    /// The layers of the terms before the residual.
-    terms: Writes<UncertaintyTerms>,
-}
-
 impl Pass for Bindings {
     /// Compulsory traffic: V and b read; on every fourth pixel D read, four values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
@@ -67,8 +47,8 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
-        let [d, b] = [0, 1].map(|n| memory.layer(self.equations, n));
-        let terms = cpu_reference(c, memory.layer(self.v, 0), [d, b]);
+        let [d, b] = [0, 1].map(|n| memory.layer(self.normal_equations, n));
+        let terms = cpu_reference(c, memory.layer(self.relative_blur, 0), [d, b]);
         terms.into_iter().zip(1..).for_each(|(field, n)| memory.set_layer(self.terms, n, field));
     }
 }

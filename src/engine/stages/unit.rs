@@ -9,25 +9,14 @@
 //! A power of two changes no digit of an intensity. A photograph that uses its range has the unit 1: it is as if there
 //! were none.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::state::DoubleState;
 use super::{Number, ingest};
 use crate::base::{Decode, Format, Frame};
 use crate::engine::shaders::unit::{ALONG_X, ALONG_Y, BEYOND_WHITE, BRIGHTER, DIMMEST, OCTAVES, PLACES, ROUNDING};
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// 1 or 3 interleaved channels, of either photograph.
-    channels: [u32; 2],
-    /// 1, 2 or 4 bytes per sample, of either photograph.
-    bytes: [u32; 2],
-    /// Weights of red, green and blue; unused for one channel.
-    weights: [f32; 3],
-}
+pub use super::interface::unit::*;
 
 impl Constants {
     /// The constants for photographs of a size and these formats.
@@ -39,15 +28,7 @@ impl Constants {
 
 /// The variant that decodes the sRGB curve.
 pub(crate) fn variant(decode: Decode) -> Variant {
-    [decode == Decode::Srgb, false, false, false, false]
-}
-
-bindings! {
-    UNIT:
-    first: Reads<Samples>,
-    second: Reads<Samples>,
-    /// State, with the unit and the offset, which is restated in units.
-    state: Updates<State>,
+    Variant::SRGB.when(decode == Decode::Srgb)
 }
 
 impl Pass for Bindings {
@@ -57,7 +38,7 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let decode = if variant[0] { Decode::Srgb } else { Decode::None };
+        let decode = if variant.has(Variant::SRGB) { Decode::Srgb } else { Decode::None };
         let frames = [memory.photograph(self.first), memory.photograph(self.second)];
         let unit = cpu_reference(frames, decode, c.weights);
         let DoubleState { registration, unit: of_state, .. } = memory.state_mut(self.state);

@@ -2,32 +2,15 @@
 //!
 //! [`PixelFormat::frame`] is the CPU reference.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::{Number, pixels};
 use crate::base::{Order, Packing, PixelFormat};
 use crate::engine::vulkan::Variant;
 
+pub use super::interface::unpack::*;
+
 /// Groups of four pixels per row of invocations: 2^28 pixels have 2^14 rows, in workgroups of four.
 const ROW: u32 = 4096;
-
-push_constants! {
-    /// Width, pixels.
-    width: u32,
-    /// Height, pixels.
-    height: u32,
-    /// Bits of a packed sample.
-    bits: u32,
-    /// Packed samples per pixel.
-    count: u32,
-    /// 1: the order is blue, green, red.
-    reversed: u32,
-    /// Place of red among two by two pixels of a mosaic.
-    red: [u32; 2],
-    /// Groups of four pixels per row of invocations.
-    row: u32,
-    /// Quotient and remainder of 65535 by the greatest packed sample.
-    steps: [u32; 2],
-}
 
 impl Constants {
     /// The constants for frames of a size and a packed format.
@@ -54,23 +37,20 @@ impl Constants {
     }
 }
 
-/// The variant for contiguous bits, for two samples in three bytes, for a mosaic, and for more than 8 bits. Constants,
+/// The variant for a format. Constants,
 /// since software devices execute both sides of a branch.
 pub(crate) fn variant(format: PixelFormat) -> Variant {
-    let is_mosaic = matches!(format.order, Order::Mosaic(_));
-    [format.packing == Packing::Bits, format.packing == Packing::Pairs, is_mosaic, format.bits > 8, false]
-}
-
-bindings! {
-    UNPACK:
-    packed: Reads<Packed>,
-    samples: Writes<Samples>,
+    Variant::BITS.when(format.packing == Packing::Bits)
+        | Variant::PAIRS.when(format.packing == Packing::Pairs)
+        | Variant::MOSAIC.when(matches!(format.order, Order::Mosaic(_)))
+        | Variant::WIDE.when(format.bits > 8)
 }
 
 impl Pass for Bindings {
     /// Compulsory traffic: every packed sample read, every sample written.
-    fn bytes(c: &Constants, [_, _, is_mosaic, is_wide, _]: Variant) -> u64 {
-        let written = if c.count == 1 && !is_mosaic { 1 } else { 3 } * if is_wide { 2 } else { 1 };
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
+        let written = if c.count == 1 && !variant.has(Variant::MOSAIC) { 1 } else { 3 }
+            * if variant.has(Variant::WIDE) { 2 } else { 1 };
         pixels(c.width, c.height) * u64::from(c.count * c.bits + 8 * written) / 8
     }
 

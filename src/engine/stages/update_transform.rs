@@ -3,11 +3,15 @@
 //! It solves `N ζ = -g` with the sums of [`linearise`](super::linearise), or descends the gradient. Section 5 of
 //! `docs/method.md`.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
 use super::{Number, WORKGROUP};
 use crate::base::{Homography, Shading};
+
+pub use super::interface::update_transform::*;
+pub use crate::engine::shaders::sums::Step;
+pub(crate) use crate::engine::shaders::sums::{DESCENDS, FINDS_ALPHA, MAY_SETTLE, MAY_WARP, STEPS};
 #[cfg(feature = "program")]
 use crate::engine::shaders::update_transform::{AT_ONCE, MOST_CHAINS};
 use crate::engine::vulkan::Variant;
@@ -17,50 +21,6 @@ use crate::engine::{arguments, shaders};
 const _: () = assert!(arguments::WORDS <= (WORKGROUP[0] * WORKGROUP[1]) as usize);
 // An invocation for each element of N and of the right side.
 const _: () = assert!(UNKNOWNS * (UNKNOWNS + 1) <= (WORKGROUP[0] * WORKGROUP[1]) as usize);
-
-/// The step that follows the sums.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct Step {
-    /// Level, 0 the finest.
-    pub level: u32,
-    /// Index of the energy of this level and iteration.
-    pub energy_place: u32,
-    /// The number of unknowns of T to solve for; 0 holds T.
-    pub unknowns: u32,
-    /// A sum of [`STEPS`], [`DESCENDS`], [`MAY_SETTLE`], [`FINDS_ALPHA`] and [`MAY_WARP`].
-    pub flags: u32,
-    /// A level settles only if no corner moves by more, pixels of the level.
-    pub still: f32,
-    /// Share of the step that is taken.
-    pub share: f32,
-    /// Or if `ζ N ζ` is less than this times Σ b² / Σ D: T moves by less than a share of its standard deviation if
-    /// residuals are independent.
-    pub steady: f32,
-    /// Or less than this times the variance of g over N: by less than a share of the deviation by the scatter over
-    /// tiles.
-    pub steady_by_tiles: f32,
-    /// A level settles only if the energy changes by no more than this share.
-    pub flatness: f32,
-    /// A level settles only if the latest step moved no more than this share of the valid pixels by a tenth of their
-    /// standard deviation,
-    pub most_moving: f32,
-    /// and no more than this share by half of it.
-    pub most_far: f32,
-    /// The noise for which η of the data term is wide enough, intensities.
-    pub least_spread: f32,
-}
-
-/// The last workgroup of [`linearise`](super::linearise) takes the step.
-pub const STEPS: u32 = shaders::sums::STEPS;
-/// It descends the gradient instead of solving.
-pub const DESCENDS: u32 = shaders::sums::DESCENDS;
-/// An iteration at the final α is complete. A level cannot converge before.
-pub const MAY_SETTLE: u32 = shaders::sums::MAY_SETTLE;
-/// It estimates α.
-pub const FINDS_ALPHA: u32 = shaders::sums::FINDS_ALPHA;
-/// The next iteration has passes that warp I2 again.
-pub const MAY_WARP: u32 = shaders::sums::MAY_WARP;
 
 impl Step {
     /// Whether a flag is set.
@@ -88,31 +48,6 @@ impl Step {
     }
 }
 
-push_constants! {
-    /// Rows of partial sums, one per workgroup of the pass that makes them.
-    rows: u32,
-    /// Pixels of the full-size image per pixel of this level.
-    factor: f32,
-    /// L, the length that places are divided by, pixels of the level.
-    length: f32,
-    /// From the centre to a corner, pixels of the level.
-    half_size: [f32; 2],
-    /// The step.
-    step: Step,
-}
-
-bindings! {
-    UPDATE_TRANSFORM:
-    partials: Reads<Partials>,
-    state: Updates<State>,
-    /// Energies by level and iteration.
-    energies: Writes<Energies>,
-    /// Indirect arguments.
-    arguments: Writes<Arguments>,
-    /// Indirect arguments before the solve, followed by the word that cancels it.
-    start_arguments: Reads<StartArguments>,
-}
-
 impl Pass for Bindings {
     /// Compulsory traffic: the partial sums.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
@@ -122,39 +57,39 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let sums = memory.sums(self.partials, Layout::of_variant(variant));
         let start = memory.words(self.start_arguments).to_vec();
-        let state = memory.state_mut(self.state);
-        let level = c.step.level as usize;
+        let state = memory.state_mut(self.updated);
+        let level = c.t_step.level as usize;
         let step = cpu_reference(
             c,
             &sums,
             &mut state.registration,
             state.levels[level].energy,
-            std::mem::take(&mut state.moving),
+            [&mut state.moving, &mut state.moving_far, &mut state.at_limit].map(|count| std::mem::take(count).into()),
         );
         state.variance = sums.variance[0] / sums.variance[1].max(1e-30);
         if level == 0 && step.steady {
             state.spread = find_spread(c, &sums, state.spread);
         }
-        if c.step.is(FINDS_ALPHA) {
+        if c.t_step.is(FINDS_ALPHA) {
             state.alpha = find_alpha(&sums, state.alpha);
         }
         let follows =
             !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.applied_shading);
         let cancelled = start.last().is_some_and(|&last| last != arguments::NOT_CANCELLED);
         let ends = step.settled || cancelled;
-        let warps = c.step.is(MAY_WARP) && !ends && !follows;
-        state.degenerate = step.degenerate;
+        let warps = c.t_step.is(MAY_WARP) && !ends && !follows;
+        state.degenerate = step.degenerate.into();
         let progress = &mut state.levels[level];
         if warps {
             progress.warps |= 1 << (progress.iterations + 1).ilog2();
         }
         progress.iterations += 1;
         (progress.energy, progress.valid, progress.moving) = (step.energy, sums.valid, step.moving);
-        progress.settled = step.settled;
+        progress.settled = step.settled.into();
         if cancelled {
-            state.levels[..=level].iter_mut().for_each(|level| level.settled = true);
+            state.levels[..=level].iter_mut().for_each(|level| level.settled = 1);
         }
-        let place = c.step.energy_place as usize;
+        let place = c.t_step.energy_place as usize;
         memory.numbers_mut(self.energies, place + 1)[place] = N::of(step.energy);
         let (words, [own, warping]) = (memory.words_mut(self.arguments), arguments::words(level));
         if ends {
@@ -162,7 +97,7 @@ impl Pass for Bindings {
         }
         if warps {
             words[warping.clone()].copy_from_slice(&start[warping]);
-        } else if c.step.is(MAY_WARP) {
+        } else if c.t_step.is(MAY_WARP) {
             words[warping].fill(0);
         }
     }
@@ -202,22 +137,22 @@ pub fn cpu_reference(
     let factor = f64::from(c.factor);
     let (x, degenerate) = solve(c, sums);
     let decrease: f64 = -x.iter().zip(&sums.gradient).map(|(x, g)| x * g).sum::<f64>();
-    let step = displacing(c.length.into(), factor, x.map(|x| f64::from(c.step.share) * x));
+    let step = displacing(c.scale_length.into(), factor, x.map(|x| f64::from(c.t_step.share) * x));
     let moved = corner_moves(c, &step);
     *r = r.after(&step);
     let energy = sums.energy / sums.valid.max(1.0);
     let change = (energy - before).abs();
     let free = (sums.valid - at_limit).max(LEAST_FREE * sums.valid).max(1.0);
     let share = moving / free;
-    let few = share <= f64::from(c.step.most_moving) && far <= f64::from(c.step.most_far) * sums.valid;
+    let few = share <= f64::from(c.t_step.most_moving) && far <= f64::from(c.t_step.most_far) * sums.valid;
     let variance = sums.variance[0] / sums.variance[1].max(1e-30);
     let by_tiles = if sums.tiles > TOO_FEW { sums.scatter / (sums.normal[0][0] + sums.normal[1][1]) } else { 0.0 };
     let is_steady =
-        decrease < f64::from(c.step.steady) * variance || decrease < f64::from(c.step.steady_by_tiles) * by_tiles;
-    let settled = c.step.is(MAY_SETTLE)
-        && (moved < f64::from(c.step.still) * factor || is_steady)
+        decrease < f64::from(c.t_step.steady) * variance || decrease < f64::from(c.t_step.steady_by_tiles) * by_tiles;
+    let settled = c.t_step.is(MAY_SETTLE)
+        && (moved < f64::from(c.t_step.still) * factor || is_steady)
         && few
-        && change <= f64::from(c.step.flatness) * before;
+        && change <= f64::from(c.t_step.flatness) * before;
     Stepped { energy, settled, moving: share, degenerate, steady: moved <= FOLLOWED * factor }
 }
 
@@ -281,7 +216,7 @@ const MOST_GROWTH: f64 = shaders::update_transform::MOST_GROWTH;
 /// Gaussian noise an error falls to a fifth per iteration.
 pub fn find_spread(c: &Constants, sums: &Sums, spread: f64) -> f64 {
     let share = sums.spread / sums.valid.max(1.0);
-    spread.max(c.step.least_spread.into()) * (share / (1.0 - share).max(1e-6)).min(MOST_GROWTH)
+    spread.max(c.t_step.least_spread.into()) * (share / (1.0 - share).max(1e-6)).min(MOST_GROWTH)
 }
 
 /// α from the mean √|b| of the data and the steepness of V. It changes only by more than a tenth, since each change
@@ -301,9 +236,10 @@ fn solve(c: &Constants, sums: &Sums) -> ([f64; UNKNOWNS], bool) {
     // 1e-7: stripes leave a gradient 3e-4 as steep as the others', by rounding.
     let least = f64::max(1e-12 * sums.valid, 1e-7 * most);
     let unseen: [bool; UNKNOWNS] = std::array::from_fn(|i| n(i, i).is_nan() || n(i, i) <= least);
-    let mut held: [bool; UNKNOWNS] = std::array::from_fn(|i| unseen[i] || i >= c.step.unknowns as usize);
-    let mut degenerate = sums.valid.is_nan() || sums.valid <= 0.0 || unseen[..c.step.unknowns as usize].contains(&true);
-    if c.step.is(DESCENDS) {
+    let mut held: [bool; UNKNOWNS] = std::array::from_fn(|i| unseen[i] || i >= c.t_step.unknowns as usize);
+    let mut degenerate =
+        sums.valid.is_nan() || sums.valid <= 0.0 || unseen[..c.t_step.unknowns as usize].contains(&true);
+    if c.t_step.is(DESCENDS) {
         let row = |i: usize| (0..UNKNOWNS).filter(|&j| !held[j]).map(|j| n(i, j).abs()).sum::<f64>();
         return (std::array::from_fn(|i| if held[i] { 0.0 } else { -sums.gradient[i] / row(i) }), degenerate);
     }
@@ -338,7 +274,7 @@ mod tests {
     use super::super::NO_VARIANT;
     use super::super::harness::{Rig, random};
     use super::super::state::{DoubleState, Single, State};
-    use super::super::sums::{PROJECTIVE, row};
+    use super::super::sums::row;
     use super::*;
     use crate::base::{Photometric, Similarity};
     use crate::engine::vulkan::Resource;
@@ -347,15 +283,15 @@ mod tests {
         Constants {
             rows,
             factor: 2.0,
-            length: 30.0,
+            scale_length: 30.0,
             half_size: [60.0, 40.0],
-            step: Step { energy_place: 3, flags: MAY_SETTLE, ..Step::of_tests() },
+            t_step: Step { energy_place: 3, flags: MAY_SETTLE, ..Step::of_tests() },
         }
     }
 
     /// The constants with another number of unknowns and other flags.
     fn with(c: Constants, unknowns: u32, flags: u32) -> Constants {
-        Constants { step: Step { unknowns, flags, ..c.step }, ..c }
+        Constants { t_step: Step { unknowns, flags, ..c.t_step }, ..c }
     }
 
     /// The words of three levels: of each the first two are those of the grids and of the warping passes.
@@ -412,8 +348,8 @@ mod tests {
     fn check_warped(c: Constants, partials: &[f32], before: f32, t: [f32; 2], variant: Variant) -> (State, Vec<u32>) {
         let start = Registration::new(Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
         let mut state = State::new(&start);
-        state.levels[c.step.level as usize].energy = before;
-        state.warped = Single { t, ..state.registration };
+        state.levels[c.t_step.level as usize].energy = before;
+        state.warped = Single { tx: t[0], ty: t[1], ..state.registration };
         let start_words = [of_levels([[9; 2]; 3]), vec![arguments::NOT_CANCELLED]].concat();
         let (actual, words, energies) = run(&c, variant, partials, &state, [&of_levels(ALL), &start_words]);
         let sums = Sums::from_partials(partials, Layout::of_variant(variant));
@@ -430,22 +366,23 @@ mod tests {
         assert!(corner < 1e-4, "{corner} px: {actual:?} {expected:?}");
         assert_eq!(actual.registration().photometric(), state.registration().photometric());
         let close = |f: f64, e: f64| assert!((f - e).abs() < 1e-5, "{f}, not {e}");
-        close(actual.levels[c.step.level as usize].energy.into(), step.energy);
-        let is_found = c.step.level == 0 && step.steady;
+        close(actual.levels[c.t_step.level as usize].energy.into(), step.energy);
+        let is_found = c.t_step.level == 0 && step.steady;
         close(actual.spread.into(), if is_found { find_spread(&c, &sums, state.spread.into()) } else { 0.0 });
         close(energies[3].into(), step.energy);
-        assert_eq!(actual.levels[c.step.level as usize].iterations, 1);
+        assert_eq!(actual.levels[c.t_step.level as usize].iterations, 1);
         close(
             actual.alpha.into(),
-            if c.step.is(FINDS_ALPHA) { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() },
+            if c.t_step.is(FINDS_ALPHA) { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() },
         );
-        assert_eq!(actual.levels[c.step.level as usize].settled, u32::from(step.settled));
+        assert_eq!(actual.levels[c.t_step.level as usize].settled, u32::from(step.settled));
         (actual, words)
     }
 
     #[test]
     fn matches_the_cpu_reference() {
-        for (rows, variant) in [(1, NO_VARIANT), (7, PROJECTIVE), (8, NO_VARIANT), (100, PROJECTIVE), (100, NO_VARIANT)]
+        for (rows, variant) in
+            [(1, NO_VARIANT), (7, Variant::PROJECTIVE), (8, NO_VARIANT), (100, Variant::PROJECTIVE), (100, NO_VARIANT)]
         {
             let layout = Layout::of_variant(variant);
             let partials = partials(rows, 40, layout);
@@ -469,8 +406,8 @@ mod tests {
             }
             for finds_alpha in [0, FINDS_ALPHA] {
                 check(with(constants(8), 4, MAY_SETTLE | finds_alpha), &partials, 0.1);
-                let finest = Step { level: 0, unknowns: 0, ..constants(8).step };
-                check(Constants { step: finest, ..constants(8) }, &partials, 0.1);
+                let finest = Step { level: 0, unknowns: 0, ..constants(8).t_step };
+                check(Constants { t_step: finest, ..constants(8) }, &partials, 0.1);
             }
         }
     }
@@ -525,7 +462,7 @@ mod tests {
         let (state, ..) =
             run(&constants(1), NO_VARIANT, &sums, &identity(), [&of_levels([[0; 2]; 3]); 2].map(Vec::as_slice));
         assert_eq!(state.degenerate, 1);
-        let [tx, ty] = state.registration.t;
-        assert!((tx + 0.1).abs() < 1e-5 && ty == 0.0 && state.registration.linear == [0.0; 4], "{state:?}");
+        assert!((state.registration.tx + 0.1).abs() < 1e-5, "{state:?}");
+        assert_eq!(Single { tx: 0.0, ..state.registration }, identity().registration);
     }
 }

@@ -5,26 +5,15 @@
 //! The blur of a warped image is the warped blur, with a variance in I1's pixels. T may still move a little:
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
-use super::pass::{Memory, Pass, bindings, push_constants};
+use super::pass::{Memory, Pass};
 use super::segments::{SEGMENT, Segment, place};
 use super::state::Registration;
-use super::{Number, Raster, pixels, spline};
+use super::{Number, Raster, spline};
 use crate::base::Shading;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-push_constants! {
-    /// Width of the level, pixels.
-    width: u32,
-    /// Height of the level, pixels.
-    height: u32,
-    /// Target layer.
-    layer: u32,
-    /// Pixels of the full-size image per pixel of this level.
-    factor: f32,
-    /// The image centre in pixels of this level.
-    centre: [f32; 2],
-}
+pub use super::interface::warp::*;
 
 /// Lines per invocation.
 const ROWS: u32 = shaders::warp::ROWS;
@@ -34,20 +23,7 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     STAGE.groups([width, height.div_ceil(ROWS)])
 }
 
-bindings! {
-    WARP:
-    spline2: Reads<Spline2>,
-    to: Writes<Plane>,
-    /// State, which stores the T and the shading that were used.
-    state: Updates<State>,
-}
-
 impl Pass for Bindings {
-    /// Compulsory traffic: the coefficients read, the samples written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        8 * pixels(c.width, c.height)
-    }
-
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let reused = memory.take_layer(self.to, c.layer as usize);
         let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);

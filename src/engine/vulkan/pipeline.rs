@@ -2,6 +2,7 @@
 
 use std::any::Any;
 use std::collections::HashMap;
+use std::ops::BitOr;
 use std::sync::Arc;
 
 use ash::vk;
@@ -36,12 +37,57 @@ pub(crate) enum Access {
 /// One binding of a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Binding {
+    /// Its name in the shader.
+    pub(crate) name: &'static str,
     pub(crate) kind: Kind,
     pub(crate) access: Access,
 }
 
-/// The specialization constants 2 to 6 of a stage, which select a variant of it.
-pub(crate) type Variant = [bool; 5];
+/// The flags that are set in a variant of a stage: bit n for the boolean specialization constant n. The shaders declare
+/// them, and `build.rs` makes a constant of each: `Variant::MASKED`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct Variant(u8);
+
+impl Variant {
+    /// No flag.
+    pub(crate) const NONE: Self = Self(0);
+
+    /// The flag of a specialization constant.
+    pub(crate) const fn flag(id: u32) -> Self {
+        Self(1 << id)
+    }
+
+    /// The flags of both.
+    pub(crate) const fn or(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// These flags, or none.
+    pub(crate) fn when(self, condition: bool) -> Self {
+        if condition { self } else { Self::NONE }
+    }
+
+    /// Whether all these flags are set.
+    pub(crate) fn has(self, flags: Self) -> bool {
+        self.0 & flags.0 == flags.0
+    }
+
+    /// The value of a specialization constant.
+    fn constant(self, id: u32) -> u32 {
+        u32::from(self.0 >> id & 1)
+    }
+}
+
+// The constants of the flags.
+include!(concat!(env!("OUT_DIR"), "/flags.rs"));
+
+impl BitOr for Variant {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        self.or(other)
+    }
+}
 
 /// A shader with its bindings, in order, and the size of its push constants in bytes.
 #[derive(Debug)]
@@ -49,6 +95,8 @@ pub(crate) struct Stage {
     pub(crate) shader: &'static Shader,
     pub(crate) bindings: &'static [Binding],
     pub(crate) constant_bytes: usize,
+    /// The flags that it has.
+    pub(crate) flags: Variant,
     /// Width and height of a workgroup, the specialization constants 0 and 1. One of more than 256 invocations may be
     /// less high, so that its shader must not depend on the height.
     pub(crate) workgroup: [u32; 2],
@@ -85,7 +133,7 @@ impl Stage {
 impl Pipeline {
     /// Compiles a stage, with the device's pipeline cache.
     pub(crate) fn new(device: &Arc<Device>, stage: &Stage) -> Result<Self, Error> {
-        Self::variant(device, stage, Variant::default())
+        Self::variant(device, stage, Variant::NONE)
     }
 
     /// Compiles a variant of a stage, with the device's pipeline cache.
@@ -162,10 +210,12 @@ impl Pipeline {
         let module = unsafe { device.handle.create_shader_module(&create, None) };
         let module = device.check("vkCreateShaderModule", module)?;
         let entries =
-            [0u32, 1, 2, 3, 4, 5, 6].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
-        let [width, height] = self.workgroup(stage);
-        let [a, b, c, d, e] = variant.map(u32::from);
-        let constants = [width, height, a, b, c, d, e];
+            [0, 1, 2, 3, 4, 5, 6, 7].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
+        let workgroup = self.workgroup(stage);
+        let constants: [u32; 8] = std::array::from_fn(|id| match workgroup.get(id) {
+            Some(&side) => side,
+            None => variant.constant(id as u32),
+        });
         let specialization =
             vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&constants));
         let shader = vk::PipelineShaderStageCreateInfo::default()
