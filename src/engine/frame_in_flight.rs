@@ -18,7 +18,8 @@ use super::vulkan::SemaphoreWait;
 use super::vulkan_pair::VulkanPair;
 use super::windows::{self, Gradients, Photograph};
 use crate::base::{
-    CancelSignal, CancellationToken, Deadline, Error, Homography, Kernel, Mask, Photometric, Progress, Region, Shading,
+    CancelSignal, CancellationToken, Deadline, Error, Frame, Homography, Kernel, Mask, Photometric, Progress, Region,
+    Shading,
 };
 
 /// The values that a pair starts from. What is not solved for keeps them.
@@ -155,6 +156,11 @@ impl FrameInFlight {
     /// Calls a function that writes a photograph into the memory that the passes read.
     pub(super) fn fill(&mut self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
         self.memory.pair_mut().fill(image, write)
+    }
+
+    /// Uploads a frame. Returns whether it has pixels that are clipped by these levels.
+    pub(super) fn upload(&mut self, image: usize, photograph: &Frame, levels: [f32; 2]) -> Result<bool, Error> {
+        self.memory.pair_mut().upload(image, photograph, levels)
     }
 
     /// Prepares the pair for submission, after its photographs were copied.

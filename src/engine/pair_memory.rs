@@ -11,7 +11,7 @@ use super::slot::Slot;
 use super::stages::state::State;
 use super::vulkan::{Buffer, DeviceTimes};
 use super::windows::Bytes;
-use crate::base::{CancelSignal, Deadline, Error, Mask, Progress};
+use crate::base::{CancelSignal, Deadline, Error, Frame, Mask, Progress};
 
 /// What all frames in flight of a solver share.
 pub(super) struct Shared {
@@ -25,6 +25,12 @@ pub(super) trait PairMemory {
     fn upload_mask(&mut self, mask: Option<&Mask>) -> Result<(), Error>;
     /// Calls a function that writes a photograph into the memory that the passes read.
     fn fill(&mut self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error>;
+    /// Uploads a frame. Returns whether it has pixels that are clipped by these levels.
+    fn upload(&mut self, image: usize, photograph: &Frame, levels: [f32; 2]) -> Result<bool, Error> {
+        let mut is_clipped = false;
+        self.fill(image, &mut |bytes| is_clipped = photograph.copy_samples(bytes, levels))?;
+        Ok(is_clipped)
+    }
     /// The flag that cancels the next pair.
     fn cancel_flag(&mut self) -> Result<Arc<CancelFlag>, Error>;
     /// Prepares the pair, after its photographs were copied. `is_masked`: it has masked or clipped pixels.

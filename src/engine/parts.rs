@@ -180,17 +180,23 @@ pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
 }
 
 impl Engine {
-    /// Whether a pair is too large for one solve, and can be solved in parts.
-    pub(crate) fn needs_parts(&self, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<bool, Error> {
-        match self.admits_pair(size, formats, settings) {
-            Err(Error::TooLarge { .. }) if u64::from(size[0]) * u64::from(size[1]) <= MOST_PIXELS => Ok(true),
-            other => other.map(|()| false),
+    /// Plans a pair. Returns `None` if it is too large for one solve, and can be solved in parts.
+    pub(crate) fn plan_whole(
+        &self,
+        size: [u32; 2],
+        formats: [Format; 2],
+        settings: &Settings,
+    ) -> Result<Option<Plan>, Error> {
+        match self.plan_pair(size, formats, settings) {
+            Err(Error::TooLarge { .. }) if u64::from(size[0]) * u64::from(size[1]) <= MOST_PIXELS => Ok(None),
+            other => other.map(Some),
         }
     }
 
-    /// Whether a pair fits one solve, or why not.
-    fn admits_pair(&self, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<(), Error> {
-        self.admits(&Plan::new(size[0], size[1], formats, settings)?.for_device(self.info()), 1)
+    /// Plans a pair that fits one solve.
+    fn plan_pair(&self, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<Plan, Error> {
+        let plan = Plan::new(size[0], size[1], formats, settings)?.for_device(self.info());
+        self.admits(&plan, 1).map(|()| plan)
     }
 }
 
@@ -211,7 +217,7 @@ pub(crate) fn solve_pair(
     let grid = grid(engine, size, formats, settings)?;
     let mut whole = solve_at_half_size(engine, [i1, i2], settings, options).map_err(|error| match error {
         // The pair is too narrow to be halved: the error states why the device does not hold the whole.
-        Error::TooSmall { .. } => engine.admits_pair(size, formats, settings).err().unwrap_or(error),
+        Error::TooSmall { .. } => engine.plan_pair(size, formats, settings).err().unwrap_or(error),
         other => other,
     })?;
     let own = Settings { method: Method::Aligned, photometric: false, ..settings.clone() };
@@ -269,9 +275,9 @@ fn grid(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settin
     loop {
         let halo = HALO + (3.0 * settings.max_relative_blur.sqrt() + HALO_SHARE * f64::from(most)).ceil() as u32;
         let grid = Grid::covering(size, most, halo);
-        match engine.admits_pair(grid.side(), formats, settings) {
+        match engine.plan_pair(grid.side(), formats, settings) {
             Err(Error::TooLarge { .. }) if most > LEAST => most = (most * 7 / 8).max(LEAST),
-            other => return other.map(|()| grid),
+            other => return other.map(|_| grid),
         }
     }
 }
@@ -288,7 +294,7 @@ fn solve_at_half_size(
     let mut settings = Settings { fused: false, levels: None, ..settings.clone() };
     [settings.black_level, settings.white_level] = clipping_intensities(settings.clipped(depth), settings.decode);
     let (mut sizes, mut halves) = (Vec::new(), None);
-    let [i1, i2] = loop {
+    let ([i1, i2], plan) = loop {
         let [i1, i2] = halves.as_ref().map_or(frames, |[i1, i2]: &[Frame; 2]| [i1, i2]);
         let size = [i1.width(), i1.height()];
         let small = [halved(i1, settings.decode)?, halved(i2, settings.decode)?];
@@ -296,14 +302,15 @@ fn solve_at_half_size(
         settings.decode = Decode::None;
         settings.max_relative_blur = (settings.max_relative_blur / 4.0).max(1.0);
         settings.start = halved_transform(&settings.start, size);
-        if !engine.needs_parts([small[0].width(), small[0].height()], small.each_ref().map(Frame::format), &settings)? {
-            break small;
+        let (side, formats) = ([small[0].width(), small[0].height()], small.each_ref().map(Frame::format));
+        if let Some(plan) = engine.plan_whole(side, formats, &settings)? {
+            break (small, plan);
         }
         halves = Some(small);
     };
     let mask = options.mask.map(|mask| mask.subsampled(1 << sizes.len()));
     let options = PairOptions { mask: mask.as_ref(), progress: &|_| (), ..options };
-    let mut solver = PreparedSolver::for_frames(engine, [&i1, &i2], &settings)?;
+    let mut solver = PreparedSolver::of_plan_for(engine, [&i1, &i2], plan)?;
     let mut solution = solver.solve([&i1, &i2], options)?.wait()?.to_owned();
     // Pixels at the limit of |V| at half the size need not be at the full one.
     let saturation = solution.saturation(settings.max_relative_blur);

@@ -104,9 +104,20 @@ impl PreparedSolver {
     /// Those of [`PreparedSolver::new`], and [`Error::Mismatch`] where the sizes differ.
     pub(crate) fn for_frames(engine: &Engine, frames: [&Frame; 2], settings: &Settings) -> Result<Self, Error> {
         same_size(frames)?;
-        let clips = frames.iter().any(|frame| frame.has_clipped_pixels(settings.clipped(frame.format().depth)));
-        let (size, formats) = ([frames[0].width(), frames[0].height()], frames.map(Frame::format));
-        Self::new(engine, size, formats, settings, 1, Some(clips), engine.reading())
+        let plan = Plan::new(frames[0].width(), frames[0].height(), frames.map(Frame::format), settings)?;
+        Self::of_plan_for(engine, frames, plan.for_device(engine.info()))
+    }
+
+    /// Prepares for pairs like this one, of this plan.
+    ///
+    /// # Errors
+    /// Those of [`PreparedSolver::new`].
+    pub(crate) fn of_plan_for(engine: &Engine, frames: [&Frame; 2], plan: Plan) -> Result<Self, Error> {
+        // The CPU device prepares nothing for clipped pixels.
+        let is_vulkan = engine.device().as_vulkan().is_some();
+        let clips = |frame: &&Frame| frame.has_clipped_pixels(plan.settings.clipped(frame.format().depth));
+        let is_masked = is_vulkan && frames.iter().any(clips);
+        Self::of_plan(engine, plan, 1, Some(is_masked), engine.reading())
     }
 
     /// Solves a pair and waits for it.
@@ -183,15 +194,16 @@ impl PreparedSolver {
                 }
                 Transfer::Frame(photograph) => {
                     let levels = plan.settings.clipped(photograph.format().depth);
-                    frame.fill(image, &mut |bytes| is_masked |= photograph.copy_samples(bytes, levels))?;
+                    is_masked |= frame.upload(image, photograph, levels)?;
                 }
                 Transfer::Rows(rows) => {
                     let mut are_numbers = true;
-                    frame.fill(image, &mut |bytes| are_numbers = rows.copy(bytes))?;
+                    let filled = frame.fill(image, &mut |bytes| are_numbers = rows.copy(bytes));
                     if !are_numbers {
                         let problem = "a sample is not finite, or beyond 1e6: white is 1";
                         return Err(Error::Mismatch(format!("photograph {}: {problem}", image + 1)));
                     }
+                    filled?;
                 }
                 Transfer::Fetch(fetch) => fetches.push((image, fetch)),
             }

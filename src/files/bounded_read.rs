@@ -33,7 +33,7 @@ pub fn not_a_path(path: &Path) -> Option<&'static str> {
 /// Opens a regular file for reading. Other files are refused at once.
 ///
 /// # Errors
-/// Those of [`File::open`], and [`ErrorKind::InvalidInput`] for other files.
+/// As for [`File::open`], and [`ErrorKind::InvalidInput`] for other files.
 pub fn open(path: &Path) -> Result<File> {
     let mut options = OpenOptions::new();
     options.read(true);
@@ -50,7 +50,7 @@ pub fn open(path: &Path) -> Result<File> {
 /// Reads the bytes of a regular file.
 ///
 /// # Errors
-/// Those of [`open`] and [`read_open`].
+/// As for [`open`] and [`read_open`].
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     read_open(&open(path)?, most)
 }
@@ -98,7 +98,7 @@ pub fn read_start(mut file: &File, count: u64) -> Result<Vec<u8>> {
 /// Reads the text of a regular file.
 ///
 /// # Errors
-/// Those of [`read`], and [`ErrorKind::InvalidData`] for text that is not UTF-8.
+/// As for [`read`], and [`ErrorKind::InvalidData`] for text that is not UTF-8.
 pub fn text(path: &Path, most: u64) -> Result<String> {
     String::from_utf8(read(path, most)?).map_err(|_| Error::new(ErrorKind::InvalidData, "not UTF-8"))
 }
@@ -122,7 +122,7 @@ impl Hash {
     /// Reads a file to the end.
     ///
     /// # Errors
-    /// Those of the reader.
+    /// As for the reader.
     pub fn of(mut reader: impl Read) -> Result<Self> {
         let (mut digest, mut bytes, mut block) = (Sha256::new(), 0, vec![0; 1 << 16]);
         loop {

@@ -4,19 +4,15 @@
 mod calibrate;
 mod evidence;
 mod field;
-mod golden;
 mod heights;
 pub mod inspect;
 pub mod measure;
 mod plane;
-mod regions;
 pub mod repeat;
 pub mod roughness;
 mod target;
 
 pub(crate) use evidence::evidence;
-
-pub use golden::{Disagreement, disagreement, golden, least_tolerances};
 
 pub use calibrate::{CalibratedParameter, Calibration, LensParameter, calibrate};
 pub use field::CalibratedField;

@@ -1,7 +1,5 @@
 //! The index page of a batch: one card per result, the worst first, with a small picture and a link.
 
-use std::fmt::Write;
-
 use image::RgbImage;
 
 use super::figure::resized;
@@ -35,27 +33,27 @@ pub struct Entry {
 /// Writes the page. Its beginning identifies it as a page of `parfocal batch`.
 pub fn batch_page(title: &str, sentence: &str, mut entries: Vec<Entry>) -> String {
     entries.sort_by(|a, b| b.badness.total_cmp(&a.badness));
-    let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"generator\" content=\"parfocal batch\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:\">\n\
-         <title>{title} – parfocal batch</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<header><h1>{title}</h1>\n\
-         <p class=\"sentence\">{sentence}</p></header>\n<main>\n<ul>\n",
-        title = text(title),
-        sentence = text(sentence),
-    );
-    for (n, entry) in entries.iter().enumerate() {
-        // Writing into a string does not fail.
-        let _ = write!(page, "{}", card(entry, n < MAX_PICTURES));
-    }
-    page.push_str("</ul>\n</main>\n</body>\n</html>\n");
-    page
+    let (title, sentence) = (text(title), text(sentence));
+    let picture = |(n, entry): (usize, &Entry)| card(entry, entry.picture.as_ref().filter(|_| n < MAX_PICTURES));
+    let cards: String = entries.iter().enumerate().map(picture).collect();
+    let header = format!("<h1>{title}</h1>\n<p class=\"sentence\">{sentence}</p>");
+    document("parfocal batch", &format!("{title} – parfocal batch"), "", &header, &format!("<ul>\n{cards}</ul>\n"))
 }
 
-fn card(entry: &Entry, with_picture: bool) -> String {
+/// A page without scripts, which loads nothing. All texts are HTML; `style` is added to [`STYLE`].
+pub(super) fn document(generator: &str, title: &str, style: &str, header: &str, main: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"generator\" content=\"{generator}\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:\">\n\
+         <title>{title}</title>\n<style>{STYLE}{style}</style>\n</head>\n<body>\n<header>{header}</header>\n\
+         <main>\n{main}</main>\n</body>\n</html>\n"
+    )
+}
+
+fn card(entry: &Entry, picture: Option<&RgbImage>) -> String {
     let kind = if entry.badness > 0.0 { "bad" } else { "good" };
-    let picture = entry.picture.as_ref().filter(|_| with_picture).and_then(small);
-    let picture = picture.map_or("<div class=\"none\"></div>".to_string(), |jpeg| {
+    let picture = picture.and_then(small).map_or("<div class=\"none\"></div>".to_string(), |jpeg| {
         format!("<img alt=\"Depth of {}\" src=\"data:image/jpeg;base64,{jpeg}\">", text(&entry.name))
     });
     let name = match &entry.page {
@@ -97,7 +95,7 @@ pub(super) fn text(text: &str) -> String {
 }
 
 /// The style of pages without scripts.
-pub(super) const STYLE: &str = "
+const STYLE: &str = "
 :root { color-scheme: light dark; --page: light-dark(#f4f5f6, #15181b); --panel: light-dark(#fff, #1d2125);
   --line: light-dark(#dcdfe3, #32383e); --text: light-dark(#1c2126, #e6e9ec); --soft: light-dark(#545e69, #a3adb7);
   --accent: light-dark(#0b63a5, #6cb4ee); --bad: light-dark(#a85400, #f0a657); --good: light-dark(#1d7a46, #5ecb8f);

@@ -29,8 +29,8 @@ pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) ->
     let line = 1.5 * size;
     let unjudged = inspection.unjudged_share() + inspection.uncertain_share();
     let keys = [
-        (Some(NEARER), format!("nearer to the camera: {}", extreme(inspection, unit, true))),
-        (Some(FURTHER), format!("further away: {}", extreme(inspection, unit, false))),
+        (Some(NEARER), format!("nearer to the camera: {}", extreme(inspection, unit, NEARER))),
+        (Some(FURTHER), format!("further away: {}", extreme(inspection, unit, FURTHER))),
         (Some(GRAY), format!("striped: not judged, {:.1} %", 100.0 * unjudged)),
         (None, verdict.to_string()),
     ];
@@ -70,9 +70,9 @@ fn color(region: &Deviation) -> Color {
     if region.mean > 0.0 { NEARER } else { FURTHER }
 }
 
-/// The largest deviation to one side, as text.
-fn extreme(inspection: &Inspection, unit: &str, nearer: bool) -> String {
-    let of_side = inspection.regions.iter().filter(|region| (region.mean > 0.0) == nearer);
+/// The largest deviation to the side of this colour, as text.
+fn extreme(inspection: &Inspection, unit: &str, side: Color) -> String {
+    let of_side = inspection.regions.iter().filter(|region| color(region) == side);
     let most = of_side.map(|region| region.extreme).max_by(|a, b| a.abs().total_cmp(&b.abs()));
     most.map_or("none".to_string(), |most| format!("up to {most:+.3} {unit}"))
 }
@@ -127,6 +127,6 @@ mod tests {
         let at = |x, y| drawn.get_pixel(x, y).0;
         assert_eq!((at(10, 15), at(15, 15), at(34, 24)), (NEARER, mixed([128; 3], NEARER), mixed([128; 3], FURTHER)));
         assert_eq!((at(5, 5), at(54, 0), at(57, 0)), ([128; 3], mixed([128; 3], GRAY), [128; 3]));
-        assert!(extreme(&found, "mm", true).contains("+1.000 mm"));
+        assert!(extreme(&found, "mm", NEARER).contains("+1.000 mm"));
     }
 }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use image::RgbImage;
 
-use super::batch_html::{STYLE, text};
+use super::batch_html::{document, text};
 use super::figure::{Axis, Plot, Series};
 use super::report_html::jpeg;
 use crate::base::Estimate;
@@ -34,18 +34,9 @@ pub fn repeat_page(report: &RepeatReport) -> Result<String, String> {
         report.warnings.iter().map(|warning| format!("<p class=\"warning\">{}</p>", text(warning))).collect();
     let results: String = report.results.iter().map(|name| format!("<p class=\"fact\">{}</p>", text(name))).collect();
     let unit = if report.unit.is_empty() { String::new() } else { format!(", {}", text(&report.unit)) };
-    Ok(format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"generator\" content=\"parfocal repeat\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src \
-         data:\">\n<title>Repeated measurements – parfocal</title>\n<style>{STYLE}{OWN_STYLE}</style>\n</head>\n\
-         <body>\n\
-         <header><h1>Repeated measurements: {}{unit}</h1>{warnings}</header>\n<main>\n{}\
-         <section><h2>Measured</h2>{results}</section>\n</main>\n</body>\n</html>\n",
-        text(&report.quantity),
-        page.0
-    ))
+    let header = format!("<h1>Repeated measurements: {}{unit}</h1>{warnings}", text(&report.quantity));
+    let main = format!("{}<section><h2>Measured</h2>{results}</section>\n", page.0);
+    Ok(document("parfocal repeat", "Repeated measurements – parfocal", OWN_STYLE, &header, &main))
 }
 
 /// The sections so far.

@@ -157,9 +157,7 @@ impl PairSolver {
         let mut solver = Self::new(engine, settings)?;
         same_size(frames)?;
         let layout = Layout::of(frames, settings);
-        if !engine.needs_parts(layout.size, frames.map(Frame::format), settings)? {
-            solver.prepare(frames, layout.clone())?;
-        }
+        solver.prepare(frames, &layout)?;
         solver.submits = Some((layout, 1));
         Ok(solver)
     }
@@ -169,7 +167,7 @@ impl PairSolver {
     /// no pair compiles anything.
     ///
     /// # Errors
-    /// Those of [`PairSolver::for_frames`]. [`Error::TooLarge`] also for pairs that [`solve`](Self::solve) would solve
+    /// As for [`PairSolver::for_frames`]. [`Error::TooLarge`] also for pairs that [`solve`](Self::solve) would solve
     /// in parts.
     pub fn for_size(
         engine: &Engine,
@@ -208,7 +206,7 @@ impl PairSolver {
     /// size. `origin`, `width` and `height` of the solution state the part of I1 that it covers.
     ///
     /// # Errors
-    /// Those of [`PairSolver::for_frames`] and [`SolveOptions::check`]. With the method SIFT, [`Error::NoKeyPoints`] or
+    /// As for [`PairSolver::for_frames`] and [`SolveOptions::check`]. With the method SIFT, [`Error::NoKeyPoints`] or
     /// the error of the key-point function. [`Error::Busy`] if all frames in flight are in use; [`Error::Cancelled`],
     /// [`Error::Timeout`].
     pub fn solve(&mut self, [i1, i2]: [&Frame; 2], options: &SolveOptions) -> Result<Solution, Error> {
@@ -248,7 +246,7 @@ impl PairSolver {
     /// aligned only measure exposure and correlation.
     ///
     /// # Errors
-    /// Those of [`PairSolver::solve`]. [`Error::Mismatch`] for options with a region, flat reference or `crop_valid`.
+    /// As for [`PairSolver::solve`]. [`Error::Mismatch`] for options with a region, flat reference or `crop_valid`.
     pub fn register(&mut self, frames: [&Frame; 2], options: &SolveOptions) -> Result<Registered, Error> {
         same_size(frames)?;
         options.check_whole("register")?;
@@ -256,22 +254,24 @@ impl PairSolver {
         let mut settings = self.settings.clone();
         let report = |progress| options.report(progress);
         let pair = PairOptions::new(options.mask.as_ref(), &options.cancel, &report);
+        let prepared;
         if settings.method == Method::Unified {
-            return self.prepare(frames, Layout::of(frames, &settings))?.register(frames, pair);
+            prepared = &mut self.solving;
+        } else {
+            // Blur is not solved for, so it gets no memory.
+            (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
+            prepared = &mut self.registering;
         }
-        // Blur is not solved for, so it gets no memory.
-        (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
-        let layout = Layout::of(frames, &settings);
         let engine = &self.engine;
         let prepare = |layout: &Layout| PreparedSolver::for_frames(engine, frames, &layout.settings);
-        reuse(&mut self.registering, layout, prepare)?.register(frames, pair)
+        reuse(prepared, Layout::of(frames, &settings), prepare)?.register(frames, pair)
     }
 
     /// Submits a pair and returns. The device starts the solve after `waits`. On devices without
     /// VK_EXT_conditional_rendering the call blocks until the solve is done. Only the options mask and cancel apply.
     ///
     /// # Errors
-    /// Those of [`PairSolver::solve`]. [`Error::Busy`] if all frames in flight are in use: drop a [`Pending`] first.
+    /// As for [`PairSolver::solve`]. [`Error::Busy`] if all frames in flight are in use: drop a [`Pending`] first.
     /// [`Error::Mismatch`] if a source does not have the size and format that the solver was made for.
     /// [`Error::NoKeyPoints`] with the method SIFT, which takes frames only.
     pub fn submit<'a>(
@@ -291,7 +291,7 @@ impl PairSolver {
     /// [`Encoded::on_device`] names the buffer of the results, for commands after a barrier.
     ///
     /// # Errors
-    /// Those of [`PairSolver::submit`].
+    /// As for [`PairSolver::submit`].
     pub fn encode(
         &mut self,
         commands: ExternalCommandBuffer,
@@ -313,19 +313,24 @@ impl PairSolver {
         let layout = Layout::of(frames, settings);
         let report = |progress| options.report(progress);
         let pair = PairOptions::new(mask, &options.cancel, &report);
-        if self.engine.needs_parts(layout.size, frames.map(Frame::format), settings)? {
+        let Some(solver) = self.prepare(frames, &layout)? else {
             // Frees memory for the parts.
-            (self.solving, self.registering) = (None, None);
+            self.registering = None;
             return parts::solve_pair(&self.engine, frames, settings, pair);
-        }
-        let solution = self.prepare(frames, layout)?.solve(frames, pair)?.wait()?.to_owned();
+        };
+        let solution = solver.solve(frames, pair)?.wait()?.to_owned();
         Ok(solution)
     }
 
-    /// The prepared solver for frames like these.
-    fn prepare(&mut self, frames: [&Frame; 2], layout: Layout) -> Result<&mut PreparedSolver, Error> {
-        let engine = &self.engine;
-        reuse(&mut self.solving, layout, |layout| PreparedSolver::for_frames(engine, frames, &layout.settings))
+    /// The prepared solver for frames like these; `None` if they are solved in parts.
+    fn prepare(&mut self, frames: [&Frame; 2], layout: &Layout) -> Result<Option<&mut PreparedSolver>, Error> {
+        if self.solving.as_ref().is_none_or(|(earlier, _)| earlier != layout) {
+            self.solving = None;
+            let plan = self.engine.plan_whole(layout.size, frames.map(Frame::format), &layout.settings)?;
+            let Some(plan) = plan else { return Ok(None) };
+            self.solving = Some((layout.clone(), PreparedSolver::of_plan_for(&self.engine, frames, plan)?));
+        }
+        Ok(self.solving.as_mut().map(|(_, solver)| solver))
     }
 
     /// The prepared solver for pairs in flight.

@@ -116,9 +116,8 @@ impl<P, R> Queue<P, R> {
         self.changed.notify_all();
     }
 
-    /// The next pair for a worker. A waiting worker gets `None` only from a closed queue.
-    pub(super) fn take(&self, waits: bool) -> Option<Job<P>> {
-        let limit = if waits { Duration::MAX } else { Duration::ZERO };
+    /// The next pair for a worker, if there is one within the time limit.
+    pub(super) fn take(&self, limit: Duration) -> Option<Job<P>> {
         self.wait_until(limit, |state| state.is_closed || !state.waiting.is_empty()).waiting.pop_front()
     }
 
@@ -175,7 +174,7 @@ mod tests {
     #[test]
     fn results_are_in_order_and_count_towards_capacity_until_read() {
         let queue = queue(1, 4);
-        let [first, second] = [0, 1].map(|_| queue.take(false).unwrap());
+        let [first, second] = [0, 1].map(|_| queue.take(Duration::ZERO).unwrap());
         queue.done(&second, "1".to_string());
         assert!(queue.next(NOW).is_none() && !queue.is_next_ready(), "the first has no result");
         queue.done(&first, "0".to_string());
@@ -187,11 +186,11 @@ mod tests {
     #[test]
     fn other_workers_take_the_jobs_of_a_removed_worker() {
         let queue = queue(2, 4);
-        let [a, b, c] = [0, 1, 2].map(|_| queue.take(false).unwrap());
+        let [a, b, c] = [0, 1, 2].map(|_| queue.take(Duration::ZERO).unwrap());
         queue.done(&b, "1".to_string());
         queue.retire([a, c], Some("broken".to_string()));
         for expected in [0, 2, 3] {
-            let job = queue.take(false).unwrap();
+            let job = queue.take(Duration::ZERO).unwrap();
             assert_eq!(job.input, expected);
             queue.done(&job, job.input.to_string());
         }
@@ -201,7 +200,7 @@ mod tests {
     #[test]
     fn without_workers_every_pair_gets_an_error() {
         let queue = queue(1, 3);
-        let first = queue.take(false).unwrap();
+        let first = queue.take(Duration::ZERO).unwrap();
         queue.retire([first], Some("broken".to_string()));
         assert_eq!(queue.push(3, NOW), Ok(()));
         assert_eq!(read(&queue), ["broken", "lost", "lost", "lost"]);
@@ -212,7 +211,7 @@ mod tests {
         let queue = queue(1, 0);
         thread::scope(|scope| {
             let reader = scope.spawn(|| queue.next(Duration::MAX));
-            let worker = scope.spawn(|| queue.take(true).map(|job| job.input));
+            let worker = scope.spawn(|| queue.take(Duration::MAX).map(|job| job.input));
             queue.finish();
             assert_eq!(reader.join().unwrap(), None);
             queue.close();
@@ -222,7 +221,7 @@ mod tests {
         assert_eq!(queue.push(0, NOW), Ok(()));
         thread::scope(|scope| {
             let reader = scope.spawn(|| queue.next(Duration::MAX));
-            queue.done(&queue.take(true).unwrap(), "0".to_string());
+            queue.done(&queue.take(Duration::MAX).unwrap(), "0".to_string());
             assert_eq!(reader.join().unwrap().as_deref(), Some("0"));
         });
     }
@@ -232,7 +231,7 @@ mod tests {
         let queue = queue(1, 4);
         thread::scope(|scope| {
             let pushing = scope.spawn(|| queue.push(4, Duration::MAX));
-            queue.done(&queue.take(false).unwrap(), "0".to_string());
+            queue.done(&queue.take(Duration::ZERO).unwrap(), "0".to_string());
             assert_eq!(queue.next(Duration::MAX).as_deref(), Some("0"));
             assert_eq!(pushing.join().unwrap(), Ok(()));
         });

@@ -108,7 +108,7 @@ impl Stream {
     /// `frames_in_flight` pairs in flight, at least 1; 3 keep it busy.
     ///
     /// # Errors
-    /// Those of [`PairSolver::for_size`](crate::PairSolver::for_size), [`Error::NoDevice`] without engines,
+    /// As for [`PairSolver::for_size`](crate::PairSolver::for_size), [`Error::NoDevice`] without engines,
     /// [`Error::NoThread`].
     pub fn new(
         engines: &[&Engine],
@@ -322,7 +322,7 @@ impl PairWorker {
     fn solve_all(&mut self) -> Result<(), Error> {
         loop {
             while self.in_flight.len() < self.frames_in_flight
-                && let Some(job) = self.queue.take(self.in_flight.is_empty())
+                && let Some(job) = self.queue.take(self.patience())
             {
                 self.submit(job)?;
             }
@@ -331,6 +331,11 @@ impl PairWorker {
             }
             self.collect()?;
         }
+    }
+
+    /// How long the worker waits for the next pair: it collects those in flight first.
+    fn patience(&self) -> Duration {
+        if self.in_flight.is_empty() { Duration::MAX } else { Duration::ZERO }
     }
 
     fn submit(&mut self, job: Job<[Frame; 2]>) -> Result<(), Error> {
@@ -388,7 +393,7 @@ struct FunctionWorker<P, R, F> {
 impl<P, R, F: FnMut(&P) -> Result<Result<R, Error>, Error>> FunctionWorker<P, R, F> {
     /// Solves until the stream is dropped or the function returns a fault.
     fn run(mut self) {
-        while let Some(job) = self.queue.take(true) {
+        while let Some(job) = self.queue.take(Duration::MAX) {
             let job = self.taken.insert(job);
             match (self.solve)(&job.input) {
                 Ok(result) => self.queue.done(job, result),

@@ -80,7 +80,7 @@ fn the_truth_is_a_readable_registration_and_the_seed_fixes_the_files() {
     simulate(&desk, "relief", &all);
     let registration = export::Registration::read(&out(&desk, "truth.json")).unwrap();
     let second = registration.second().unwrap();
-    let (t, photometric) = (second.transform, second.photometric);
+    let (t, photometric) = (second.transform, second.photometric());
     assert_eq!((t.translation(), t.scale()), ([-2.0, 0.5], 0.98));
     assert!((t.rotation_deg() + 1.0).abs() < 1e-12);
     let p = photometric.unwrap();

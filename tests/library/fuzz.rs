@@ -19,7 +19,7 @@ const PIXELS: u32 = 1 << 20;
 /// Reads a photograph in the same way as the program.
 fn photograph(file: &Path) {
     let Ok(photograph) = Photograph::open(file) else { return };
-    let _ = photograph.describe();
+    photograph.describe();
     let (width, height) = photograph.size();
     if width.saturating_mul(height) <= PIXELS {
         let _ = photograph.decode();

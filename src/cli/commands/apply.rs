@@ -40,7 +40,7 @@ pub(crate) struct Arguments {
 /// Reads, moves and writes the photographs one by one.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let registration = Registration::read(&arguments.transform)?;
-    if arguments.exposure && registration.frames.iter().all(|frame| frame.photometric.is_none()) {
+    if arguments.exposure && registration.frames.iter().all(|frame| frame.photometric().is_none()) {
         return Err(of_file(&arguments.transform, "states no gain and offset; leave out --exposure"));
     }
     // Any number of photographs of I2's camera, each written separately.

@@ -79,16 +79,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         solved.set_lens(&arguments.lens.required(&solved)?)
     };
-    let force = arguments.of.force.is_given();
+    let out = arguments.of.force.to(results);
     // A report may state the lens. It is read before it is replaced.
     let inputs: Vec<&PathBuf> = arguments.lens.file().into_iter().filter(|file| !file.ends_with(REPORT_FILE)).collect();
     destination::check_folder(results)?;
     destination::check_inputs(results, &[DEPTH_FILE, DEPTH_PICTURE_FILE, REPORT_FILE], &inputs)?;
-    solved.check_depth(force)?;
+    solved.check_depth(out)?;
     let derived = DerivedOutputs::new(&solved)?;
     solved.report.surface = derived.surface().or(solved.report.surface.take());
     let palette = Some(arguments.colors.palette());
-    solved.write_depth(&derived.drawing(palette), derived.files(palette), force)?;
+    solved.write_depth(out, &derived.drawing(palette), derived.files(palette))?;
     let mut lines: Vec<String> =
         solved.report.depth.iter().map(|depth| format!("depth          {}", depth_range(depth))).collect();
     lines.extend(pixel.map(|um| format!("pixel          {um} µm on the surface")));

@@ -38,13 +38,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Usage("nothing to measure: give --step or --profile".to_string()));
     }
     let results = &arguments.of.results;
-    let force = arguments.of.force.is_given();
+    let out = arguments.of.force.to(results);
     let mut solved = Results::read(results)?;
     destination::check_folder(results)?;
-    solved.check_measurements(&request, force)?;
+    solved.check_measurements(out, &request)?;
     let measured = request.measure(&solved)?;
     let derived = DerivedOutputs::page(&solved);
-    solved.write_measurements(&measured, &derived.drawing(None), derived.files(None), force)?;
+    solved.write_measurements(out, &measured, &derived.drawing(None), derived.files(None))?;
     let rows = measurements(&measured);
     let lines: Vec<String> =
         rows.iter().map(|(label, text)| format!("{label:<14} {text}")).chain(derived.warning()).collect();

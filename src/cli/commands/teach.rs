@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use parfocal::export::{FileKind, GoldenPart, GoldenReport, TaughtPart, write_golden};
+use parfocal::metric::inspect::golden::least_tolerances;
 use parfocal::metric::inspect::{Heights, Limits};
-use parfocal::metric::least_tolerances;
 
 use crate::cli::inspection::arguments::{ComparisonArguments, files_of, result_folders};
 use crate::cli::inspection::golden::{Combined, Golden};

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{GoldenPart, Report, Results};
+use parfocal::metric::inspect::golden::{Disagreement, disagreement, golden};
 use parfocal::metric::inspect::{Heights, Limits};
-use parfocal::metric::{Disagreement, disagreement, golden};
 use parfocal::settings::Decode;
 use parfocal::transform::Similarity;
 use parfocal::{Frame, Region, internals::key_points};

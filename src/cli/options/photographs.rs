@@ -35,7 +35,7 @@ impl PairArguments {
 /// Opens two photographs. Also returns their descriptions for the report.
 pub(crate) fn open_pair([i1, i2]: &[PathBuf; 2]) -> Result<([Photograph; 2], Vec<Input>), Failure> {
     let photographs = Photograph::open_pair(i1, i2)?;
-    let inputs = photographs.iter().map(Photograph::describe).collect::<Result<_, _>>()?;
+    let inputs = photographs.iter().map(Photograph::describe).collect();
     Ok((photographs, inputs))
 }
 

@@ -232,7 +232,7 @@ impl SettingsArguments {
         if hold {
             settings.method = Method::Aligned;
         }
-        if let (Some(start_photometric), None) = (second.photometric, self.exposure()) {
+        if let (Some(start_photometric), None) = (second.photometric(), self.exposure()) {
             settings.start_photometric = start_photometric;
             // Only gain and offset can be held. With shading, all are matched again on the held T.
             let shaded = second.shading.is_some_and(|shading| shading.is_significant());

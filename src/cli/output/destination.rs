@@ -22,11 +22,6 @@ impl ForceArgument {
     pub(crate) fn to<'a>(&self, path: &'a Path) -> Destination<'a> {
         Destination::new(path, self.force)
     }
-
-    /// Whether `--force` was given.
-    pub(crate) fn is_given(&self) -> bool {
-        self.force
-    }
 }
 
 /// Refuses an output folder that cannot be written.

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use super::run;
-use crate::base::{Deadline, Error, Mask, Progress};
+use crate::base::{Deadline, Error, Frame, Mask, Progress};
 use crate::engine::device::CpuDevice;
 use crate::engine::pair_memory::{CancelFlag, PairMemory, Shared};
 use crate::engine::progress::{Costs, WorkCounter};
@@ -22,8 +22,6 @@ pub(in crate::engine) struct CpuPair {
     device: Arc<CpuDevice>,
     shared: Arc<Shared>,
     memory: Memory<f32>,
-    /// The photographs as they are uploaded.
-    photographs: [Vec<u8>; 2],
     /// The script of the latest pair.
     script: Script,
     /// Whether `script` is for pairs with masked or clipped pixels.
@@ -44,7 +42,6 @@ impl CpuPair {
         Self {
             device: device.clone(),
             memory: Memory::with_filters(&plan.weights.banks),
-            photographs: [0, 1].map(|image| vec![0; plan.packed_bytes(image) as usize]),
             shared: shared.clone(),
             script: compose(plan, false),
             is_masked: false,
@@ -63,8 +60,18 @@ impl PairMemory for CpuPair {
     }
 
     fn fill(&mut self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
-        write(&mut self.photographs[image]);
+        let plan = &self.shared.plan;
+        let mut bytes = vec![0; plan.packed_bytes(image) as usize];
+        write(&mut bytes);
+        let frame = plan.packed[image].frame(plan.size, &bytes);
+        let frame = frame.map_err(|problem| Error::Mismatch(format!("photograph {}: {problem}", image + 1)))?;
+        self.memory.upload_photograph(image, frame);
         Ok(())
+    }
+
+    fn upload(&mut self, image: usize, photograph: &Frame, levels: [f32; 2]) -> Result<bool, Error> {
+        self.memory.upload_photograph(image, photograph.clone());
+        Ok(photograph.has_clipped_pixels(levels))
     }
 
     fn cancel_flag(&mut self) -> Result<Arc<CancelFlag>, Error> {
@@ -73,11 +80,6 @@ impl PairMemory for CpuPair {
     }
 
     fn prepare(&mut self, state: &State, is_masked: bool) -> Result<(), Error> {
-        for (image, bytes) in self.photographs.iter().enumerate() {
-            let frame = self.shared.plan.packed[image].frame(self.shared.plan.size, bytes);
-            let frame = frame.map_err(|problem| Error::Mismatch(format!("photograph {}: {problem}", image + 1)))?;
-            self.memory.upload_photograph(image, frame);
-        }
         self.memory.upload_state(state.into());
         if self.is_masked != is_masked {
             let next = self.other.take().unwrap_or_else(|| compose(&self.shared.plan, is_masked));
@@ -139,7 +141,7 @@ impl PairMemory for CpuPair {
     }
 
     fn photograph(&self, image: usize) -> Bytes<'_> {
-        Bytes::Slice(&self.photographs[image])
+        Bytes::Slice(self.memory.photograph_of(image).bytes())
     }
 
     fn times(&self) -> Result<DeviceTimes, Error> {

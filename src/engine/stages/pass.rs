@@ -99,7 +99,7 @@ impl<N: Number> Memory<N> {
     /// A photograph. A binding of any other slot than that of I2 gives I1.
     pub(crate) fn photograph(&self, from: impl Readable) -> &Frame {
         let image = usize::from(from.slot() == Slot::Photograph { image: 1 });
-        self.photographs[image].as_ref().expect("photographs are uploaded before a pass reads them")
+        self.photograph_of(image)
     }
 
     /// A byte for each pixel of I1, 0 where it does not count; `None` if all count.
@@ -215,6 +215,11 @@ impl<N: Number> Memory<N> {
 
 /// Uploads, copies and results, for the executor.
 impl<N: Number> Memory<N> {
+    /// The photograph of an image.
+    pub(crate) fn photograph_of(&self, image: usize) -> &Frame {
+        self.photographs[image].as_ref().expect("photographs are uploaded before a pass reads them")
+    }
+
     /// Sets a photograph.
     pub(crate) fn upload_photograph(&mut self, image: usize, frame: Frame) {
         self.photographs[image] = Some(frame);

@@ -39,14 +39,15 @@ impl ArrayKind {
 
     /// The files of results, as extras.
     pub fn extras<'a>(self) -> Vec<Extra<'a>> {
-        let each = self.files().iter().zip([false, true]);
-        each.map(|(name, is_deviation)| {
+        let arrays: [fn(&Arrays) -> &Array; 2] = [|arrays| &arrays.quantity, |arrays| &arrays.deviation];
+        let each = self.files().iter().zip(arrays);
+        each.map(|(name, of)| {
             Extra::new(name, move |results, w| {
                 let arrays = Arrays::new(results);
-                let values = if is_deviation { &arrays.deviation } else { &arrays.values };
+                let array = of(&arrays);
                 match self {
-                    Self::Npy => write_npy(w, arrays.size, values),
-                    Self::Tiff => arrays.write_tiff(w, values, is_deviation),
+                    Self::Npy => write_npy(w, arrays.size, &array.values),
+                    Self::Tiff => arrays.write_tiff(w, array),
                     Self::Zarr => arrays.write_zarr(w),
                 }
             })
@@ -58,12 +59,18 @@ impl ArrayKind {
 /// A quantity and its standard deviation.
 struct Arrays {
     size: (u32, u32),
-    name: &'static str,
     /// ASCII, as TIFF requires.
     unit: String,
-    values: Vec<f32>,
-    deviation: Vec<f32>,
+    quantity: Array,
+    deviation: Array,
     pixel_size_um: Option<f64>,
+}
+
+/// An array in floats.
+struct Array {
+    name: &'static str,
+    comments: String,
+    values: Vec<f32>,
 }
 
 /// The unit in ASCII.
@@ -79,18 +86,20 @@ impl Arrays {
         let known = |(v, s): (&f32, &f32)| if v.is_finite() { *s } else { f32::NAN };
         let deviation = values.iter().zip(deviation.iter()).map(known).collect();
         let (unit, pixel_size_um) = (ascii(quantity.unit), results.report.pixel_size_um);
-        Self { size: results.size(), name, unit, values: values.into_owned(), deviation, pixel_size_um }
+        let words = name.replace('_', " ");
+        let array = |name, of: &str, values| {
+            let comments = format!("{of}{words} in {unit}; NaN where it is not measured");
+            Array { name, comments, values }
+        };
+        let deviation = array("standard_deviation", "standard deviation of ", deviation);
+        let quantity = array(name, "", values.into_owned());
+        Self { size: results.size(), unit, quantity, deviation, pixel_size_um }
     }
 
-    fn comments(&self, is_deviation: bool) -> String {
-        let of = if is_deviation { "standard deviation of " } else { "" };
-        format!("{of}{} in {}; NaN where it is not measured", self.name.replace('_', " "), self.unit)
-    }
-
-    fn write_tiff(&self, writer: &mut dyn Write, values: &[f32], is_deviation: bool) -> Result<(), String> {
+    fn write_tiff(&self, writer: &mut dyn Write, array: &Array) -> Result<(), String> {
         let pixel = self.pixel_size_um.map_or(String::new(), |um| format!("pixel_size_um={um}\n"));
-        let description = format!("{}\nunits={}\n{pixel}", self.comments(is_deviation), self.unit);
-        write_tiff::<Gray32Float>(writer, self.size, values, &description)
+        let description = format!("{}\nunits={}\n{pixel}", array.comments, self.unit);
+        write_tiff::<Gray32Float>(writer, self.size, &array.values, &description)
     }
 
     /// Writes Zarr, version 2 (Zarr Community 2015), in one ZIP file like `zarr.storage.ZipStore`. It is a group of two
@@ -103,15 +112,15 @@ impl Arrays {
             group["pixel_size_um"] = um.into();
         }
         let mut metadata = vec![(".zgroup".to_string(), json!({ "zarr_format": 2 })), (".zattrs".to_string(), group)];
-        let arrays = [(self.name, &self.values, false), ("standard_deviation", &self.deviation, true)];
-        for (name, _, is_deviation) in arrays {
+        let arrays = [&self.quantity, &self.deviation];
+        for Array { name, comments, .. } in arrays {
             let array = json!({
                 "zarr_format": 2, "shape": [height, width], "chunks": [CHUNK, CHUNK], "dtype": "<f4",
                 "compressor": { "id": "zlib", "level": COMPRESSION }, "fill_value": "NaN", "order": "C",
                 "filters": [{ "id": "shuffle", "elementsize": 4 }],
             });
             let attributes = json!({
-                "units": self.unit, "comments": self.comments(is_deviation), "_ARRAY_DIMENSIONS": ["y", "x"],
+                "units": self.unit, "comments": comments, "_ARRAY_DIMENSIONS": ["y", "x"],
             });
             metadata.extend([(format!("{name}/.zarray"), array), (format!("{name}/.zattrs"), attributes)]);
         }
@@ -123,7 +132,7 @@ impl Arrays {
         let all: serde_json::Map<String, serde_json::Value> = metadata.into_iter().collect();
         let consolidated = json!({ "zarr_consolidated_format": 1, "metadata": all });
         zip.add(".zmetadata", consolidated.to_string().as_bytes())?;
-        for (name, values, _) in arrays {
+        for Array { name, values, .. } in arrays {
             let columns = width.div_ceil(CHUNK);
             for (row, column) in (0..height.div_ceil(CHUNK)).flat_map(|row| (0..columns).map(move |c| (row, c))) {
                 let bytes = shuffled(&chunk(values, [width, height], [column * CHUNK, row * CHUNK]));

@@ -5,10 +5,9 @@ use serde::Serialize;
 
 use super::destination::{Destination, INSPECT_FILES};
 use super::image_files::write_drawing;
-use super::report::{Header, Kind, write_json_to};
-use super::staging::Staging;
+use super::report::{Header, Kind};
+use super::staging::{ListedFiles, Staging};
 use crate::base::{Error, Region, Similarity};
-use crate::files::bounded_read::Hashes;
 use crate::metric::inspect::{Deviation, Gap, Inspection, Limits, Plane, Verdict};
 
 /// The report of an inspected part.
@@ -81,12 +80,6 @@ pub struct DeviationReport {
     pub deviation: Deviation,
     /// Centroid in the part's own picture, px.
     pub centroid_in_part_px: [f64; 2],
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct ListedFiles {
-    files: Vec<String>,
-    hashes: Hashes,
 }
 
 impl InspectReport {
@@ -197,8 +190,5 @@ pub fn write_inspection<'d>(
     let [json, png] = INSPECT_FILES;
     let mut staging = Staging::replacing(out.into(), json)?;
     staging.add(png, |w| write_drawing(w, picture))?;
-    let files = staging.names().into_iter().chain([json.to_string()]).collect();
-    let listed = Some(ListedFiles { files, hashes: staging.hashes() });
-    staging.add(json, |w| write_json_to(w, &InspectReport { listed, ..report.clone() }))?;
-    staging.place()
+    staging.place_with_report(json, |listed| InspectReport { listed: Some(listed), ..report.clone() })
 }

@@ -46,7 +46,7 @@ impl MeasurementRequest {
     /// Measures V or focus, and depth where it is known.
     ///
     /// # Errors
-    /// Those of [`check`](Self::check).
+    /// As for [`check`](Self::check).
     pub fn measure(&self, results: &Results<'_>) -> Result<Measurements, Error> {
         let (quantity, depth, width) = (results.quantity(), results.depth(), results.report.size.width);
         let step = |quantity: &Quantity<'_>, [from, to]: [Region; 2]| {

@@ -1,5 +1,6 @@
 //! Reads registrations from files, and writes photographs that a registration moves.
 
+use std::fmt::Display;
 use std::io::ErrorKind;
 use std::path::Path;
 
@@ -34,48 +35,41 @@ pub struct Registration {
     pub decode: Decode,
 }
 
-/// The registration of a frame to the reference.
+/// The registration of a frame to the reference, as a file states it.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(try_from = "StatedFrame")]
 pub struct FrameRegistration {
     /// T: the reference's pixel x lies at T x in this frame.
     pub transform: Homography,
-    /// Gain and offset, where stated.
-    pub photometric: Option<Photometric>,
+    gain: Option<f64>,
+    offset: Option<f64>,
     /// Variation of the gain, where stated.
     pub shading: Option<ShadingReport>,
 }
 
 impl FrameRegistration {
+    /// Gain and offset, where both are stated.
+    pub fn photometric(&self) -> Option<Photometric> {
+        self.gain.zip(self.offset).map(|(gain, offset)| Photometric { gain, offset })
+    }
+
     /// Brightness of a frame of this size, if gain and offset are stated.
     pub fn brightness(&self, size: [u32; 2]) -> Option<Brightness> {
         let unchanged = Brightness::identity(size);
-        let photometric = self.photometric?;
+        let photometric = self.photometric()?;
         Some(self.shading.map_or(Brightness { photometric, ..unchanged }, |shading| shading.with(photometric)))
     }
-}
-
-/// A frame in a file.
-#[derive(Deserialize)]
-struct StatedFrame {
-    transform: Homography,
-    gain: Option<f64>,
-    offset: Option<f64>,
-    shading: Option<ShadingReport>,
-}
-
-impl TryFrom<StatedFrame> for FrameRegistration {
-    type Error = String;
 
     /// Refuses a registration from which no solve can start.
-    fn try_from(stated: StatedFrame) -> Result<Self, String> {
-        let StatedFrame { transform, gain, offset, shading } = stated;
-        let photometric = gain.zip(offset).map(|(gain, offset)| Photometric { gain, offset });
-        let start_photometric = photometric.unwrap_or_default();
-        let settings = Settings { start: transform, start_photometric, ..Settings::default() };
-        settings.check().map_err(|e| format!("cannot be started from: {e}"))?;
-        Ok(Self { transform, photometric, shading })
+    fn check(&self) -> Result<(), String> {
+        let start_photometric = self.photometric().unwrap_or_default();
+        let settings = Settings { start: self.transform, start_photometric, ..Settings::default() };
+        settings.check().map_err(|e| unusable(format!("cannot be started from: {e}")))
     }
+}
+
+/// The problem of a file without a transform that can be used.
+fn unusable(problem: impl Display) -> String {
+    format!("holds no transform that can be used ({problem}); {SHAPE}")
 }
 
 /// The keys of a report that a registration needs.
@@ -114,9 +108,9 @@ impl Registration {
 
 fn parse(text: &str) -> Result<Registration, String> {
     let mut file: Value = serde_json::from_str(text).map_err(|e| format!("is not JSON ({e}); {SHAPE}"))?;
-    let unusable = |e: serde_json::Error| format!("holds no transform that can be used ({e}); {SHAPE}");
     if file.get("frames").is_some() {
         let stated = Stated::deserialize(&file).map_err(unusable)?;
+        stated.frames.iter().try_for_each(FrameRegistration::check)?;
         return stated.registration().map_err(|problem| format!("holds no registration ({problem}); {SHAPE}"));
     }
     if file.get("transform").is_none() && file.is_object() {
@@ -124,7 +118,8 @@ fn parse(text: &str) -> Result<Registration, String> {
         file["transform"] = transform;
     }
     let second = FrameRegistration::deserialize(file).map_err(unusable)?;
-    let first = FrameRegistration { transform: Homography::IDENTITY, photometric: None, shading: None };
+    second.check()?;
+    let first = FrameRegistration { transform: Homography::IDENTITY, gain: None, offset: None, shading: None };
     Ok(Registration { frames: vec![first, second], reference: 0, size: None, region: None, decode: Decode::None })
 }
 
@@ -215,20 +210,20 @@ mod tests {
     #[test]
     fn transforms_frames_and_reports_are_read() {
         let found = second(T);
-        assert_eq!((found.transform.translation(), found.photometric), ([1.5, -2.0], None));
+        assert_eq!((found.transform.translation(), found.photometric()), ([1.5, -2.0], None));
         assert!(
             (found.transform.rotation_deg() - 90.0).abs() < 1e-12 && (found.transform.scale() - 1.07).abs() < 1e-12
         );
         assert_eq!(second(&format!(r#"{{"transform": {T}, "shading": null}}"#)), found);
         let bright = Some(Photometric { gain: 1.1, offset: -0.02 });
         let frame = format!(r#"{{"transform": {T}, "gain": 1.1, "offset": -0.02}}"#);
-        assert_eq!(second(&frame), FrameRegistration { photometric: bright, ..found });
-        assert_eq!(second(&T.replace('}', r#", "gain": 1.1, "offset": -0.02}"#)).photometric, bright);
+        assert_eq!(second(&frame), FrameRegistration { gain: Some(1.1), offset: Some(-0.02), ..found });
+        assert_eq!(second(&T.replace('}', r#", "gain": 1.1, "offset": -0.02}"#)).photometric(), bright);
         let report =
             format!(r#"{{"frames": [{frame}, {{"transform": {T}}}, {frame}], "order": [2, 0, 1], "reference": 1}}"#);
         let sweep = parse(&report).unwrap();
         assert_eq!((sweep.frames.len(), sweep.reference, sweep.second()), (3, 0, None));
-        assert_eq!((sweep.frames[0].photometric, sweep.frames[2].photometric), (None, bright));
+        assert_eq!((sweep.frames[0].photometric(), sweep.frames[2].photometric()), (None, bright));
         let matrix = [[1.1, 0.02, 1.5], [0.0, 1.0, -2.0], [1e-5, 0.0, 1.0]];
         let homography = Homography::from_matrix(matrix).unwrap();
         let stored = serde_json::to_string(&homography).unwrap();

@@ -5,11 +5,10 @@ use std::io::{self, Write};
 use serde::Serialize;
 
 use super::destination::{Destination, REPEAT_FILES};
-use super::report::{Header, Kind, write_json_to};
+use super::report::{Header, Kind};
 use super::scale::column;
-use super::staging::Staging;
+use super::staging::{ListedFiles, Staging};
 use crate::base::{Error, Estimate};
-use crate::files::bounded_read::Hashes;
 use crate::metric::repeat::{GaugeStudy, Interval, Repeatability, RepeatedMaps, TypeOne};
 use crate::metric::roughness::Form;
 
@@ -76,12 +75,6 @@ pub struct ReadingReport {
     pub standard_error: Option<f64>,
     /// The folder of its results; empty for a value of a table.
     pub results: String,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct ListedFiles {
-    files: Vec<String>,
-    hashes: Hashes,
 }
 
 impl RepeatReport {
@@ -257,10 +250,7 @@ pub fn write_repeat<'d>(out: impl Into<Destination<'d>>, report: &RepeatReport, 
         staging.add(components, |w| report.write_components(found, w).map_err(text))?;
         staging.add(categories, |w| RepeatReport::write_categories(found, w).map_err(text))?;
     }
-    let files = staging.names().into_iter().chain([json.to_string()]).collect();
-    let listed = Some(ListedFiles { files, hashes: staging.hashes() });
-    staging.add(json, |w| write_json_to(w, &RepeatReport { listed, ..report.clone() }))?;
-    staging.place()
+    staging.place_with_report(json, |listed| RepeatReport { listed: Some(listed), ..report.clone() })
 }
 
 #[cfg(test)]

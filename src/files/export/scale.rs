@@ -96,7 +96,7 @@ impl<'a> Quantity<'a> {
         Self { name: "depth", unit: "mm", values: values.into(), deviation: deviation.into(), nearer, least_span }
     }
 
-    /// The same quantity with NaN at the marked pixels.
+    /// The quantity with NaN at the marked pixels.
     pub(super) fn without(mut self, marked: &[bool]) -> Self {
         if marked.iter().any(|marked| *marked) {
             self.values.to_mut().iter_mut().zip(marked).filter(|(_, m)| **m).for_each(|(value, _)| *value = f32::NAN);

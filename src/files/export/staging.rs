@@ -6,11 +6,13 @@ use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use serde::Serialize;
 use tempfile::NamedTempFile;
 
 use super::destination::{Destination, FileKind, Guard};
 use super::folder::{Folder, OtherWriters, naming, temporary_file};
 use super::journal::{Journal, Unfinished, metadata};
+use super::report::write_json_to;
 use crate::base::{Error, workers};
 use crate::files::bounded_read::{Hash, Hashes};
 
@@ -26,6 +28,13 @@ pub(crate) struct Staging {
     report: Option<String>,
     /// Files of earlier results that are removed.
     stale: Stale,
+}
+
+/// The files that a report lists, and their hashes.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct ListedFiles {
+    files: Vec<String>,
+    hashes: Hashes,
 }
 
 /// Writes the content of a file. An error is a phrase that fits into "cannot be written (...)".
@@ -158,6 +167,18 @@ impl Staging {
         }
         self.folder.keep();
         Ok(())
+    }
+
+    /// Writes the report that `of` makes from the list of all files, and renames all files.
+    pub(super) fn place_with_report<R: Serialize>(
+        mut self,
+        name: &str,
+        of: impl FnOnce(ListedFiles) -> R,
+    ) -> Result<(), Error> {
+        let files = self.names().into_iter().chain([name.to_string()]).collect();
+        let report = of(ListedFiles { files, hashes: self.hashes() });
+        self.add(name, |w| write_json_to(w, &report))?;
+        self.place()
     }
 
     /// Renames each file separately.

@@ -9,7 +9,7 @@ use super::destination::Destination;
 use super::fused::{FUSED_FILE, FUSED_FLOAT_FILE};
 use super::image_files::{self, Description, Pixels, write_channels, write_field, write_png};
 use super::measurements::{MeasurementRequest, is_profile};
-use super::report::{Kind, Measurements, REPORT_FILE, write_json_to};
+use super::report::{FieldReport, Kind, Measurements, REPORT_FILE, write_json_to};
 use super::results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Drawing, Extra, NewFile, PAGE_FILE, Results};
 use super::staging::Staging;
 use super::{arrays, maps};
@@ -144,13 +144,17 @@ impl Results<'_> {
         write_channels(writer, self.size(), &channels, self.depth_description())
     }
 
-    /// Writes depth in mm into the folder of the results: `depth_mm.exr`, `depth.png`, the report, `depth16` if it
-    /// exists, and the files `shown`; all of them or none. Removes other files that show depth. With `force`,
-    /// overwrites files that the report does not list.
+    /// Writes depth in mm into `out`, the folder of the results: `depth_mm.exr`, `depth.png`, the report, `depth16` if it
+    /// exists, and the files `shown`; all of them or none. Removes other files that show depth.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn write_depth(&mut self, drawing: &Drawing, mut shown: Vec<Extra<'_>>, force: bool) -> Result<(), Error> {
+    pub fn write_depth(
+        &mut self,
+        out: Destination<'_>,
+        drawing: &Drawing,
+        mut shown: Vec<Extra<'_>>,
+    ) -> Result<(), Error> {
         if self.report.depth16.is_some() {
             let depth16 = arrays::Depth16::of(self);
             self.report.depth16 = Some(depth16.report());
@@ -158,7 +162,7 @@ impl Results<'_> {
         }
         let stale = DEPTH_EXPORTS.into_iter().filter(|name| !shown.iter().any(|extra| extra.name == *name));
         let stale: Vec<String> = stale.map(String::from).collect();
-        let staging = self.joining(force, &stale)?;
+        let staging = Staging::joining(out, REPORT_FILE, stale.clone())?;
         let mut files: Vec<NewFile<'_>> = self.depth_files(drawing);
         files.extend(shown.into_iter().map(NewFile::from));
         self.finish(staging, &stale, files)
@@ -168,24 +172,23 @@ impl Results<'_> {
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn check_depth(&self, force: bool) -> Result<(), Error> {
+    pub fn check_depth(&self, out: Destination<'_>) -> Result<(), Error> {
         let exports = DEPTH_EXPORTS.into_iter().chain(arrays::DEPTH16_FILES).filter(|name| self.report.has_file(name));
         let names: Vec<&str> = exports.chain([DEPTH_FILE, DEPTH_PICTURE_FILE, REPORT_FILE]).collect();
-        Destination::new(&self.folder, force).check_results(REPORT_FILE, &names)
+        out.check_results(REPORT_FILE, &names)
     }
 
-    /// Writes measurements into the folder of the results: profiles, the report and the files `shown`; all of them or
+    /// Writes measurements into `out`, the folder of the results: profiles, the report and the files `shown`; all of them or
     /// none. New steps replace earlier steps, and new profiles earlier profiles. Removes a page that is not in `shown`.
-    /// With `force`, overwrites files that the report does not list.
     ///
     /// # Errors
     /// [`Error::File`].
     pub fn write_measurements(
         &mut self,
+        out: Destination<'_>,
         measured: &Measurements,
         drawing: &Drawing,
         shown: Vec<Extra<'_>>,
-        force: bool,
     ) -> Result<(), Error> {
         let new: Vec<&str> = measured.profiles.iter().flat_map(|p| [p.csv.as_str(), &p.png]).collect();
         let is_stale = |file: &&String| {
@@ -200,7 +203,7 @@ impl Results<'_> {
         if !measured.profiles.is_empty() {
             known.profiles.clone_from(&measured.profiles);
         }
-        let staging = self.joining(force, &stale)?;
+        let staging = Staging::joining(out, REPORT_FILE, stale.clone())?;
         let mut files: Vec<NewFile<'_>> = measured.files(drawing.plotter);
         files.extend(shown.into_iter().map(NewFile::from));
         self.finish(staging, &stale, files)
@@ -210,15 +213,19 @@ impl Results<'_> {
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn check_measurements(&self, request: &MeasurementRequest, force: bool) -> Result<(), Error> {
+    pub fn check_measurements(&self, out: Destination<'_>, request: &MeasurementRequest) -> Result<(), Error> {
         let mut names = request.files();
         names.push(REPORT_FILE.to_string());
-        Destination::new(&self.folder, force).check_results(REPORT_FILE, &names)
+        out.check_results(REPORT_FILE, &names)
     }
 
-    /// Begins files that are added to those of the folder. Removes the `stale` ones of the existing files.
-    fn joining(&self, force: bool, stale: &[String]) -> Result<Staging, Error> {
-        Staging::joining(Destination::new(&self.folder, force), REPORT_FILE, stale.to_vec())
+    /// The files of [`Kind::fields`] and of depth, as listed in the report.
+    fn field_reports(&self) -> Vec<FieldReport> {
+        let fields = self.report.kind.fields().iter();
+        let fields = fields.map(|(name, file, description)| FieldReport::new(name, file, description));
+        fields
+            .chain(self.depth.as_ref().map(|_| FieldReport::new("depth", DEPTH_FILE, self.depth_description())))
+            .collect()
     }
 
     /// Writes the files and the report, and renames all of them.
@@ -258,9 +265,7 @@ mod tests {
 
     use super::super::{Kind, Nearer, RangeReport, Registration, Report};
     use super::*;
-    use crate::base::{
-        Channels, Decode, Depth, DeviceInfo, Error, Photometric, Region, Samples, Settings, Shading, Similarity,
-    };
+    use crate::base::{Decode, Depth, DeviceInfo, Error, Photometric, Region, Samples, Settings, Similarity};
     use crate::engine::{Findings, LevelHistory, Solution, Timings, TransformDeviation};
     use crate::files::image_io::{self, Values};
 
@@ -268,14 +273,10 @@ mod tests {
         let findings = Findings {
             width: 3,
             height: 2,
-            origin: [0, 0],
             photograph: [3, 2],
-            fused_channels: Channels::Gray,
             transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
             transform_deviation: Some(TransformDeviation { corner_px: 0.02, direction_deg: 30.0 }),
-            other_motion: None,
             photometric: Photometric { gain: 1.02, offset: -0.01 },
-            shading: Shading::NONE,
             solved: Region { x: 0, y: 0, width: 3, height: 2 },
             regularization: 0.003,
             kernel_shape: Some(0.5),
@@ -284,17 +285,16 @@ mod tests {
             converged: true,
             warnings: vec!["a warning".to_string()],
             valid_fraction: 4.0 / 6.0,
-            mean_confidence: 0.0,
             saturated_fraction: f64::NAN,
             clipped_fractions: [0.02, 0.0],
             unsettled_fraction: 0.1,
-            unexplained_fraction: 0.0,
             noise: 0.0025,
             timings: Timings {
                 total_ms: 9.0,
                 gpu_ms: 7.0,
                 passes_ms: vec![("warp", 1.0), ("blur", 2.0), ("apply", 3.0)],
             },
+            ..Findings::default()
         };
         Solution {
             relative_blur: vec![f32::NAN, -1.5, 0.1, 2.0, 4.0, f32::NAN],
@@ -308,17 +308,10 @@ mod tests {
 
     fn device() -> DeviceInfo {
         DeviceInfo {
-            index: 0,
             name: "a device".to_string(),
             driver: "a driver 1.2".to_string(),
             uuid: "00000000-0000-0000-0000-000000000001".to_string(),
-            kind: "CPU",
-            api_version: "1.3.0".to_string(),
-            subgroup_size: 8,
-            memory_bytes: 1,
-            max_image_size: 1,
-            max_storage_buffer: 1,
-            unusable: None,
+            ..DeviceInfo::default()
         }
     }
 
@@ -401,7 +394,7 @@ mod tests {
         let registration = Registration::read(&out.join("report.json")).unwrap();
         let second = registration.second().unwrap();
         assert!(second.transform.corner_distance(solution().transform, 4000, 3000) < 1e-9);
-        assert_eq!(second.photometric, Some(solution().photometric));
+        assert_eq!(second.photometric(), Some(solution().photometric));
 
         let image = exr::prelude::read_first_flat_layer_from_file(out.join("relative_blur.exr")).unwrap();
         assert_eq!(image.layer_data.channel_data.list[0].name.to_string(), "Y");

@@ -187,7 +187,7 @@ mod tests {
     use crate::files::image_io::Photograph;
 
     fn describe(path: &Path) -> Result<Input, Error> {
-        Photograph::open(path)?.describe()
+        Photograph::open(path).map(|photograph| photograph.describe())
     }
 
     /// EXIF of a camera with a focus distance of 1.25 m, or an unknown one.

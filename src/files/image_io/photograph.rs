@@ -9,6 +9,7 @@ use sha2::{Digest, Sha256};
 
 use super::header::{DAMAGED, Header, check_size};
 use super::input::Input;
+use super::metadata::Exif;
 use super::plain::camera_raw_problem;
 use super::raster::check_end;
 use super::similar_file::similar_file;
@@ -26,6 +27,8 @@ pub struct Photograph {
     selected: Selected,
     bytes: Arc<Vec<u8>>,
     header: Header,
+    /// Transfer curve and EXIF that the file states.
+    metadata: (Option<String>, Option<Exif>),
 }
 
 impl Photograph {
@@ -71,9 +74,14 @@ impl Photograph {
             camera_raw_problem(&selected.file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
             check_end(&bytes).map_err(wrap)?;
         }
-        let header = guarded(|| Ok(Source::open(&bytes, &selected)?.header().clone())).map_err(wrap)?;
-        check_size(header.size).map_err(wrap)?;
-        Ok(Self { path: path.to_path_buf(), selected, bytes, header })
+        let parse = || {
+            let mut source = Source::open(&bytes, &selected)?;
+            check_size(source.header().size)?;
+            let metadata = source.encoding_and_exif(&bytes);
+            Ok((source.header().clone(), metadata))
+        };
+        let (header, metadata) = guarded(parse).map_err(wrap)?;
+        Ok(Self { path: path.to_path_buf(), selected, bytes, header, metadata })
     }
 
     /// The path as passed.
@@ -96,16 +104,11 @@ impl Photograph {
         Format { channels: self.header.channels, depth: self.header.depth }
     }
 
-    /// Describes the file for the report: hash, header and metadata; no pixel is decoded.
-    ///
-    /// # Errors
-    /// [`Error::File`]; none known for a file that could be opened.
-    pub fn describe(&self) -> Result<Input, Error> {
-        let mut source = self.source()?;
-        let metadata = guarded(|| Ok(source.encoding_and_exif(&self.bytes)));
-        let (encoding, exif) = metadata.map_err(|problem| Error::file(&self.path, problem))?;
+    /// Describes the file for the report: hash, header and metadata.
+    pub fn describe(&self) -> Input {
         let Header { format, bits, channels, alpha, pages, .. } = self.header;
-        Ok(Input {
+        let (encoding, exif) = self.metadata.clone();
+        Input {
             file: self.path.display().to_string(),
             bytes: self.bytes.len() as u64,
             sha256: Sha256::digest(self.bytes.as_slice()).iter().map(|byte| format!("{byte:02x}")).collect(),
@@ -117,7 +120,7 @@ impl Photograph {
             page: self.selected.page,
             encoding,
             exif,
-        })
+        }
     }
 
     /// Decodes the pixels, as described for [`read`](super::read), and frees the bytes.
@@ -287,7 +290,7 @@ pub fn read_frames(first: Photograph, others: &[PathBuf]) -> Result<Vec<(Frame, 
     });
     workers::for_each([Ok(first)].into_iter().chain(opened).zip(&mut read), |(photograph, read)| {
         *read = Some(photograph.and_then(|photograph| {
-            let input = photograph.describe()?;
+            let input = photograph.describe();
             Ok((photograph.decode()?, input))
         }));
     });
@@ -357,7 +360,7 @@ mod tests {
         let opened = Photograph::open(&first).unwrap();
         write(20);
         let next = opened.clone().open_next(&second).unwrap();
-        assert_eq!(opened.describe().unwrap().sha256, next.describe().unwrap().sha256);
+        assert_eq!(opened.describe().sha256, next.describe().sha256);
         assert_eq!(next.decode().unwrap().samples(), &Samples::U8(vec![11; 2]));
         let other = folder.path().join("other.pgm");
         fs::write(&other, b"P5 3 1 255 abc").unwrap();

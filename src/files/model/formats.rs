@@ -8,13 +8,14 @@ use serde_json::{Value, json};
 use super::points::Points;
 
 /// The points without holes, their normals and triangles.
-struct Mesh {
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Mesh {
     /// Indices of the vertices in the grid.
-    vertices: Vec<usize>,
+    pub(crate) vertices: Vec<usize>,
     /// Unit normals of the vertices, towards the camera.
-    normals: Vec<[f32; 3]>,
+    pub(crate) normals: Vec<[f32; 3]>,
     /// Vertices of the triangles, counter-clockwise as seen by the camera.
-    triangles: Vec<[u32; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
 }
 
 impl Mesh {
@@ -26,16 +27,21 @@ impl Mesh {
         if points.positions.len() > u32::MAX as usize {
             return Err(io::Error::other("there are too many points for a mesh; reduce it by --mesh-cells"));
         }
+        Ok(Self::of(points))
+    }
+
+    /// As [`new`](Self::new), of at most 2^32 - 1 points.
+    pub(crate) fn of(points: &Points) -> Self {
         let vertices: Vec<usize> = (0..points.positions.len()).filter(|&i| points.is_point(i)).collect();
         let triangles = triangles([points.width, points.height], &vertices);
         let normals = normals(points, &vertices, &triangles);
-        Ok(Self { vertices, normals, triangles })
+        Self { vertices, normals, triangles }
     }
 }
 
 /// The triangles of a grid whose points at the indices `vertices` are no holes, counter-clockwise as seen by the
 /// camera.
-pub(crate) fn triangles([width, height]: [usize; 2], vertices: &[usize]) -> Vec<[u32; 3]> {
+fn triangles([width, height]: [usize; 2], vertices: &[usize]) -> Vec<[u32; 3]> {
     const NONE: u32 = u32::MAX;
     let mut number = vec![NONE; width * height];
     (0..).zip(vertices).for_each(|(k, &i)| number[i] = k);

@@ -7,7 +7,7 @@ mod points;
 
 use std::io::Write;
 
-pub(crate) use formats::triangles;
+pub(crate) use formats::Mesh;
 pub use points::{COORDINATE_FILES, Points};
 
 use crate::base::Frame;

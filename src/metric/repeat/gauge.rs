@@ -174,38 +174,9 @@ impl Study {
     /// # Errors
     /// [`Error::Mismatch`] if the study is not complete, or has fewer than two operators, parts or trials.
     pub fn analyse(&self, tolerance: Option<f64>) -> Result<GaugeStudy, Error> {
-        let Self { operators, parts, trials, readings } = self;
-        let (o, p, r) = (*operators as f64, *parts as f64, *trials as f64);
-        if [*operators, *parts, *trials].iter().any(|count| *count < 2) {
-            let problem = format!("{operators} operators, {parts} parts and {trials} trials; give two or more of each");
-            return Err(Error::Mismatch(format!("a gauge study has {problem}")));
-        }
-        if readings.len() != operators * parts * trials || readings.iter().any(|v| !v.is_finite()) {
-            let problem = "a gauge study needs one reading of each operator, part and trial";
-            return Err(Error::Mismatch(problem.to_string()));
-        }
-        // Sums of squares below this are rounding.
-        let most = readings.iter().fold(0.0f64, |most, v| most.max(v.abs()));
-        let least = (1e-12 * most).powi(2) * readings.len() as f64;
-        let readings: Vec<f64> = readings.iter().map(|v| v - readings[0]).collect();
-        let mean = |of: &dyn Fn(usize, usize) -> bool| {
-            let chosen = readings.iter().enumerate();
-            let chosen = chosen.filter(|(n, _)| of(n / trials / parts, n / trials % parts)).map(|(_, v)| *v);
-            let (sum, count) = chosen.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
-            sum / count
-        };
-        let all = mean(&|_, _| true);
-        let by_operator: Vec<f64> = (0..*operators).map(|i| mean(&|a, _| a == i)).collect();
-        let by_part: Vec<f64> = (0..*parts).map(|j| mean(&|_, b| b == j)).collect();
-        let cells: Vec<f64> = readings.chunks_exact(*trials).map(|cell| cell.iter().sum::<f64>() / r).collect();
-        let cell = |n: usize, mean: &f64| mean - by_operator[n / parts] - by_part[n % parts] + all;
-        let sums = [
-            p * r * by_operator.iter().map(|m| (m - all).powi(2)).sum::<f64>(),
-            o * r * by_part.iter().map(|m| (m - all).powi(2)).sum::<f64>(),
-            r * cells.iter().enumerate().map(|(n, mean)| cell(n, mean).powi(2)).sum::<f64>(),
-            readings.iter().enumerate().map(|(n, v)| (v - cells[n / trials]).powi(2)).sum::<f64>(),
-        ]
-        .map(|sum| if sum < least { 0.0 } else { sum });
+        self.check()?;
+        let (o, p, r) = (self.operators as f64, self.parts as f64, self.trials as f64);
+        let sums = self.sums_of_squares();
         let degrees = [o - 1.0, p - 1.0, (o - 1.0) * (p - 1.0), o * p * (r - 1.0)];
         let squares: [f64; 4] = std::array::from_fn(|n| sums[n] / degrees[n]);
         let ratio = |n: usize, error: usize| {
@@ -251,8 +222,50 @@ impl Study {
             error: chance.variance(found.error, if is_interaction_pooled { pooled[0] } else { degrees[3] }),
         };
         let (components, categories) = self.components(&found, draw, tolerance);
-        let (operators, parts, trials) = (*operators, *parts, *trials);
+        let Self { operators, parts, trials, .. } = *self;
         Ok(GaugeStudy { operators, parts, trials, anova, is_interaction_pooled, components, categories })
+    }
+
+    /// Checks that the study is complete.
+    fn check(&self) -> Result<(), Error> {
+        let Self { operators, parts, trials, readings } = self;
+        if [*operators, *parts, *trials].iter().any(|count| *count < 2) {
+            let problem = format!("{operators} operators, {parts} parts and {trials} trials; give two or more of each");
+            return Err(Error::Mismatch(format!("a gauge study has {problem}")));
+        }
+        if readings.len() != operators * parts * trials || readings.iter().any(|v| !v.is_finite()) {
+            let problem = "a gauge study needs one reading of each operator, part and trial";
+            return Err(Error::Mismatch(problem.to_string()));
+        }
+        Ok(())
+    }
+
+    /// Returns the sums of squares of operators, parts, their interaction and the repetitions.
+    fn sums_of_squares(&self) -> [f64; 4] {
+        let Self { operators, parts, trials, readings } = self;
+        // Sums of squares below this are rounding.
+        let most = readings.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+        let least = (1e-12 * most).powi(2) * readings.len() as f64;
+        let readings: Vec<f64> = readings.iter().map(|v| v - readings[0]).collect();
+        let mean = |of: &dyn Fn(usize, usize) -> bool| {
+            let chosen = readings.iter().enumerate();
+            let chosen = chosen.filter(|(n, _)| of(n / trials / parts, n / trials % parts)).map(|(_, v)| *v);
+            let (sum, count) = chosen.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+            sum / count
+        };
+        let (o, p, r) = (*operators as f64, *parts as f64, *trials as f64);
+        let all = mean(&|_, _| true);
+        let by_operator: Vec<f64> = (0..*operators).map(|i| mean(&|a, _| a == i)).collect();
+        let by_part: Vec<f64> = (0..*parts).map(|j| mean(&|_, b| b == j)).collect();
+        let cells: Vec<f64> = readings.chunks_exact(*trials).map(|cell| cell.iter().sum::<f64>() / r).collect();
+        let cell = |n: usize, mean: &f64| mean - by_operator[n / parts] - by_part[n % parts] + all;
+        let sums = [
+            p * r * by_operator.iter().map(|m| (m - all).powi(2)).sum::<f64>(),
+            o * r * by_part.iter().map(|m| (m - all).powi(2)).sum::<f64>(),
+            r * cells.iter().enumerate().map(|(n, mean)| cell(n, mean).powi(2)).sum::<f64>(),
+            readings.iter().enumerate().map(|(n, v)| (v - cells[n / trials]).powi(2)).sum::<f64>(),
+        ];
+        sums.map(|sum| if sum < least { 0.0 } else { sum })
     }
 
     /// Returns the components with their intervals, and the number of categories.

@@ -97,17 +97,7 @@ struct Tile {
 /// [`Error::Mismatch`] for fewer than two or more than [`MOST_MAPS`] maps, for maps of different sizes, and for
 /// [`Form::Cylinder`]; [`Error::Region`] if the area leaves the maps, or too few pixels are measured by all.
 pub fn repeated_maps(maps: &[Heights], area: &Area<'_>, form: Form) -> Result<RepeatedMaps, Error> {
-    let refused = |problem: String| Err(Error::Mismatch(problem));
-    let Some(first) = maps.first().filter(|_| (2..=MOST_MAPS).contains(&maps.len())) else {
-        return refused(format!("{} results cannot be compared: give 2 to {MOST_MAPS}", maps.len()));
-    };
-    if form == Form::Cylinder {
-        return refused("the difference of two results has no cylinder: give none, plane or quadric".to_string());
-    }
-    let size = [first.width, first.height];
-    if maps.iter().any(|map| [map.width, map.height] != size) {
-        return refused("the results have different sizes: solve the same part".to_string());
-    }
+    let size = common_size(maps, form)?;
     area.region.check((size[0], size[1]))?;
     let cut = |field: &[f32]| -> Vec<f64> {
         area.region.crop(field, size[0] as usize, 1).into_iter().map(f64::from).collect()
@@ -167,6 +157,22 @@ pub fn repeated_maps(maps: &[Heights], area: &Area<'_>, form: Form) -> Result<Re
         pairs,
         histogram,
     })
+}
+
+/// Returns the size of all maps, if they can be compared.
+fn common_size(maps: &[Heights], form: Form) -> Result<[u32; 2], Error> {
+    let refused = |problem: String| Err(Error::Mismatch(problem));
+    let Some(first) = maps.first().filter(|_| (2..=MOST_MAPS).contains(&maps.len())) else {
+        return refused(format!("{} results cannot be compared: give 2 to {MOST_MAPS}", maps.len()));
+    };
+    if form == Form::Cylinder {
+        return refused("the difference of two results has no cylinder: give none, plane or quadric".to_string());
+    }
+    let size = [first.width, first.height];
+    if maps.iter().any(|map| [map.width, map.height] != size) {
+        return refused("the results have different sizes: solve the same part".to_string());
+    }
+    Ok(size)
 }
 
 /// Levelled maps, the variances that they state, and the pixels that all measure.

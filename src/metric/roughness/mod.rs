@@ -224,7 +224,7 @@ fn along(surface: &Surface, line: &Line) -> Result<Vec<f64>, Error> {
 /// for V the standard deviation of its scale. It is not in the standard deviations of `heights`.
 ///
 /// # Errors
-/// Those of [`Evaluation::check`]; [`Error::Region`] if too few pixels are measured, or if they do not determine the
+/// As for [`Evaluation::check`]; [`Error::Region`] if too few pixels are measured, or if they do not determine the
 /// form; [`Error::Mismatch`] if a field has another size.
 pub fn roughness(
     heights: &Heights,
@@ -261,12 +261,9 @@ pub fn roughness(
     let values_of = |surface: &Surface| evaluate(surface).map_or([f64::NAN; PARAMETERS.len()], |found| found.values);
     let deviation = cut(&heights.deviation);
     let noise = Noise { deviation: &deviation, window: evaluation.noise_window_px };
-    let (mut realizations, at_a_time) = (Vec::new(), (MAX_IN_FLIGHT / surface.values.len()).max(1));
-    while realizations.len() < evaluation.realizations {
-        let (first, left) = (realizations.len(), evaluation.realizations - realizations.len());
-        let realized = |n: usize| values_of(&noise.add_to(&surface, (first + n) as u64));
-        realizations.extend(workers::map(left.min(at_a_time), realized));
-    }
+    let at_a_time = (MAX_IN_FLIGHT / surface.values.len()).max(1);
+    let realized = |n: usize| values_of(&noise.add_to(&surface, n as u64));
+    let realizations = in_portions(evaluation.realizations, at_a_time, realized);
     let ends = common.map(|common| {
         let common = cut(common);
         [1.0, -1.0].map(|sign| {
@@ -290,6 +287,16 @@ pub fn roughness(
         is_str_bound: found.is_str_bound,
         parameters: (0..PARAMETERS.len()).map(parameter).collect(),
     })
+}
+
+/// Computes values by their number in parallel, some at a time.
+fn in_portions<T: Send>(count: usize, at_a_time: usize, value: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let mut all = Vec::new();
+    while all.len() < count {
+        let first = all.len();
+        all.extend(workers::map((count - first).min(at_a_time), |n| value(first + n)));
+    }
+    all
 }
 
 impl Area<'_> {

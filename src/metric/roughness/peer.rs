@@ -144,10 +144,10 @@ const BOTH_AXES: f64 = 3e-3;
 
 /// The largest difference of each parameter, as a share, where definitions agree: that of 9 printed digits.
 const PRINTED: f64 = 2e-8;
-/// That of Sal and Str: surfalize interpolates the autocorrelation by a spline, and takes the nearest of 1000 points on
+/// The difference of Sal and Str: surfalize interpolates the autocorrelation by a spline, and takes the nearest of 1000 points on
 /// a ray.
 const INTERPOLATED: f64 = 3e-3;
-/// That with Gaussian filters: surfalize ends the weights at 0.75 cutoffs, here they end at one.
+/// The difference with Gaussian filters: surfalize ends the weights at 0.75 cutoffs, here they end at one.
 const TRUNCATED: f64 = 2e-4;
 /// That on a cylinder: surfalize minimizes the distances from it, here heights above it.
 const RADIAL: f64 = 2e-3;

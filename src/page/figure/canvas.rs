@@ -80,14 +80,18 @@ impl Canvas {
 
     /// Draws a line through points. It is dashed if a period is passed. Points that are not finite are left out.
     pub fn line(&mut self, points: &[(f32, f32)], color: Color, width: f32, dash: Option<f32>) {
-        if let Some(path) = polygon(points, false) {
+        if let Some(path) = path(points).and_then(PathBuilder::finish) {
             self.stroke(&path, color, width, dash);
         }
     }
 
     /// Fills a polygon.
     pub fn polygon(&mut self, points: &[(f32, f32)], color: Color) {
-        if let Some(path) = polygon(points, true) {
+        let path = path(points).and_then(|mut path| {
+            path.close();
+            path.finish()
+        });
+        if let Some(path) = path {
             self.0.fill_path(&path, &paint(color), FillRule::Winding, Transform::identity(), None);
         }
     }
@@ -161,16 +165,13 @@ fn paint(color: Color) -> Paint<'static> {
     paint
 }
 
-/// `None` if there is nothing to draw or a coordinate is not finite.
-fn polygon(points: &[(f32, f32)], close: bool) -> Option<Path> {
+/// A path through points; `None` without points.
+fn path(points: &[(f32, f32)]) -> Option<PathBuilder> {
     let (&(x, y), rest) = points.split_first()?;
     let mut path = PathBuilder::new();
     path.move_to(x, y);
     rest.iter().for_each(|&(x, y)| path.line_to(x, y));
-    if close {
-        path.close();
-    }
-    path.finish()
+    Some(path)
 }
 
 /// Ubuntu Light, Ubuntu font licence 1.0: Latin, Greek, ², ° and ±.

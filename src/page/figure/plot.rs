@@ -214,16 +214,13 @@ pub(super) fn marker(canvas: &mut Canvas, (x, y): (f32, f32), index: usize) {
     match index % 4 {
         0 => canvas.disc((x, y), r, color),
         1 => {
-            canvas.polygon(&[(x - r, y - r), (x + r, y - r), (x + r, y + r), (x - r, y + r)].map(shrunk((x, y))), color)
+            // The square has about the area of the disc.
+            let s = 0.88 * r;
+            canvas.polygon(&[(x - s, y - s), (x + s, y - s), (x + s, y + s), (x - s, y + s)], color)
         }
         2 => canvas.polygon(&[(x, y - r), (x + r, y + 0.8 * r), (x - r, y + 0.8 * r)], color),
         _ => canvas.polygon(&[(x, y - r), (x + r, y), (x, y + r), (x - r, y)], color),
     }
-}
-
-/// Scales the square to about the area of the disc.
-fn shrunk((cx, cy): (f32, f32)) -> impl Fn((f32, f32)) -> (f32, f32) {
-    move |(x, y)| (cx + 0.88 * (x - cx), cy + 0.88 * (y - cy))
 }
 
 /// Draws the cross of a point that failed.
@@ -345,14 +342,14 @@ impl Plot {
         let area = frame.area;
         for tick in frame.x.ticks((area.width / 80.0) as usize) {
             let x = frame.x(tick.value);
-            canvas.line(&[(x, area.y), (x, area.bottom())], LIGHT, grid(tick.label.is_some()), None);
+            canvas.line(&[(x, area.y), (x, area.bottom())], LIGHT, grid(&tick), None);
             if let Some(label) = tick.label {
                 canvas.text(&label, (x, area.bottom() + 1.4 * TEXT), TEXT, Align::Middle, BLACK);
             }
         }
         for tick in frame.y.ticks((area.height / 50.0) as usize) {
             let y = frame.y(tick.value);
-            canvas.line(&[(area.x, y), (area.right(), y)], LIGHT, grid(tick.label.is_some()), None);
+            canvas.line(&[(area.x, y), (area.right(), y)], LIGHT, grid(&tick), None);
             if let Some(label) = tick.label {
                 canvas.text(&label, (area.x - 8.0, y + 0.35 * TEXT), TEXT, Align::Right, BLACK);
             }
@@ -421,8 +418,9 @@ fn entry_width(series: &Series) -> f32 {
     31.0 + text_width(&series.name, TEXT) + 20.0
 }
 
-fn grid(named: bool) -> f32 {
-    if named { 1.0 } else { 0.5 }
+/// Width of the line of the grid at a tick.
+fn grid(tick: &Tick) -> f32 {
+    if tick.label.is_some() { 1.0 } else { 0.5 }
 }
 
 fn draw_target(canvas: &mut Canvas, frame: &Frame, value: f64, name: &str) {

@@ -23,11 +23,14 @@ pub use self::readout::Readout;
 use crate::base::{Brightness, Channels, Decode, Frame, Homography, Region, workers};
 use crate::files::export::Palette;
 use crate::files::image_io::preview;
-use crate::page::view::{Surface, View};
+use crate::page::view::{Heights, View};
 use crate::solve::resample::{Reduction, registered, registered_and_reduced};
 
 /// Nodes of the surface along its longer side.
 const NODES: u32 = 512;
+
+/// Radius of the median that removes spikes from the surface, nodes.
+const SMOOTHING: u32 = 2;
 
 /// Decimals of the surface's heights, which run from 0 to 1.
 const HEIGHT_DIGITS: u32 = 5;
@@ -150,8 +153,7 @@ impl Contents<'_> {
         let grid = Grid::of(self.size);
         let heights = self.fields.iter().find(|field| field.key() == self.heights).or(self.fields.first());
         let heights = heights.ok_or("the page has no field")?;
-        let surface = Surface::bare(heights.values(), self.size, heights.scale()).map_err(|e| e.to_string())?;
-        let (nodes, described) = surface_data(&surface, heights.key(), self.to_scale)?;
+        let (nodes, described) = surface_data(heights, self.size.0 as usize, self.to_scale)?;
         let (fields, pictures) = thread::scope(|scope| {
             // Computed on this thread if no other can be started.
             let beside = |field| {
@@ -238,15 +240,15 @@ fn element(id: &str, text: &str) -> String {
 }
 
 /// The nearness of the surface's nodes, NaN in holes, and its description for the scripts.
-fn surface_data(surface: &Surface, field: &str, to_scale: Option<f64>) -> Result<(String, Value), String> {
-    let relief = to_scale.unwrap_or(View::default().relief);
-    let view = View { width: NODES, smoothing: 2, relief, ..View::default() };
-    let (width, height, heights) = surface.heights(&view);
+fn surface_data(field: &Readout<'_>, width: usize, to_scale: Option<f64>) -> Result<(String, Value), String> {
+    let view = View::default();
+    let relief = to_scale.unwrap_or(view.relief);
+    let Heights { width, height, data } = Heights::of(field.values(), width, &field.scale(), NODES, SMOOTHING);
     let described = json!({
-        "field": field, "width": width, "height": height, "digits": HEIGHT_DIGITS,
-        "relief": view.relief, "to_scale": to_scale.is_some(), "elevation_deg": view.elevation, "azimuth_deg": view.azimuth,
+        "field": field.key(), "width": width, "height": height, "digits": HEIGHT_DIGITS,
+        "relief": relief, "to_scale": to_scale.is_some(), "elevation_deg": view.elevation, "azimuth_deg": view.azimuth,
     });
-    Ok((encoding::decimals(&heights, width, HEIGHT_DIGITS)?, described))
+    Ok((encoding::decimals(&data, width, HEIGHT_DIGITS)?, described))
 }
 
 /// Colour maps of the page; the last one is for fields in grey.

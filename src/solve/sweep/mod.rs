@@ -24,8 +24,8 @@ use crate::solve::pair_solver::{margin, reuse};
 /// The largest standard deviation of u at which a pixel has a result, as a share of the range of settings. It does not
 /// depend on the number of frames: of 11 frames it is two steps, of 33 six. A bound in steps narrowed with each frame.
 const MAX_DEVIATION: f64 = 0.2;
-/// The same for the side of a pixel that no frame has in focus, steps, if that is more. Beyond the frames u is less
-/// certain, and only its side is stated.
+/// The largest standard deviation of u at which a pixel that no frame has in focus has a side, steps, if that is more.
+/// Beyond the frames u is less certain, and only its side is stated.
 const MAX_SIDE_DEVIATION: f64 = 2.0;
 /// The blur at which a pixel counts as out of range, px: that of its focus in the first or the last frame. The solve
 /// follows a focus for half a pixel of blur. Near that limit the focus may be anywhere further out. Below it, the frame
@@ -146,7 +146,7 @@ impl SweepSolver {
     /// this.
     ///
     /// # Errors
-    /// Those of [`SweepSolver::for_frames`] and [`SolveOptions::check`]; [`Error::Mismatch`] for frames that do not
+    /// As for [`SweepSolver::for_frames`] and [`SolveOptions::check`]; [`Error::Mismatch`] for frames that do not
     /// differ in focus, and for a flat reference, which only pairs support; [`Error::Cancelled`], [`Error::Timeout`].
     pub fn solve(&mut self, frames: &[Frame], options: &SolveOptions) -> Result<Sweep, Error> {
         let sweep_options = self.options.clone();
@@ -179,7 +179,7 @@ impl SweepSolver {
     /// does not change the registration.
     ///
     /// # Errors
-    /// Those of [`SweepSolver::solve`].
+    /// As for [`SweepSolver::solve`].
     pub fn register(&mut self, frames: &[Frame], options: &SolveOptions) -> Result<RegisteredSweep, Error> {
         let sweep_options = self.options.clone();
         let task = Task::new(frames, &sweep_options, options)?;

@@ -157,7 +157,7 @@ impl Positions {
     /// ends they are extrapolated.
     ///
     /// # Errors
-    /// Those of [`Positions::check`].
+    /// As for [`Positions::check`].
     pub fn depth_of(&self, solved: &[f64], focus: &[f32], uncertainty: &[f32]) -> Result<Option<SweepDepth>, Error> {
         self.check(solved.len())?;
         let map = PiecewiseLinear { from: solved, to: &self.settings(solved.len()) };

@@ -1,7 +1,6 @@
 //! A golden part from several good ones.
 
-use super::heights::Heights;
-use super::inspect::{Deviation, GOLDEN_EVIDENCE, Limits, Verdict, difference, inspect};
+use super::{Deviation, GOLDEN_EVIDENCE, Heights, Limits, Verdict, difference, inspect};
 use crate::base::Error;
 
 /// By how much the scatter between n - 1 good parts is widened before another is compared with them, from n = 3: the
@@ -146,7 +145,7 @@ fn combine(heights: &[(f64, f64)], wider: f64) -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::inspect::tests::{disk, heights, relief};
+    use super::super::tests::{disk, heights, relief};
     use super::*;
     use crate::base::random::Random;
     use crate::base::statistics::tests::smooth_noise;

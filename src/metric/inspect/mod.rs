@@ -3,12 +3,16 @@
 //! Both are registered to the same pixels. The tilt of the part in its fixture, a plane, is subtracted first. A pixel
 //! deviates if the remaining difference exceeds the tolerance and the uncertainty of both.
 
+pub mod golden;
+mod regions;
+
+use self::regions::{Extent, connected_regions, label_regions};
 use super::plane::MIN_POINTS;
-use super::regions::{Extent, connected_regions, label_regions};
 use crate::base::statistics::median;
 use crate::base::{Error, Region};
 
-pub use super::{heights::Heights, plane::Plane, regions::Deviation};
+pub use self::regions::Deviation;
+pub use super::{heights::Heights, plane::Plane};
 
 /// The standard deviation of the registration error, px, which gives an error of height on slopes. Key-points of
 /// photographs of one part agree to 0.1 to 0.2 px.
@@ -32,7 +36,7 @@ const LEAST_EVIDENCE: f32 = 1.5;
 
 /// The least evidence of a height of the golden part: twice as much, so that a part in somewhat less light is measured
 /// wherever the golden part is.
-pub(super) const GOLDEN_EVIDENCE: f32 = 2.0 * LEAST_EVIDENCE;
+const GOLDEN_EVIDENCE: f32 = 2.0 * LEAST_EVIDENCE;
 
 /// The largest evidence of a bare surface, as a share of what the rest of the part has over the golden part. A grey
 /// area on a textured part has up to 0.05 in scenes, a good part of the same light from 0.75.
@@ -260,7 +264,7 @@ fn gaps(
 
 /// Returns the plane of a part over another, and the differences of their heights without it. NaN where either has no
 /// height, and everywhere if they have too few in common for a plane.
-pub(super) fn difference(part: &Heights, other: &Heights, limits: &Limits) -> Result<(Plane, Vec<f32>), Error> {
+fn difference(part: &Heights, other: &Heights, limits: &Limits) -> Result<(Plane, Vec<f32>), Error> {
     let size = [other.width, other.height];
     if [part.width, part.height] != size {
         let sizes = format!("{}x{} and {}x{}", part.width, part.height, size[0], size[1]);
