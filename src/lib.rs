@@ -100,7 +100,9 @@ pub mod internals {
     pub use crate::base::{Setting, random::Random, statistics::median};
     #[cfg(feature = "program")]
     pub use crate::engine::model;
-    pub use crate::engine::{reference, stages};
+    #[cfg(any(test, debug_assertions, feature = "reference"))]
+    pub use crate::engine::reference;
+    pub use crate::engine::stages;
     #[cfg(feature = "files")]
     pub use crate::files::bounded_read;
     #[cfg(feature = "program")]

@@ -18,6 +18,7 @@ mod prepared_solver;
 mod processing;
 mod progress;
 pub(crate) mod record;
+#[cfg(any(test, debug_assertions, feature = "reference"))]
 pub mod reference;
 mod script;
 mod shaders;

@@ -112,9 +112,11 @@ impl Dispatch {
     }
 }
 
-/// A stage's CPU reference, for numbers of both types.
+/// A stage's CPU reference, for numbers of both types. Only tests run it in double precision, and compiling that takes
+/// as long as compiling it in single precision.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CpuReference {
+    #[cfg(any(test, debug_assertions, feature = "reference"))]
     double: fn(&Dispatch, &mut Memory<f64>),
     single: fn(&Dispatch, &mut Memory<f32>),
 }
@@ -122,7 +124,11 @@ pub(crate) struct CpuReference {
 impl CpuReference {
     /// The CPU reference of a pass.
     fn of<P: Pass>() -> Self {
-        Self { double: run::<P, f64>, single: run::<P, f32> }
+        Self {
+            #[cfg(any(test, debug_assertions, feature = "reference"))]
+            double: run::<P, f64>,
+            single: run::<P, f32>,
+        }
     }
 }
 
@@ -137,6 +143,7 @@ pub(crate) trait Executable: Number {
     fn run(dispatch: &Dispatch, memory: &mut Memory<Self>);
 }
 
+#[cfg(any(test, debug_assertions, feature = "reference"))]
 impl Executable for f64 {
     fn run(dispatch: &Dispatch, memory: &mut Memory<Self>) {
         (dispatch.cpu_reference.double)(dispatch, memory);

@@ -302,6 +302,7 @@ impl<N: Number> Memory<N> {
     }
 
     /// Takes the layers of an image.
+    #[cfg(any(test, debug_assertions, feature = "reference"))]
     pub(crate) fn take(&mut self, image: Slot) -> Vec<Raster<N>> {
         self.layers.remove(&image).unwrap_or_default()
     }
