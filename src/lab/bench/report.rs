@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Input, Options};
+use super::input::{Input, Options, SYNTHETIC};
 use crate::base::{DeviceInfo, Error, Settings};
 use crate::files::bounded_read;
 use crate::files::export::{self, Destination, FileKind, Kind};
@@ -65,9 +65,6 @@ pub struct Spread {
     #[serde(default)]
     pub samples: Vec<f64>,
 }
-
-/// The scene of the synthetic pairs.
-pub(super) const SYNTHETIC: &str = "synthetic";
 
 /// The pair, method and kernel of a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

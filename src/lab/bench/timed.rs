@@ -4,7 +4,8 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::{Case, Cold, Dispatches, Input, LevelReport, Memory, Options, PassReport, Relaxation, RunReport, Spread};
+use super::input::{Input, Options};
+use super::report::{Case, Cold, Dispatches, LevelReport, Memory, PassReport, Relaxation, RunReport, Spread};
 use crate::base::{CancellationToken, Error, Frame, Settings};
 use crate::engine::arguments;
 use crate::engine::record::{Profile, Reading};

@@ -198,12 +198,12 @@ impl Scene {
     pub fn render(&self) -> Result<Simulated, Error> {
         self.check()?;
         let size = [self.width, self.height];
-        let surface = self.shape.surface(self)?;
+        let surface = self.shape.surface([self.width, self.height], self.seed, self.transform.scale)?;
         let views = [View::new(&Similarity::IDENTITY, size), View::new(&self.transform, size)];
         let [i1, i2] = if let Shape::Layers { arrangement, lens } = &self.shape {
             self.layered_pair(&views, arrangement.layers(self.seed, size, lens), lens)?
         } else {
-            let channels = self.radiance.channels(self)?;
+            let channels = self.radiance.channels([self.width, self.height], self.seed)?;
             let planes = |i: usize| self.gathered(&views[i], |x| surface(x).variances[i], &channels);
             [self.exposed(0, &planes(0)?)?, self.exposed(1, &planes(1)?)?]
         };

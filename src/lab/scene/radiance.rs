@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::kernel::Rules;
+use super::kernel::{Kernel, Rules};
 use super::raster::Raster;
 use super::view::{Row, View, fill_rows, split};
-use super::{Kernel, Scene};
 use crate::base::random::Random;
 use crate::base::{Error, Frame, Samples, Similarity};
 use crate::files::image_io;
@@ -43,13 +42,12 @@ pub(super) enum Pattern {
 }
 
 impl Radiance {
-    /// The channels of a scene's radiance, 1 or 3.
-    pub(super) fn channels(&self, scene: &Scene) -> Result<Vec<Pattern>, Error> {
-        let size = [scene.width, scene.height];
+    /// The channels of the radiance of a scene of a size and a seed, 1 or 3.
+    pub(super) fn channels(&self, size: [u32; 2], seed: u64) -> Result<Vec<Pattern>, Error> {
         Ok(match self {
-            Radiance::Texture => vec![Pattern::Waves(Waves::new(scene.seed, size))],
+            Radiance::Texture => vec![Pattern::Waves(Waves::new(seed, size))],
             Radiance::Waves { waves } => vec![Pattern::Waves(Waves(waves.clone()))],
-            Radiance::Dots => vec![Pattern::Dots(Dots::new(scene.seed, size))],
+            Radiance::Dots => vec![Pattern::Dots(Dots::new(seed, size))],
             Radiance::File { path } => rasters(&read_sized(path, size)?),
         })
     }

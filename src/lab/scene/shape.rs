@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::Scene;
 use super::layers::{self, Arrangement};
 use super::radiance::read_sized;
 use crate::base::random::Random;
@@ -100,11 +99,9 @@ impl Shape {
         if matches!(self, Shape::Layers { .. }) { "rendered" } else { "ignored" }
     }
 
-    /// Prepares the shape for a scene.
-    pub(super) fn surface(&self, scene: &Scene) -> Result<Surface, Error> {
-        let size = [scene.width, scene.height];
-        let width = f64::from(scene.width);
-        let scale = scene.transform.scale;
+    /// Prepares the shape for a scene of a size and a seed, and for the scale of T.
+    pub(super) fn surface(&self, size: [u32; 2], seed: u64, scale: f64) -> Result<Surface, Error> {
+        let width = f64::from(size[0]);
         Ok(match self.clone() {
             Shape::Plane { limit } => Box::new(move |[x, _]| focused_at(limit, x / (width - 1.0))),
             Shape::Uniform { variance } => {
@@ -120,7 +117,7 @@ impl Shape {
                 focused_at(limit, terrace / (TERRACES - 1.0))
             }),
             Shape::Relief { limit } => {
-                let height = relief(scene.seed, size);
+                let height = relief(seed, size);
                 Box::new(move |x| focused_at(limit, (1.0 - height(x)) / 2.0))
             }
             Shape::Cylinders { lens } => {
@@ -128,7 +125,7 @@ impl Shape {
                 Box::new(move |x| through(&lens, scale, depth(x)))
             }
             Shape::Layers { arrangement, lens } => {
-                let layers = arrangement.layers(scene.seed, size, &lens);
+                let layers = arrangement.layers(seed, size, &lens);
                 Box::new(move |x| through(&lens, scale, layers::front(&layers, x).depth))
             }
             Shape::RelativeBlurFile { path } => {
@@ -271,12 +268,12 @@ fn stored(frame: &Frame) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Preset;
+    use super::super::{Preset, Scene};
     use super::*;
 
     fn values(shape: &Shape) -> Vec<f64> {
-        let scene = Scene { width: 96, height: 64, ..Preset::Plane.scene() };
-        let surface = shape.surface(&scene).unwrap();
+        let Scene { seed, transform, .. } = Preset::Plane.scene();
+        let surface = shape.surface([96, 64], seed, transform.scale).unwrap();
         let places = (0..64).flat_map(|y| (0..96).map(move |x| [f64::from(x), f64::from(y)]));
         places.map(|x| surface(x).variances).map(|[v1, v2]| v2 - v1).collect()
     }

@@ -155,7 +155,8 @@ impl SweepScene {
     /// Those of [`check`](Self::check) and of [`Scene::render`].
     pub fn render(&self) -> Result<SimulatedSweep, Error> {
         self.check()?;
-        let surface = self.scene.shape.surface(&self.scene)?;
+        let Scene { width, height, seed, transform, .. } = self.scene;
+        let surface = self.scene.shape.surface([width, height], seed, transform.scale)?;
         let shots = self.shots();
         let content = self.content(&shots)?;
         let frame = |k: usize| {
@@ -179,7 +180,7 @@ impl SweepScene {
     fn content(&self, shots: &[Shot]) -> Result<Content, Error> {
         let scene = &self.scene;
         let Shape::Layers { arrangement, lens } = &scene.shape else {
-            return Ok(Content::Surface(scene.radiance.channels(scene)?));
+            return Ok(Content::Surface(scene.radiance.channels([scene.width, scene.height], scene.seed)?));
         };
         let layers = arrangement.layers(scene.seed, [scene.width, scene.height], lens);
         let focus = self.focus_of(&layers, lens);
