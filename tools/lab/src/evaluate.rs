@@ -170,7 +170,7 @@ impl Evaluation {
             let _ = fs::remove_file(path(&name));
         }
         for figure in &self.figures {
-            write_png(Destination::forced(&path(&Figure::file(&figure.name))), &figure.picture)?;
+            write_png(Destination::new(&path(&Figure::file(&figure.name)), true), &figure.picture)?;
         }
         let json = to_json(&self.report).map_err(|e| Error::Mismatch(e.to_string()))?;
         for (name, text) in [(TABLES, self.to_markdown()), (REPORT, json + "\n")] {
