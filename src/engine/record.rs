@@ -261,7 +261,7 @@ mod tests {
     /// Barriers whose absence synchronization validation (1.3.239) does not report: the pass after the barrier, the
     /// slot, and its accesses before and after. `docs/reliability.md` says why each is needed.
     const UNREPORTED: [&str; 16] = [
-        "ambiguity: UncertaintyTerms Update Update",
+        "ambiguity: UncertaintyTerms Read Update, UncertaintyTerms Update Update",
         "separable: Arguments Write Read",
         "copy of State to Progress: State Update Read",
         "edge_agree: Stacks Update Update",
