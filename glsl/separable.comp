@@ -23,11 +23,11 @@ layout(push_constant) uniform Constants {
     int from_layer, to_layer;   // of the first layer; each workgroup along z filters one of two, or both if packed
     int from_step, to_step;     // from a layer to the next
     int planes;
-    int offsets[2];     // of the filters among the vectors of weights
+    int offsets[2];             // of the filters among the vectors of weights
     int radii[2];
-    int periods[2];     // pixels after which the mirrored image repeats
+    int periods[2];             // pixels after which the mirrored image repeats
     int listed;                 // first entry of the list of tiles
-    int blocks[2];     // blocks of weights of the filters
+    int blocks[2];              // blocks of weights of the filters
     int add;                    // 1: adds to the target, which is not packed; only with ANY
 };
 
@@ -47,8 +47,8 @@ const int PHOTOGRAPHS = PACKED ? 2 : 1;
 // Columns of results of a workgroup. Lines that it filters along x, for TAPS weights along y.
 const int COLUMNS = 32, LINES = 64;
 // With ANY: lines of the image that become results, and the blocks of weights along y for which lines are filtered
-// along x at once: as many as shared memory allows.
-const int ANY_LINES = 48, CHUNK = PACKED ? 3 : 6;
+// along x at once. Filters of packed layers have no more.
+const int ANY_LINES = 48, CHUNK = 3;
 const int RESULTS = (ANY ? ANY_LINES : LINES - TAPS + 1) / STRIDE;
 const int TALL = ANY ? ANY_LINES + BLOCK * CHUNK : LINES;
 // Rounds in which the invocations take the spans along x.
@@ -60,7 +60,7 @@ shared float filtered[PHOTOGRAPHS][TALL][COLUMNS + 1];
 int mirrored(int place, int period, int length) {
     place = abs(place);
     // Filters of TAPS weights on long sides reach beyond one end only, and by less than a period.
-    if (ANY) place -= period * int(floor(float(place) / float(period)));
+    if (ANY) place -= period * int(float(place) * (1.0 / float(period)));
     return clamp(min(place, period - place), 0, length - 1);
 }
 
@@ -104,18 +104,11 @@ void filter_along_x(int x, int y, int lines, int plane) {
     barrier();
 }
 
-void main() {
-    int plane = int(gl_WorkGroupID.z), target = to_layer + plane * to_step;
-    ivec2 tile = ivec2(COLUMNS, RESULTS) * ivec2(tile_at(listed));
-    ivec2 size = (ivec2(width, height) + STRIDE - 1) / STRIDE;
-    int n = int(gl_LocalInvocationIndex), line = n / COLUMNS * SPAN, column = n % COLUMNS;
-    float sums[PHOTOGRAPHS][SPAN];
-    [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) sums[i] = NONE;
-    for (int first = 0; first < (ANY ? blocks[1] : 1); first += CHUNK) {
-        int lines = STRIDE * (RESULTS - 1) + (ANY ? min(BLOCK * CHUNK, 2 * radii[1] + 1 - BLOCK * first) : TAPS);
-        if (first > 0) barrier();
-        filter_along_x(STRIDE * tile.x - radii[0], STRIDE * tile.y - radii[1] + BLOCK * first, lines, plane);
-        if (line >= RESULTS) continue;
+// Adds what the blocks of weights from `first` on weigh along y, after the filter along x.
+void filter_chunk(int first, ivec2 tile, int plane, int line, int column, inout float sums[PHOTOGRAPHS][SPAN]) {
+    int lines = STRIDE * (RESULTS - 1) + (ANY ? min(BLOCK * CHUNK, 2 * radii[1] + 1 - BLOCK * first) : TAPS);
+    filter_along_x(STRIDE * tile.x - radii[0], STRIDE * tile.y - radii[1] + BLOCK * first, lines, plane);
+    if (line < RESULTS) {
         [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) {
             for (int block = 0; block < (ANY ? min(CHUNK, blocks[1] - first) : 1); block++) {
                 float values[VALUES];
@@ -123,6 +116,22 @@ void main() {
                     values[m] = filtered[i][min(STRIDE * line + BLOCK * block + m, lines - 1)][column];
                 weigh(offsets[1] + BLOCK / 4 * (first + block), values, sums[i]);
             }
+        }
+    }
+}
+
+void main() {
+    int plane = int(gl_WorkGroupID.z), target = to_layer + plane * to_step;
+    ivec2 tile = ivec2(COLUMNS, RESULTS) * ivec2(tile_at(listed));
+    ivec2 size = (ivec2(width, height) + STRIDE - 1) / STRIDE;
+    int n = int(gl_LocalInvocationIndex), line = n / COLUMNS * SPAN, column = n % COLUMNS;
+    float sums[PHOTOGRAPHS][SPAN];
+    [[unroll]] for (int i = 0; i < PHOTOGRAPHS; i++) sums[i] = NONE;
+    filter_chunk(0, tile, plane, line, column, sums);
+    if (ANY && !PACKED) {
+        for (int first = CHUNK; first < blocks[1]; first += CHUNK) {
+            barrier();
+            filter_chunk(first, tile, plane, line, column, sums);
         }
     }
     if (line >= RESULTS) return;

@@ -355,7 +355,9 @@ fn rounds(dispatch: &Dispatch) -> f64 {
         ("relax", _) => f64::from(bytemuck::pod_read_unaligned::<relax::Constants>(c).rows) / 8.0,
         ("separable", true) => {
             let [x, y] = bytemuck::pod_read_unaligned::<separable::Constants>(c).blocks;
-            f64::from(x.max(y)) / 8.0
+            // Layers that are not packed have a loop over further chunks of weights, which these filters do not enter.
+            let compiled = if dispatch.variant.has(Variant::PACKED) { 8.0 } else { 8.0 + 8.0 * 4.0 };
+            f64::from(x.max(y)) / compiled
         }
         _ => 1.0,
     }

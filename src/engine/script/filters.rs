@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::compose::Composer;
 use crate::engine::arguments::{Grid, Place};
 use crate::engine::plan::{FilterRange, Level, StackLayer};
+use crate::engine::shaders::separable::CHUNK;
 use crate::engine::slot::Slot;
 use crate::engine::stages::stack::Sampling;
 use crate::engine::stages::{NO_VARIANT, apply_shading, separable, subdivide, warp};
@@ -268,6 +269,7 @@ impl Composer<'_> {
         debug_assert!(from.image != to.image || from.first != to.first, "it does not work in place");
         let radii = along.map(|filter| filter.radius);
         let any = adds || separable::is_any(size, radii, periods);
+        debug_assert!(!to.is_packed || along.iter().all(|filter| filter.blocks <= CHUNK), "one chunk of weights");
         let tile = separable::tile(stride, any).map(|side| side * stride * spacing);
         let (grid, list) = self.extent(tile, separable::groups(size, stride, any, to.groups()));
         let constants = separable::Constants {
