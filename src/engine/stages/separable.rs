@@ -206,6 +206,7 @@ mod tests {
     use super::super::state::{DoubleState, State};
     use super::*;
     use crate::engine::filter;
+    use crate::engine::shaders::separable::CHUNK;
     use crate::engine::vulkan::Resource;
 
     /// Compares with the CPU reference, over all tiles or over the first and one below it. `beyond`: pixels by which
@@ -273,6 +274,9 @@ mod tests {
         let [a, b] = [&first, &second].map(&filter);
         rig.assert_close(&to, &[a, times(&expected, 0.0), b], 2e-5);
         let stored = [second.clone(), first, input, second].map(|layer| stack::stored(layer, white));
+        if c.blocks.iter().any(|&blocks| blocks > CHUNK) {
+            return; // packed layers have filters of one chunk
+        }
         let white = white.unwrap();
         let both = rig.packed(&stored, white);
         for (joins, from, second, from_step) in [(true, &one, &other, 0), (false, &both, &both, 2)] {
