@@ -35,9 +35,9 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
-    /// Whether it is the processor without a driver.
-    pub(crate) fn is_cpu_device(&self) -> bool {
-        self.name == CPU_DEVICE
+    /// Whether it is the processor, by a software driver or without one.
+    pub(crate) fn is_processor(&self) -> bool {
+        self.kind == CPU
     }
 
     /// Returns the devices to use together: the usable GPUs, each once even if two drivers list it. Without a GPU, the

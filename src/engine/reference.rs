@@ -46,8 +46,7 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
 pub fn solve_masked(i1: &Frame, i2: &Frame, settings: &Settings, mask: Option<&Mask>) -> Result<Reference, Error> {
     same_size([i1, i2])?;
     let plan = Plan::new(i1.width(), i1.height(), [i1.format(), i2.format()], settings)?;
-    // Without the rounding of packed blur stacks.
-    let plan = Plan { may_pack: false, ..plan };
+    let plan = plan.for_processor();
     if settings.method == Method::Sift {
         return Err(Error::NoKeyPoints);
     }

@@ -114,13 +114,16 @@ impl Plan {
         })
     }
 
-    /// The plan for a device. The CPU device stores blur stacks as floats, which it need not unpack, and takes longer
-    /// tiles of `linearise`, since it runs fewer at once.
-    pub(crate) fn for_device(mut self, device: &DeviceInfo) -> Self {
-        if device.is_cpu_device() {
-            self.may_pack = false;
-            self.pyramid.iter_mut().for_each(|level| level.rows = linearise::rows_on_processor(level.size));
-        }
+    /// The plan for a device.
+    pub(crate) fn for_device(self, device: &DeviceInfo) -> Self {
+        if device.is_processor() { self.for_processor() } else { self }
+    }
+
+    /// The plan for a processor, which stores blur stacks as floats, since unpacking takes it longer than reading, and
+    /// takes longer tiles of `linearise`, since it runs fewer at once.
+    pub(crate) fn for_processor(mut self) -> Self {
+        self.may_pack = false;
+        self.pyramid.iter_mut().for_each(|level| level.rows = linearise::rows_on_processor(level.size));
         self
     }
 
