@@ -26,7 +26,7 @@ pub struct Options {
     pub warmup: u32,
     /// Number of measured solves, at least one.
     pub repeats: u32,
-    /// Whether to time every dispatch, for a [trace](Trace), instead of only the passes. Timing itself takes time.
+    /// Whether to time every dispatch, for a trace, instead of only the passes. Timing itself takes time.
     pub traced: bool,
 }
 
