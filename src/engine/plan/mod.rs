@@ -270,9 +270,9 @@ impl Plan {
         2 * self.layers_of(level) > self.layers_with(self.layers_of(&self.pyramid[0]).max(RESULT_LAYERS))
     }
 
-    /// The first of a level's coarse grids whose relaxation another dispatch computes in shared memory; `None` if each
-    /// grid has dispatches of its own: with more sweeps than tiles take, and on long strips, of which even the coarsest
-    /// grid does not fit.
+    /// The finest of a level's coarse grids that another dispatch relaxes in shared memory. `None` if each grid has
+    /// dispatches of its own. That is so with more sweeps than tiles take. It is also so on long strips, whose coarsest
+    /// grid does not fit shared memory.
     pub(crate) fn small_grid(&self, level: &Level) -> Option<usize> {
         let small = || grid::grids(level.size).iter().position(|grid| cascade::fits(grid.size));
         (self.settings.relaxation_sweeps <= relax_tiles::MOST_SWEEPS).then(small).flatten()

@@ -68,8 +68,8 @@ mod tests {
         }
     }
 
-    /// From the coarser grid, from nothing, and from its own dV, of which it then takes fewer sweeps than the halo is
-    /// for.
+    /// The grid starts from the coarser grid, from zero, or from its own dV. In the last case it takes fewer sweeps
+    /// than the halo is for.
     #[test]
     fn matches_the_cpu_reference_from_stored_steps() {
         for ([width, height], sweeps) in
