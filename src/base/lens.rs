@@ -222,13 +222,28 @@ mod tests {
     use super::*;
 
     fn lens() -> Lens {
-        Lens { focal_length: 50.0, f_number: 2.8, pixel_pitch: 0.015, focus: [226.5, 233.5], ..telecentric(false) }
+        Lens {
+            focal_length: 50.0,
+            f_number: 2.8,
+            pixel_pitch: 0.015,
+            focus: [226.5, 233.5],
+            telecentric: false,
+            ..telecentric()
+        }
     }
 
-    /// The lens of the Cup pair, except for the argument.
-    fn telecentric(telecentric: bool) -> Lens {
+    /// The lens of the Cup pair.
+    fn telecentric() -> Lens {
         let (pixel_pitch, focus) = (0.01304, [529.0, 869.0]);
-        Lens { focal_length: 25.0, f_number: 8.3, pixel_pitch, focus, kappa: Lens::DISK, telecentric, field: None }
+        Lens {
+            focal_length: 25.0,
+            f_number: 8.3,
+            pixel_pitch,
+            focus,
+            kappa: Lens::DISK,
+            telecentric: true,
+            field: None,
+        }
     }
 
     #[test]
@@ -258,7 +273,7 @@ mod tests {
 
     #[test]
     fn blur_of_a_telecentric_lens_is_proportional_to_the_defocus_of_the_image() {
-        let lens = telecentric(true);
+        let lens = telecentric();
         let (v1, v_z) = (25.0 * 529.0 / (529.0 - 25.0), 25.0 * 700.0 / (700.0 - 25.0));
         let radius = (v1 - v_z) / (2.0 * 8.3) / 0.01304;
         assert!((lens.variance(0, 700.0) / (0.25 * radius * radius) - 1.0).abs() < 1e-12);
@@ -306,7 +321,7 @@ mod tests {
     #[test]
     fn the_range_ends_at_the_extremum_of_v() {
         // k (v2 - x)²/s² - k (v1 - x)² is level at x = (v2 - s² v1) / (1 - s²).
-        let lens = telecentric(true);
+        let lens = telecentric();
         let [v1, v2] = [0, 1].map(|i| lens.sensor_distance(i));
         let (s, at) = (1.05f64, |z: f64| lens.relative_blur(z, 1.05));
         let x = (v2 - s * s * v1) / (1.0 - s * s);
@@ -319,7 +334,7 @@ mod tests {
     #[test]
     fn sigma_of_depth_is_the_slope_times_that_of_v_and_infinite_at_infinity() {
         // Of V = a + b x: dz/dV is -z²/b for the thin lens, and -(z - f)²/(f² b) for the telecentric.
-        for lens in [lens(), telecentric(true)] {
+        for lens in [lens(), telecentric()] {
             let (s, f) = (lens.breathing(), lens.focal_length);
             let inverse = lens.inverse(s);
             for z in [lens.focus[0], lens.focus[1], 1.02 * lens.focus[1]] {
@@ -337,9 +352,9 @@ mod tests {
     #[test]
     fn a_file_may_omit_only_kappa_telecentric_and_field() {
         let text = r#"{"focal_length_mm": 25, "f_number": 8.3, "pixel_pitch_mm": 0.01304, "focus_mm": [529, 869]}"#;
-        assert_eq!(serde_json::from_str::<Lens>(text).unwrap(), telecentric(false));
+        assert_eq!(serde_json::from_str::<Lens>(text).unwrap(), Lens { telecentric: false, ..telecentric() });
         let more = text.replace('}', r#", "telecentric": true}"#);
-        assert_eq!(serde_json::from_str::<Lens>(&more).unwrap(), telecentric(true));
+        assert_eq!(serde_json::from_str::<Lens>(&more).unwrap(), telecentric());
         let unknown = serde_json::from_str::<Lens>(&text.replace('}', r#", "fnumber": 8}"#)).unwrap_err().to_string();
         assert!(unknown.contains("fnumber") && unknown.contains("f_number") && unknown.contains("kappa"), "{unknown}");
         assert!(serde_json::from_str::<Lens>(r#"{"f_number": 8}"#).is_err());

@@ -62,7 +62,7 @@ struct Noise {
     shot: f64,
     /// Root mean square of the relative deviations of the variance from a straight line.
     deviation: f64,
-    /// The same from a constant and a square.
+    /// Root mean square of the relative deviations of the variance from a constant and a square.
     of_texture: f64,
 }
 

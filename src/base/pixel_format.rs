@@ -58,7 +58,8 @@ const fn gray(name: &'static str, code: u32, bits: u32, packing: Packing) -> Pix
     format(name, code, bits, packing, Order::Gray)
 }
 
-const fn colors(name: &'static str, code: u32, bits: u32, count: u32, reversed: bool) -> PixelFormat {
+const fn colors(name: &'static str, code: u32, bits: u32, count: u32) -> PixelFormat {
+    let reversed = name.as_bytes()[0] == b'B';
     format(name, code, bits, Packing::Unpacked, Order::Colors { count, reversed })
 }
 
@@ -90,12 +91,12 @@ const GRAY: [PixelFormat; 10] = [
     gray("Mono12Packed", 0x010c_0006, 12, Packing::Pairs),
 ];
 const COLORS: [PixelFormat; 6] = [
-    colors("RGB8", 0x0218_0014, 8, 3, false),
-    colors("BGR8", 0x0218_0015, 8, 3, true),
-    colors("RGBa8", 0x0220_0016, 8, 4, false),
-    colors("BGRa8", 0x0220_0017, 8, 4, true),
-    colors("RGB16", 0x0230_0033, 16, 3, false),
-    colors("RGB32f", 0, 32, 3, false),
+    colors("RGB8", 0x0218_0014, 8, 3),
+    colors("BGR8", 0x0218_0015, 8, 3),
+    colors("RGBa8", 0x0220_0016, 8, 4),
+    colors("BGRa8", 0x0220_0017, 8, 4),
+    colors("RGB16", 0x0230_0033, 16, 3),
+    colors("RGB32f", 0, 32, 3),
 ];
 #[rustfmt::skip]
 const MOSAICS: [[PixelFormat; 8]; 4] = bayer!(

@@ -92,9 +92,16 @@ pub(crate) enum Over {
 pub(crate) enum Grid {
     /// A fixed number.
     Direct([u32; 3]),
+    /// A number from the arguments on the device.
+    Indirect(Indirect),
+}
+
+/// The workgroups of a dispatch that the device determines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Indirect {
     /// Those over a level; none once it has settled.
     Level { level: usize, over: Over },
-    /// Those of the n-th of a level's passes that warp I2 again; none unless T or the shading has changed.
+    /// The n-th of a level's passes that warp I2 again; none unless T or the shading has changed.
     IfMoved { level: usize, n: usize },
     /// Those over depth edges, of a solve of `levels` levels; none if that level has no edge.
     Edges { levels: usize, over: Edges },
@@ -103,11 +110,17 @@ pub(crate) enum Grid {
 impl Grid {
     /// The index of its first word, if the dispatch is indirect.
     pub(crate) fn word(self) -> Option<usize> {
+        if let Grid::Indirect(indirect) = self { Some(indirect.word()) } else { None }
+    }
+}
+
+impl Indirect {
+    /// The index of its first word.
+    pub(crate) fn word(self) -> usize {
         match self {
-            Grid::Direct(_) => None,
-            Grid::Level { level, over } => Some(level * WORDS + 3 * over.index()),
-            Grid::IfMoved { level, n } => Some(level * WORDS + GRID_WORDS + 3 * n),
-            Grid::Edges { levels, over } => Some(over.word(levels)),
+            Self::Level { level, over } => level * WORDS + 3 * over.index(),
+            Self::IfMoved { level, n } => level * WORDS + GRID_WORDS + 3 * n,
+            Self::Edges { levels, over } => over.word(levels),
         }
     }
 }
@@ -191,7 +204,7 @@ impl Place {
     pub(crate) fn executed(self, grid: Grid, done: &[[LevelState; MAX_LEVELS]; 2]) -> bool {
         let level = done[usize::from(self.registering)][self.level];
         let done = level.iterations;
-        let if_moved = matches!(grid, Grid::IfMoved { .. });
+        let if_moved = matches!(grid, Grid::Indirect(Indirect::IfMoved { .. }));
         if if_moved && self.iteration.is_some_and(|k| level.warps >> k.ilog2() & 1 == 0) {
             return false;
         }
@@ -216,7 +229,7 @@ mod tests {
         done[0][1].iterations = 3;
         done[0][1].warps = 0b10;
         done[1][1].iterations = 5;
-        let grid = Grid::Level { level: 1, over: Over::Tiles };
+        let grid = Grid::Indirect(Indirect::Level { level: 1, over: Over::Tiles });
         let place = Place::level(1);
         assert!(place.executed(Grid::Direct([1; 3]), &done));
         let runs: Vec<bool> = (0..5).map(|k| place.iteration(k).executed(grid, &done)).collect();
@@ -224,7 +237,7 @@ mod tests {
         let runs: Vec<bool> = (0..5).map(|k| place.iteration(k).after_step().executed(grid, &done)).collect();
         assert_eq!(runs, [true, true, false, false, false]);
         assert!(Place::registering(1).iteration(4).executed(grid, &done), "a level that has not settled");
-        let warping = Grid::IfMoved { level: 1, n: 0 };
+        let warping = Grid::Indirect(Indirect::IfMoved { level: 1, n: 0 });
         let runs: Vec<bool> = [1, 2, 4].map(|k| place.iteration(k).executed(warping, &done)).to_vec();
         assert_eq!(runs, [false, true, false]);
         assert_eq!([0, 3].map(relaxed), [0, 2]);
@@ -232,10 +245,10 @@ mod tests {
 
     #[test]
     fn the_grids_of_a_level_are_consecutive() {
-        let word = |over| Grid::Level { level: 2, over }.word();
+        let word = |over| Indirect::Level { level: 2, over }.word();
         let first = 2 * WORDS;
         let words = Over::all().map(word);
-        assert_eq!(words.to_vec(), (0..GRIDS).map(|n| Some(first + 3 * n)).collect::<Vec<_>>());
-        assert_eq!(Grid::IfMoved { level: 2, n: 1 }.word(), Some(first + GRID_WORDS + 3));
+        assert_eq!(words.to_vec(), (0..GRIDS).map(|n| first + 3 * n).collect::<Vec<_>>());
+        assert_eq!(Indirect::IfMoved { level: 2, n: 1 }.word(), first + GRID_WORDS + 3);
     }
 }

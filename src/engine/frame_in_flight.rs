@@ -8,7 +8,7 @@ use super::judgement::Counts;
 use super::motion::QuadraticForm;
 use super::pair_memory::{CancelFlag, PairMemory, Shared};
 use super::record::{Phases, Profile, Ran, SUBMIT_WAIT};
-use super::script::{Dispatch, Script};
+use super::script::{CountedPixels, Dispatch, Script};
 use super::slot::Slot;
 use super::solution::{Findings, LevelHistory, Registered, SolutionRef, Timings};
 use super::stages::linearise;
@@ -164,14 +164,14 @@ impl FrameInFlight {
     }
 
     /// Prepares the pair for submission, after its photographs were copied.
-    pub(super) fn prepare(&mut self, start: &Start, is_masked: bool) -> Result<(), Error> {
+    pub(super) fn prepare(&mut self, start: &Start, pixels: CountedPixels) -> Result<(), Error> {
         self.phases.end("upload");
         let settings = &self.shared.plan.settings;
         let mut state = State::new(&Registration::new(start.transform, &start.photometric));
         state.shading = start.shading.coefficients.map(|c| c as f32);
         state.kernel_shape = start.kernel_shape as f32;
         state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
-        self.memory.pair_mut().prepare(&state, is_masked)?;
+        self.memory.pair_mut().prepare(&state, pixels)?;
         self.phases.end("start");
         Ok(())
     }

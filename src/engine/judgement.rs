@@ -242,7 +242,7 @@ pub(crate) struct Counts {
     unexplained: usize,
     /// Sum of the confidence of the valid pixels.
     confidence: f64,
-    /// The same without the deviation of V's scale.
+    /// Sum of the confidence without the deviation of V's scale.
     without_scale: f64,
 }
 

@@ -53,6 +53,7 @@ pub mod interop {
 pub use motion::{OtherMotion, TransformDeviation};
 pub use prepared_solver::{Encoded, Pending};
 pub(crate) use prepared_solver::{PairOptions, PreparedSolver, same_size};
+pub(crate) use script::CountedPixels;
 pub use solution::{Findings, LevelHistory, Registered, Solution, SolutionRef, Timings};
 pub use source::Source;
 #[cfg(test)]

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use bytemuck::Zeroable;
 
 use crate::base::{Channels, Depth, Error, Format, Settings};
-use crate::engine::arguments::{Edges, Grid};
+use crate::engine::arguments::{Edges, Grid, Indirect};
 use crate::engine::plan::{Allocation, Plan};
-use crate::engine::script::{Action, Dispatch, Part, Script, compose};
+use crate::engine::script::{Action, CountedPixels, Dispatch, Part, Script, compose};
 use crate::engine::slot::Slot;
 use crate::engine::stages::cascade::Coarser;
 use crate::engine::stages::state::{LevelState, MAX_LEVELS};
@@ -29,8 +29,7 @@ struct Measured {
     title: &'static str,
     size: [u32; 2],
     channels: Channels,
-    /// Whether it has clipped pixels.
-    masked: bool,
+    pixels: CountedPixels,
     /// Iterations of each level, finest first, and before which I2 was warped again: bit n is iteration 2ⁿ.
     levels: &'static [(u32, u32)],
 }
@@ -42,35 +41,35 @@ const PAIRS: [Measured; 5] = [
         title: "heat sink, 2 Mpx",
         size: [1920, 1080],
         channels: Channels::Rgb,
-        masked: true,
+        pixels: CountedPixels::Unmasked,
         levels: &[(10, 0b1111), (8, 0b111), (8, 0b111), (8, 0b111), (6, 0), (14, 0)],
     },
     Measured {
         title: "1 Mpx",
         size: [1000; 2],
         channels: Channels::Gray,
-        masked: false,
+        pixels: CountedPixels::All,
         levels: &[(4, 0), (6, 0), (6, 0b1), (4, 0b1), (6, 0), (14, 0)],
     },
     Measured {
         title: "4 Mpx",
         size: [2000; 2],
         channels: Channels::Gray,
-        masked: false,
+        pixels: CountedPixels::All,
         levels: &[(4, 0), (6, 0), (6, 0), (6, 0b11), (6, 0b11), (8, 0), (14, 0)],
     },
     Measured {
         title: "16 Mpx",
         size: [4000; 2],
         channels: Channels::Gray,
-        masked: false,
+        pixels: CountedPixels::All,
         levels: &[(4, 0), (6, 0), (6, 0), (6, 0b1), (6, 0b11), (6, 0b11), (8, 0), (10, 0)],
     },
     Measured {
         title: "20 Mpx",
         size: [5000, 4000],
         channels: Channels::Gray,
-        masked: false,
+        pixels: CountedPixels::All,
         levels: &[(4, 0), (6, 0), (6, 0), (6, 0b1), (6, 0b11), (6, 0b11), (8, 0), (8, 0)],
     },
 ];
@@ -173,37 +172,43 @@ pub struct Work {
 }
 
 impl Solve {
-    fn pair(pair: &Measured, registers: bool) -> Self {
+    fn pair(pair: &Measured) -> Result<Self, Error> {
         let [width, height] = pair.size;
         let format = Format { channels: pair.channels, depth: Depth::U8 };
-        let plan = Plan::new(width, height, [format; 2], &Settings::default());
-        let plan = plan.expect("the sizes and the settings are valid");
-        let mut script = compose(&plan, pair.masked);
-        if registers {
-            script.parts.truncate(script.registered);
-        }
+        let plan = Plan::new(width, height, [format; 2], &Settings::default())?;
+        let scripts = vec![compose(&plan, pair.pixels)];
         let mut levels = [LevelState::zeroed(); MAX_LEVELS];
         for (level, &(iterations, warps)) in levels.iter_mut().zip(pair.levels) {
             (level.iterations, level.warps) = (iterations, warps);
         }
-        let title = format!("{}, {}", if registers { "registration" } else { "pair" }, pair.title);
-        Self { title, size: pair.size, scripts: vec![script], search: 1, layout: plan.pair_layout(), levels }
+        let title = format!("pair, {}", pair.title);
+        Ok(Self { title, size: pair.size, scripts, search: 1, layout: plan.pair_layout(), levels })
     }
 
-    fn sweep(size: [u32; 2], title: &str) -> Self {
-        let plan = sweep::plan(size, Format { channels: Channels::Gray, depth: Depth::U8 });
+    /// The registration of a pair, the first parts of its solve.
+    fn registration(pair: &Measured) -> Result<Self, Error> {
+        let mut solve = Self::pair(pair)?;
+        solve.title = format!("registration, {}", pair.title);
+        solve.scripts.iter_mut().for_each(|script| script.parts.truncate(script.registered));
+        Ok(solve)
+    }
+
+    fn sweep(size: [u32; 2], title: &str) -> Result<Self, Error> {
+        let plan = sweep::plan(size, Format { channels: Channels::Gray, depth: Depth::U8 })?;
         let (mut scripts, outlines) = sweep::scripts(&plan, FRAMES);
         let (search, layout) = (scripts.len(), plan.sweep_layout(FRAMES as u32));
         scripts.extend(outlines);
         let title = format!("sweep of {FRAMES}, {title}");
-        Self { title, size, scripts, search, layout, levels: [LevelState::zeroed(); MAX_LEVELS] }
+        Ok(Self { title, size, scripts, search, layout, levels: [LevelState::zeroed(); MAX_LEVELS] })
     }
 
     /// All solves of the model.
-    pub fn all() -> Vec<Self> {
-        let pairs = [false, true].map(|registers| PAIRS.iter().map(move |pair| Self::pair(pair, registers)));
+    ///
+    /// # Errors
+    /// [`Error::Setting`], [`Error::TooSmall`] or [`Error::TooLarge`] if no plan can be made.
+    pub fn all() -> Result<Vec<Self>, Error> {
         let sweeps = PAIRS[1..4].iter().map(|pair| Self::sweep(pair.size, pair.title));
-        pairs.into_iter().flatten().chain(sweeps).collect()
+        PAIRS.iter().map(Self::pair).chain(PAIRS.iter().map(Self::registration)).chain(sweeps).collect()
     }
 
     /// The batches of command buffers that are submitted.
@@ -226,7 +231,8 @@ impl Solve {
             for (n, entry) in part.entries.iter().enumerate() {
                 let work = match &entry.action {
                     Action::Dispatch(dispatch)
-                        if matches!(dispatch.grid, Grid::IfMoved { .. }) && !self.needs(dispatch) =>
+                        if matches!(dispatch.grid, Grid::Indirect(Indirect::IfMoved { .. }))
+                            && !self.needs(dispatch) =>
                     {
                         continue;
                     }
@@ -250,11 +256,10 @@ impl Solve {
     fn dispatch(&self, script: &Script, dispatch: &Dispatch) -> Work {
         let (groups, share) = match dispatch.grid {
             Grid::Direct(groups) => (groups, 1.0),
-            Grid::Edges { levels, over } => (groups_at_edges(script, levels, over), share_at_edges(over)),
-            Grid::Level { .. } | Grid::IfMoved { .. } => {
-                let word = dispatch.grid.word().expect("it is indirect");
-                (std::array::from_fn(|n| script.arguments[word + n]), 1.0)
+            Grid::Indirect(Indirect::Edges { levels, over }) => {
+                (groups_at_edges(script, levels, over), share_at_edges(over))
             }
+            Grid::Indirect(indirect) => (std::array::from_fn(|n| script.arguments[indirect.word() + n]), 1.0),
         };
         let needed = if self.needs(dispatch) { 1.0 } else { 0.0 };
         let groups: f64 = groups.map(f64::from).iter().product();
@@ -288,19 +293,19 @@ impl Solve {
     }
 }
 
-/// The workgroups of a pass over depth edges, if all cells have one.
+/// The workgroups of a pass over depth edges, if all cells have one. None if the script has no such pass.
 fn groups_at_edges(script: &Script, levels: usize, over: Edges) -> [u32; 3] {
     let level = |n: usize| {
         let found = script.dispatches().filter_map(Dispatch::of::<edge_cells::Bindings>);
         let place = Edges::Cells(n).word(levels) as u32;
-        found.map(|(_, constants, _)| constants).find(|c| c.argument_place == place).expect("its script has edge_cells")
+        found.map(|(_, constants, _)| constants).find(|c| c.argument_place == place)
     };
-    let [x, y] = match over {
-        Edges::Fused => level(0).fused,
-        Edges::Cells(n) => edge::cells([level(n).width, level(n).height]),
-        Edges::Pixels(n) => level(n).pixels,
+    let groups = match over {
+        Edges::Fused => level(0).map(|c| c.fused),
+        Edges::Cells(n) => level(n).map(|c| edge::cells([c.width, c.height])),
+        Edges::Pixels(n) => level(n).map(|c| c.pixels),
     };
-    [x, y, 1]
+    groups.map_or([0; 3], |[x, y]| [x, y, 1])
 }
 
 fn dispatches(part: &Part) -> impl Iterator<Item = &Dispatch> {
@@ -418,7 +423,7 @@ mod tests {
     #[test]
     fn passes_run_as_often_as_their_levels_have_iterations() {
         let pair = &PAIRS[1];
-        let work = Solve::pair(pair, false).work();
+        let work = Solve::pair(pair).unwrap().work();
         for (level, &(iterations, warps)) in pair.levels.iter().enumerate() {
             let count = |name| of(&work, name).filter(|work| work.level == level && work.waves > 0.0).count() as u32;
             assert_eq!(count("linearise"), iterations, "level {level}");
@@ -437,7 +442,7 @@ mod tests {
 
     #[test]
     fn a_registration_ends_before_the_results() {
-        let [solve, registration] = [false, true].map(|registers| Solve::pair(&PAIRS[1], registers));
+        let [solve, registration] = [Solve::pair, Solve::registration].map(|solve| solve(&PAIRS[1]).unwrap());
         assert_eq!(registration.scripts[0].parts.len() + 1, solve.scripts[0].parts.len());
         let passes = ["linearise", "uncertainty", "edge_costs", "fuse"];
         let counts = |solve: &Solve| passes.map(|name| of(&solve.work(), name).count());
@@ -449,7 +454,7 @@ mod tests {
     #[test]
     fn waves_and_bytes_are_those_of_the_whole_image() {
         let pair = &PAIRS[1];
-        let work = Solve::pair(pair, false).work();
+        let work = Solve::pair(pair).unwrap().work();
         // 16 x 250 workgroups of 64 x 4 invocations. V, its standard deviation and terms: 21 bytes per pixel.
         let whole: Vec<_> = of(&work, "uncertainty").map(|work| (work.waves, work.bytes)).collect();
         assert_eq!(whole, [(16.0 * 250.0 * 4.0, 21e6)]);
@@ -467,7 +472,7 @@ mod tests {
 
     #[test]
     fn rounds_of_loops_are_those_of_the_constants() {
-        let work = Solve::pair(&PAIRS[1], false).work();
+        let work = Solve::pair(&PAIRS[1]).unwrap().work();
         let rounds = |name, level| of(&work, name).find(|work| work.level == level).unwrap().rounds;
         // Three sweeps, and what takes as long as 7.3.
         assert_eq!(rounds("relax_tiles", 0), (7.3 + 3.0) / 15.3);
@@ -488,7 +493,7 @@ mod tests {
 
     #[test]
     fn passes_of_a_sweep_run_where_a_frame_is_nearly_in_focus() {
-        let solve = Solve::sweep([1000; 2], "1 Mpx");
+        let solve = Solve::sweep([1000; 2], "1 Mpx").unwrap();
         let work = solve.work();
         let finest: Vec<f64> = of(&work, "half_pair").filter(|work| work.level == 0).map(|work| work.bytes).collect();
         // Frames at distances of 1 and 2 settings, each the sharper one of a pair once.

@@ -87,7 +87,7 @@ impl QuadraticForm {
 
     /// The standard deviation of T; `None` if the images do not determine it, or if there are too few blocks to tell.
     ///
-    /// That of an M-estimate, H⁻¹ B H⁻¹, with B the scatter of the gradients over blocks, within which residuals may be
+    /// It is the deviation of an M-estimate, H⁻¹ B H⁻¹, with B the scatter of the gradients over blocks, within which residuals may be
     /// alike. H is N without the share that noise has in its gradients.
     pub(crate) fn deviation(&self, motion: Motion, gradients: &Gradients) -> Option<TransformDeviation> {
         let count = motion.unknowns();

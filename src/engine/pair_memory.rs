@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use super::arguments;
 use super::plan::Plan;
 use super::record::Reading;
-use super::script::Script;
+use super::script::{CountedPixels, Script};
 use super::slot::Slot;
 use super::stages::state::State;
 use super::vulkan::{Buffer, DeviceTimes};
@@ -33,8 +33,8 @@ pub(super) trait PairMemory {
     }
     /// The flag that cancels the next pair.
     fn cancel_flag(&mut self) -> Result<Arc<CancelFlag>, Error>;
-    /// Prepares the pair, after its photographs were copied. `is_masked`: it has masked or clipped pixels.
-    fn prepare(&mut self, state: &State, is_masked: bool) -> Result<(), Error>;
+    /// Prepares the pair, after its photographs were copied.
+    fn prepare(&mut self, state: &State, pixels: CountedPixels) -> Result<(), Error>;
     /// Runs the first parts of the script and waits for them.
     fn run(
         &mut self,

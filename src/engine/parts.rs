@@ -51,16 +51,16 @@ impl Axis {
     }
 }
 
-/// A part of a photograph.
+/// The region of a part of a photograph.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Part {
+pub(super) struct PartRegion {
     /// What is solved.
     pub(super) solved: Region,
     /// The results that are kept.
     pub(super) interior: Region,
 }
 
-impl Part {
+impl PartRegion {
     /// Copies the interior of a part into the full field of `width` px, `channels` values a pixel.
     pub(super) fn copy_interior<T: Copy>(&self, part: &[T], whole: &mut [T], width: usize, channels: usize) {
         let Self { solved, interior } = self;
@@ -95,16 +95,16 @@ impl Grid {
     }
 
     /// The parts, row by row.
-    pub(super) fn parts(&self) -> impl Iterator<Item = Part> {
+    pub(super) fn parts(&self) -> impl Iterator<Item = PartRegion> {
         let [columns, rows] = self.axes.each_ref().map(|axis| axis.origins.len());
         (0..rows).flat_map(move |row| (0..columns).map(move |column| self.part([column, row])))
     }
 
-    fn part(&self, place: [usize; 2]) -> Part {
+    fn part(&self, place: [usize; 2]) -> PartRegion {
         let [x, y] = [0, 1].map(|n| self.axes[n].origins[place[n]]);
         let [left, top] = [0, 1].map(|n| self.axes[n].borders[place[n]]);
         let [right, bottom] = [0, 1].map(|n| self.axes[n].borders[place[n] + 1]);
-        Part {
+        PartRegion {
             solved: Region { x, y, width: self.axes[0].side, height: self.axes[1].side },
             interior: Region { x: left, y: top, width: right - left, height: bottom - top },
         }
@@ -204,7 +204,7 @@ impl Engine {
 /// then V part by part at full size with these held. The engine's time limit is that of each part.
 ///
 /// # Errors
-/// Those of [`PairSolver::solve`](crate::PairSolver::solve); [`Error::TooLarge`] if the device does not hold a part
+/// As [`PairSolver::solve`](crate::PairSolver::solve); [`Error::TooLarge`] if the device does not hold a part
 /// either.
 pub(crate) fn solve_pair(
     engine: &Engine,
@@ -250,7 +250,7 @@ pub(crate) fn solve_pair(
 }
 
 /// Copies the interior of a part into the whole, with the standard deviation of V without that of V's scale.
-fn copy_interior(whole: &mut Solution, solved: &Solution, part: Part) {
+fn copy_interior(whole: &mut Solution, solved: &Solution, part: PartRegion) {
     let width = whole.width as usize;
     part.copy_interior(&solved.relative_blur, &mut whole.relative_blur, width, 1);
     part.copy_interior(&solved.uncertainty_without_scale(), &mut whole.uncertainty, width, 1);

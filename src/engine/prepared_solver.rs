@@ -10,6 +10,7 @@ use super::frame_in_flight::{FrameInFlight, Memory, Start};
 use super::pair_memory::Shared;
 use super::plan::Plan;
 use super::record::{Profile, Reading, Workspace};
+use super::script::CountedPixels;
 use super::solution::{Registered, SolutionRef};
 use super::source::{Source, Transfer};
 use super::vulkan::{
@@ -44,8 +45,8 @@ impl<'a> PairOptions<'a> {
 }
 
 impl PreparedSolver {
-    /// Prepares for pairs of a size and of the formats of I1 and I2. `is_masked` selects pairs with masked or clipped
-    /// pixels, or pairs without; `None` prepares for both.
+    /// Prepares for pairs of a size and of the formats of I1 and I2. `None` prepares for both kinds of
+    /// pixels.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
@@ -55,18 +56,18 @@ impl PreparedSolver {
         formats: [impl Into<PixelFormat>; 2],
         settings: &Settings,
         frames_in_flight: usize,
-        is_masked: Option<bool>,
+        pixels: Option<CountedPixels>,
         reading: Reading,
     ) -> Result<Self, Error> {
         let plan = Plan::new(width, height, formats, settings)?.for_device(engine.info());
-        Self::of_plan(engine, plan, frames_in_flight, is_masked, reading)
+        Self::of_plan(engine, plan, frames_in_flight, pixels, reading)
     }
 
     fn of_plan(
         engine: &Engine,
         plan: Plan,
         frames_in_flight: usize,
-        is_masked: Option<bool>,
+        pixels: Option<CountedPixels>,
         reading: Reading,
     ) -> Result<Self, Error> {
         let (device, count) = (engine.device().clone(), frames_in_flight.max(1));
@@ -83,7 +84,7 @@ impl PreparedSolver {
                 recorder.initialize(&first.images());
                 recorder.finish()?.run()?;
                 let others = (1..count).map(|_| first.beside(device, plan)).collect::<Result<Vec<_>, Error>>()?;
-                let pair = |workspace| VulkanPair::new(&shared, (device, pipelines), workspace, is_masked);
+                let pair = |workspace| VulkanPair::new(&shared, (device, pipelines), workspace, pixels);
                 let pairs = [first].into_iter().chain(others).map(pair);
                 pairs.map(|pair| pair.map(|pair| Memory::Vulkan(Box::new(pair)))).collect::<Result<Vec<_>, _>>()?
             }
@@ -101,7 +102,7 @@ impl PreparedSolver {
     /// more passes.
     ///
     /// # Errors
-    /// Those of [`PreparedSolver::new`], and [`Error::Mismatch`] where the sizes differ.
+    /// As [`PreparedSolver::new`], and [`Error::Mismatch`] where the sizes differ.
     pub(crate) fn for_frames(engine: &Engine, frames: [&Frame; 2], settings: &Settings) -> Result<Self, Error> {
         same_size(frames)?;
         let plan = Plan::new(frames[0].width(), frames[0].height(), frames.map(Frame::format), settings)?;
@@ -111,13 +112,14 @@ impl PreparedSolver {
     /// Prepares for pairs like this one, of this plan.
     ///
     /// # Errors
-    /// Those of [`PreparedSolver::new`].
+    /// As [`PreparedSolver::new`].
     pub(crate) fn of_plan_for(engine: &Engine, frames: [&Frame; 2], plan: Plan) -> Result<Self, Error> {
         // The CPU device prepares nothing for clipped pixels.
         let is_vulkan = engine.device().as_vulkan().is_some();
         let clips = |frame: &&Frame| frame.has_clipped_pixels(plan.settings.clipped(frame.format().depth));
-        let is_masked = is_vulkan && frames.iter().any(clips);
-        Self::of_plan(engine, plan, 1, Some(is_masked), engine.reading())
+        let clipped = is_vulkan && frames.iter().any(clips);
+        let pixels = if clipped { CountedPixels::Unmasked } else { CountedPixels::All };
+        Self::of_plan(engine, plan, 1, Some(pixels), engine.reading())
     }
 
     /// Solves a pair and waits for it.
@@ -160,8 +162,10 @@ impl PreparedSolver {
         options: PairOptions<'_>,
     ) -> Result<Encoded, Error> {
         let (mut frame, fetches) = self.upload(sources.map(Source::OnDevice), options)?;
-        frame.vulkan("command buffers")?.encode(commands, &fetches)?;
-        Ok(Encoded(frame))
+        let pair = frame.vulkan("command buffers")?;
+        pair.encode(commands, &fetches)?;
+        let results = pair.result_buffer();
+        Ok(Encoded { frame, results })
     }
 
     /// What does not depend on the pixels.
@@ -209,7 +213,8 @@ impl PreparedSolver {
             }
         }
         let start = options.start.map_or_else(|| self.start(frames, options.mask), Ok)?;
-        frame.prepare(&start, is_masked)?;
+        let pixels = if is_masked { CountedPixels::Unmasked } else { CountedPixels::All };
+        frame.prepare(&start, pixels)?;
         Ok((frame, fetches))
     }
 
@@ -308,7 +313,7 @@ impl Pending {
     /// Waits for `limit` at most. Returns `None` if the pair is not solved by then.
     ///
     /// # Errors
-    /// Those of [`Pending::wait`].
+    /// As [`Pending::wait`].
     pub fn wait_timeout(&mut self, limit: Duration) -> Result<Option<SolutionRef<'_>>, Error> {
         if !self.frame.wait(limit)? {
             return Ok(None);
@@ -319,7 +324,7 @@ impl Pending {
     /// Returns whether the device is done with the pair, solved or cancelled. Does not wait.
     ///
     /// # Errors
-    /// Those of [`Pending::wait`] except [`Error::Cancelled`].
+    /// As [`Pending::wait`], except [`Error::Cancelled`].
     pub fn poll(&mut self) -> Result<bool, Error> {
         self.frame.wait(Duration::ZERO)
     }
@@ -338,7 +343,7 @@ impl Pending {
     /// be overwritten.
     ///
     /// # Errors
-    /// Those of [`Pending::wait`] except [`Error::Cancelled`].
+    /// As [`Pending::wait`], except [`Error::Cancelled`].
     pub fn wait_fetched(&mut self, limit: Duration) -> Result<bool, Error> {
         self.frame.wait_fetched(limit)
     }
@@ -362,7 +367,10 @@ impl Pending {
 /// ([`PairSolver::encode`](crate::PairSolver::encode)).
 ///
 /// It occupies one frame in flight of its solver until it is dropped.
-pub struct Encoded(Lease);
+pub struct Encoded {
+    frame: Lease,
+    results: SolutionBuffer,
+}
 
 impl Encoded {
     /// The results of the latest execution, in mapped memory; `None` until the device has executed the commands to
@@ -371,20 +379,20 @@ impl Encoded {
     /// # Errors
     /// [`Error::Cancelled`], [`Error::Vulkan`].
     pub fn results(&mut self) -> Result<Option<SolutionRef<'_>>, Error> {
-        if !self.0.vulkan("command buffers")?.is_executed()? {
+        if !self.frame.vulkan("command buffers")?.is_executed()? {
             return Ok(None);
         }
-        self.0.solution().map(Some)
+        self.frame.solution().map(Some)
     }
 
     /// Cancels the pair: executions in flight and later ones leave out what is left of the solve.
     pub fn cancel(&self) {
-        self.0.cancel();
+        self.frame.cancel();
     }
 
     /// The buffer on the device that receives the results.
     pub fn on_device(&self) -> SolutionBuffer {
-        self.0.as_vulkan("command buffers").expect("only Vulkan devices encode").result_buffer()
+        self.results
     }
 }
 
@@ -467,21 +475,25 @@ mod tests {
     fn devices_give_the_same_relative_blur() {
         let default = Settings::default().relaxation_sweeps;
         for (size, sweeps) in [([331, 287], default), ([1501, 45], default), ([331, 287], 6), ([163, 141], 9)] {
-            check_devices(size, false, Settings { relaxation_sweeps: sweeps, ..Settings::default() });
+            check_devices(size, CountedPixels::All, Settings { relaxation_sweeps: sweeps, ..Settings::default() });
         }
-        check_devices([163, 141], true, Settings { motion: Motion::Homography, ..Settings::default() });
+        check_devices(
+            [163, 141],
+            CountedPixels::Unmasked,
+            Settings { motion: Motion::Homography, ..Settings::default() },
+        );
         let kernel = Kernel::HalfGaussian;
-        check_devices([163, 141], false, Settings { kernel, photometric: false, ..Settings::default() });
+        check_devices([163, 141], CountedPixels::All, Settings { kernel, photometric: false, ..Settings::default() });
     }
 
-    fn check_devices(size: [u32; 2], masked: bool, settings: Settings) {
+    fn check_devices(size: [u32; 2], pixels: CountedPixels, settings: Settings) {
         let frames = testing::pair(size);
         let cpu = EngineOptions { device: Some("CPU".into()), ..EngineOptions::default() };
         let [vulkan, cpu] = [testing::options(), cpu].map(|options| {
             let engine = Engine::new(&options).unwrap();
             let plan = Plan::new(size[0], size[1], frames.each_ref().map(Frame::format), &settings).unwrap();
             let plan = Plan { may_pack: false, ..plan.for_device(engine.info()) };
-            let mut solver = PreparedSolver::of_plan(&engine, plan, 1, Some(masked), Reading::Never).unwrap();
+            let mut solver = PreparedSolver::of_plan(&engine, plan, 1, Some(pixels), Reading::Never).unwrap();
             let mut pending = submit(&mut solver, &frames);
             pending.wait().unwrap().relative_blur().to_vec()
         });

@@ -67,7 +67,7 @@ impl Costs {
         }
     }
 
-    /// The same on lavapipe, for the passes over edges.
+    /// Time of a byte on lavapipe, relative to that of an average pass. Only passes over edges differ.
     fn on_lavapipe(pass: &str) -> f64 {
         match pass {
             "edge_coarsen" => 0.5,
@@ -82,8 +82,8 @@ impl Costs {
     }
 }
 
-/// A part of the script.
-struct Part {
+/// The work of a part of the script.
+struct PartWork {
     /// The level that it belongs to, counted from the coarsest.
     level: usize,
     /// The iteration before which it is skipped if the level has settled.
@@ -112,7 +112,7 @@ impl Iteration {
 
 /// Counts the work of the parts that are done.
 pub(crate) struct WorkCounter {
-    parts: Vec<Part>,
+    parts: Vec<PartWork>,
     /// Levels that are complete after each part.
     levels_done: Vec<u32>,
     done: f64,
@@ -135,7 +135,7 @@ impl WorkCounter {
                 Action::Dispatch(dispatch) => costs.work(dispatch),
                 _ => 0.0,
             });
-            list.push(Part { level, optional, work: work.sum() });
+            list.push(PartWork { level, optional, work: work.sum() });
             if part.level_done.is_some() {
                 (level, optional, done) = (level + 1, None, done + 1);
             }
@@ -146,7 +146,7 @@ impl WorkCounter {
 
     /// The progress to print once part n is over, by the state that it has left behind or a later one.
     pub(crate) fn part_done(&mut self, part: &script::Part, n: usize, state: Option<&State>) -> Option<Progress> {
-        let runs = |part: &Part| part.optional.is_none_or(|iteration| iteration.runs(state));
+        let runs = |part: &PartWork| part.optional.is_none_or(|iteration| iteration.runs(state));
         let (ran, goes_on) = (runs(&self.parts[n]), self.parts.get(n + 1).is_none_or(runs));
         let latest = self.after(n, ran, goes_on);
         (latest.total > 0 && (ran || part.level_done.is_some())).then_some(latest)
@@ -194,19 +194,21 @@ mod tests {
     use super::*;
     use crate::base::{Channels, Depth, Format, Settings};
     use crate::engine::plan::Plan;
-    use crate::engine::script::compose;
+    use crate::engine::script::{CountedPixels, compose};
 
     /// The shares that are printed during a solve whose levels, coarsest first, run this many optional parts.
     /// `at_once`: all parts are one batch, and end with the last.
     fn shares(ran: &[usize], at_once: bool) -> Vec<f64> {
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
-        let script = compose(&Plan::new(320, 256, [gray; 2], &Settings::default()).unwrap(), false);
+        let script = compose(&Plan::new(320, 256, [gray; 2], &Settings::default()).unwrap(), CountedPixels::All);
         let mut counter = WorkCounter::new(&script, script.parts.len(), Costs::Vulkan);
         // Each part copies the state for the optional part behind it.
         let (mut state, mut optional) = (State::zeroed(), vec![0; ran.len()]);
         let mut states = Vec::new();
         for n in 0..script.parts.len() {
-            if let Some(Part { level: place, optional: Some(Iteration { level, k }), .. }) = counter.parts.get(n + 1) {
+            if let Some(PartWork { level: place, optional: Some(Iteration { level, k }), .. }) =
+                counter.parts.get(n + 1)
+            {
                 let level = &mut state.levels[*level];
                 if level.settled == 0 {
                     level.iterations = *k;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::arguments::{Grid, Place};
+use super::arguments::{Grid, Indirect, Place};
 use super::plan::{Allocation, AllocationKind, HostAccess, Plan};
 use super::script::{Action, Dispatch, Entry, Script};
 use super::slot::Slot;
@@ -128,8 +128,8 @@ fn record_entries(
     let mut condition = None;
     for Entry { action, waits, .. } in entries {
         let first = match action {
-            Action::Dispatch(Dispatch { grid: Grid::IfMoved { level, .. }, .. }) => {
-                Grid::IfMoved { level: *level, n: 0 }.word()
+            Action::Dispatch(Dispatch { grid: Grid::Indirect(Indirect::IfMoved { level, .. }), .. }) => {
+                Some(Indirect::IfMoved { level: *level, n: 0 }.word())
             }
             _ => None,
         };
@@ -172,10 +172,7 @@ fn record_dispatch(
         .collect();
     let groups = match dispatch.grid {
         Grid::Direct(groups) => Workgroups::Direct(groups),
-        Grid::Level { .. } | Grid::IfMoved { .. } | Grid::Edges { .. } => {
-            let word = dispatch.grid.word().unwrap_or_default() as u64;
-            Workgroups::Indirect(workspace.buffer(Slot::Arguments), 4 * word)
-        }
+        Grid::Indirect(indirect) => Workgroups::Indirect(workspace.buffer(Slot::Arguments), 4 * indirect.word() as u64),
     };
     let pipeline = pipelines.get(dispatch.stage, dispatch.variant)?;
     recorder.dispatch(&pipeline, &resources, &dispatch.constants, groups)
@@ -254,7 +251,7 @@ impl Profile {
 mod tests {
     use super::*;
     use crate::base::{Channels, Depth, Format, Kernel, Settings};
-    use crate::engine::script::{accesses, compose};
+    use crate::engine::script::{CountedPixels, accesses, compose};
     use crate::engine::vulkan::Access;
     use crate::engine::{open, testing};
 
@@ -330,8 +327,8 @@ mod tests {
             let mut first = Recorder::new(&device, Clock::Never).unwrap();
             first.initialize(&workspace.images());
             first.finish().unwrap().run().unwrap();
-            for masked in [false, true] {
-                let mut script = compose(&plan, masked);
+            for pixels in [CountedPixels::All, CountedPixels::Unmasked] {
+                let mut script = compose(&plan, pixels);
                 let reported = |entries: &[Entry]| {
                     let mut recorder = Recorder::new(&device, Clock::Never).unwrap();
                     record_entries(&mut recorder, &pipelines, &workspace, entries).unwrap();

@@ -5,7 +5,7 @@
 use super::cpu;
 use super::plan::{MAP_LAYERS, Plan};
 use super::same_size;
-use super::script::compose;
+use super::script::{CountedPixels, compose};
 use super::slot::Slot;
 use super::stages::Field;
 use super::stages::pass::Memory;
@@ -64,7 +64,7 @@ fn solve_plan(plan: &Plan, frames: [&Frame; 2], mask: Option<&Mask>) -> Result<R
     memory.upload_mask(mask.cloned());
     memory.upload_state(state);
     // With masks, which also leave out clipped pixels.
-    let script = compose(plan, true);
+    let script = compose(plan, CountedPixels::Unmasked);
     memory.upload_arguments(&script.arguments);
     cpu::run(script.entries(), &mut memory, &mut |_| Ok(()))?;
     Ok(results(plan, memory))

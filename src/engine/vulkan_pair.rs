@@ -8,7 +8,7 @@ use super::pair_memory::{CancelFlag, PairMemory, Shared};
 use super::plan::Plan;
 use super::progress::{Costs, WorkCounter};
 use super::record::{Workspace, record, record_with};
-use super::script::{Script, compose};
+use super::script::{CountedPixels, Script, compose};
 use super::slot::Slot;
 use super::stages::Pipelines;
 use super::stages::state::State;
@@ -33,8 +33,8 @@ struct RecordedScript {
 }
 
 impl RecordedScript {
-    fn new(on: &On, workspace: &Workspace, is_masked: bool) -> Result<Self, Error> {
-        let script = compose(&on.shared.plan, is_masked);
+    fn new(on: &On, workspace: &Workspace, pixels: CountedPixels) -> Result<Self, Error> {
+        let script = compose(&on.shared.plan, pixels);
         let recording = record(&on.device, &on.pipelines, workspace, &script, on.shared.reading)?;
         // All but the last word, which may cancel the pair meanwhile.
         let words = &script.arguments[..script.arguments.len() - 1];
@@ -49,8 +49,8 @@ pub(super) struct VulkanPair {
     workspace: Workspace,
     /// The script of the latest pair.
     current: RecordedScript,
-    /// Whether `current` is for pairs with masked or clipped pixels.
-    is_masked: bool,
+    /// The pixels that count with `current`.
+    pixels: CountedPixels,
     /// The script of the other kind of pair, once recorded.
     other: Option<RecordedScript>,
     /// The recording that fetches photographs of the latest pair.
@@ -71,16 +71,16 @@ impl VulkanPair {
         shared: &Arc<Shared>,
         (device, pipelines): (&Arc<Device>, &Arc<Pipelines>),
         workspace: Workspace,
-        is_masked: Option<bool>,
+        pixels: Option<CountedPixels>,
     ) -> Result<Self, Error> {
         let on = On { shared: shared.clone(), device: device.clone(), pipelines: pipelines.clone() };
         workspace.buffer(Slot::Mask).write(&mask_bytes(&shared.plan, None))?;
-        let recorded = |is_masked| RecordedScript::new(&on, &workspace, is_masked);
-        let other = if is_masked.is_none() { Some(recorded(true)?) } else { None };
-        let is_masked = is_masked.unwrap_or(false);
+        let recorded = |pixels| RecordedScript::new(&on, &workspace, pixels);
+        let other = if pixels.is_none() { Some(recorded(CountedPixels::Unmasked)?) } else { None };
+        let pixels = pixels.unwrap_or(CountedPixels::All);
         Ok(Self {
-            current: recorded(is_masked)?,
-            is_masked,
+            current: recorded(pixels)?,
+            pixels,
             other,
             fetching: None,
             is_fetched: false,
@@ -219,13 +219,13 @@ impl PairMemory for VulkanPair {
         Ok(CancelFlag::new(Arc::default(), Some((words.clone(), offset))))
     }
 
-    fn prepare(&mut self, state: &State, is_masked: bool) -> Result<(), Error> {
+    fn prepare(&mut self, state: &State, pixels: CountedPixels) -> Result<(), Error> {
         self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(state))?;
-        if self.is_masked != is_masked {
-            let recorded = || RecordedScript::new(&self.on, &self.workspace, is_masked);
+        if self.pixels != pixels {
+            let recorded = || RecordedScript::new(&self.on, &self.workspace, pixels);
             let next = self.other.take().map_or_else(recorded, Ok)?;
             self.other = Some(std::mem::replace(&mut self.current, next));
-            self.is_masked = is_masked;
+            self.pixels = pixels;
         }
         self.encoded = None;
         Ok(())

@@ -104,6 +104,14 @@ pub(crate) struct Agreement {
 
 pub(crate) type Products = [[f64; UNKNOWNS]; UNKNOWNS];
 
+/// Whose products are `own`.
+#[derive(Clone, Copy)]
+enum Own {
+    Second,
+    /// The mean of both.
+    Mean,
+}
+
 impl Agreement {
     const NONE: Self = Self { own: [[0.0; UNKNOWNS]; UNKNOWNS], both: [[0.0; UNKNOWNS]; UNKNOWNS] };
 
@@ -121,15 +129,18 @@ impl Agreement {
         shared.iter().all(|v| v.is_finite()).then(|| (shared, inverse.transpose()))
     }
 
-    /// Adds the gradients of I1 and I2 at a place. `own` is of I2, or the mean of both.
-    fn add_pixel(&mut self, gradients: [[f64; 2]; 2], place: [f64; 2], of_both: bool) {
+    /// Adds the gradients of I1 and I2 at a place.
+    fn add_pixel(&mut self, gradients: [[f64; 2]; 2], place: [f64; 2], source: Own) {
         let by = displacements(place);
         let [first, second] = gradients.map(|g| by.map(|by| by[0] * g[0] + by[1] * g[1]));
         add_products(&mut self.both, first, second);
         for i in 0..UNKNOWNS {
             for j in i..UNKNOWNS {
                 let own = second[i] * second[j];
-                self.own[i][j] += if of_both { 0.5 * (own + first[i] * first[j]) } else { own };
+                self.own[i][j] += match source {
+                    Own::Mean => 0.5 * (own + first[i] * first[j]),
+                    Own::Second => own,
+                };
             }
         }
     }
@@ -158,8 +169,8 @@ pub(crate) struct Gradients {
     pub(crate) effects: Products,
     /// The contrasts of the smoothed sides in each window.
     pub(crate) matched: Vec<Contrast>,
-    /// Those of the photographs as they are, I2 on the pixels of I1, smoothed. `None` if V is not near 0 in all
-    /// windows.
+    /// The contrasts in each window of the photographs without blur by V, I2 on the pixels of I1, smoothed. `None` if
+    /// V is not near 0 in all windows.
     pub(crate) unmatched: Option<Vec<Contrast>>,
     /// The change of each photograph from pixel to pixel.
     pub(crate) steps: [Steps; 2],
@@ -258,10 +269,10 @@ impl Pair<'_> {
                 let jet = near(spline, x, y);
                 [jet.dx, jet.dy]
             });
-            sums.sharp.add_pixel(sharp, place, false);
+            sums.sharp.add_pixel(sharp, place, Own::Second);
             let (x, y) = (x as isize, y as isize);
             let gradients = smooth.each_ref().map(|side| difference(side, x, y));
-            sums.smooth.add_pixel(gradients, place, true);
+            sums.smooth.add_pixel(gradients, place, Own::Mean);
             if !clear(x as usize, y as usize) {
                 continue;
             }

@@ -47,33 +47,93 @@ A manifest is CSV, lines of I1,I2 or I1,I2,NAME (or with semicolons; a header is
 {\"i1\": FILE, \"i2\": FILE, \"name\": NAME}, the name optional; {\"sweep\": FOLDER} or {\"sweep\": [FILE, ...]} is a focus \
 sweep. Paths are relative to the folder of the manifest.";
 
-/// The pairs and sweeps that a folder has so far, possibly none. `is_judged`: each folder in it is a part that needs a
-/// verdict, so that one without a pair or a sweep is a group that cannot be solved.
-pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>, is_judged: bool) -> Result<Grouped, Failure> {
-    let Grouped { groups, left_over } = of_folder(folder, out, raw, is_judged)?;
-    let candidates = groups.into_iter().map(Candidate::of_folder).collect();
-    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", folder.display()));
-    settled(candidates, left_over, raw).map_err(failed)
+/// A search for pairs and sweeps.
+#[derive(Clone, Copy)]
+pub(crate) struct Search<'a> {
+    /// The folder, or the manifest.
+    pub(crate) folder: &'a Path,
+    /// The folder of the results, which are left out.
+    pub(crate) out: &'a Path,
+    pub(crate) raw: Option<RawFormat>,
+    /// Whether each inner folder is a part that needs a verdict, so that one without a pair or a sweep is a group that
+    /// cannot be solved.
+    pub(crate) is_judged: bool,
 }
 
-/// The pairs and sweeps of a folder or a manifest. Leaves out results in `out`. `is_judged` is as in [`so_far`].
-pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>, is_judged: bool) -> Result<Grouped, Failure> {
-    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
-    let found = if source.is_dir() {
-        so_far(source, out, raw, is_judged)?
-    } else if source.exists() {
-        settled(of_manifest(source, raw)?, Vec::new(), raw).map_err(failed)?
-    } else {
-        let hint = crate::cli::output::failure::did_you_mean(source);
-        let missing = || format!("there is no such folder or manifest{hint}");
-        return Err(failed(bounded_read::not_a_path(source).map_or_else(missing, String::from)));
-    };
-    if found.groups.is_empty() {
-        let problem = "holds no pair of photographs; see `parfocal batch --help` for how they are named";
-        let problem = [&[problem.to_string()], found.left_over.as_slice()].concat();
-        return Err(failed(in_short(&problem, "; ")));
+impl Search<'_> {
+    /// The pairs and sweeps that the folder has so far, possibly none.
+    pub(crate) fn so_far(&self) -> Result<Grouped, Failure> {
+        let Grouped { groups, left_over } = self.of_folder()?;
+        let candidates = groups.into_iter().map(Candidate::of_folder).collect();
+        settled(candidates, left_over, self.raw).map_err(|problem| self.failed(&problem))
     }
-    Ok(found)
+
+    /// The pairs and sweeps of the folder or the manifest.
+    pub(crate) fn find(&self) -> Result<Grouped, Failure> {
+        let source = self.folder;
+        let found = if source.is_dir() {
+            self.so_far()?
+        } else if source.exists() {
+            settled(of_manifest(source, self.raw)?, Vec::new(), self.raw).map_err(|problem| self.failed(&problem))?
+        } else {
+            let hint = crate::cli::output::failure::did_you_mean(source);
+            let missing = || format!("there is no such folder or manifest{hint}");
+            return Err(self.failed(&bounded_read::not_a_path(source).map_or_else(missing, String::from)));
+        };
+        if found.groups.is_empty() {
+            let problem = "holds no pair of photographs; see `parfocal batch --help` for how they are named";
+            let problem = [&[problem.to_string()], found.left_over.as_slice()].concat();
+            return Err(self.failed(&in_short(&problem, "; ")));
+        }
+        Ok(found)
+    }
+
+    fn failed(&self, problem: &str) -> Failure {
+        Failure::Failed(format!("{}: {problem}", self.folder.display()))
+    }
+
+    fn of_folder(&self) -> Result<Grouped, Failure> {
+        let Self { folder, out, raw, is_judged } = *self;
+        let (files, folders) = list_folder(folder, raw)?;
+        if !files.is_empty() {
+            return Ok(by_name(&files));
+        }
+        let mut all = Grouped::default();
+        for inner in folders.iter().filter(|inner| !same_file(inner, out)) {
+            let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let files = match list_folder(inner, raw) {
+                Ok((files, _)) => files,
+                // Removed since its folder was listed.
+                Err(_) if !inner.exists() => continue,
+                Err(failure) => {
+                    let problem = Some(failure.message());
+                    all.groups.push(Group { name: folder_name, problem, ..Group::default() });
+                    continue;
+                }
+            };
+            if let Some(SweepFiles { frames, left_out }) = one_series(&files) {
+                all.groups.push(Group { name: folder_name, files: frames, left_out, ..Group::default() });
+                continue;
+            }
+            let found = by_name(&files);
+            if is_judged && found.groups.is_empty() {
+                let problem = match found.left_over.as_slice() {
+                    [] => format!("{}: holds no photograph that parfocal reads", inner.display()),
+                    several => format!("{}: {}", inner.display(), in_short(several, "; ")),
+                };
+                let group = Group { name: folder_name, files, problem: Some(problem), ..Group::default() };
+                all.groups.push(Group { is_incomplete: true, ..group });
+                continue;
+            }
+            let only = found.groups.len() == 1;
+            all.groups.extend(found.groups.into_iter().map(|pair| {
+                let name = if only { folder_name.clone() } else { format!("{folder_name}-{}", pair.name) };
+                Group { name, ..pair }
+            }));
+            all.left_over.extend(found.left_over.into_iter().map(|problem| format!("{folder_name}: {problem}")));
+        }
+        Ok(all)
+    }
 }
 
 /// Gives each pair or sweep a unique name, and adds the format to its files without a header. Adds to `left_over` what
@@ -87,48 +147,6 @@ fn settled(pairs: Vec<Candidate>, mut left_over: Vec<String>, raw: Option<RawFor
         *file = with_format(std::mem::take(file), raw);
     }
     Ok(Grouped { groups, left_over })
-}
-
-fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>, is_judged: bool) -> Result<Grouped, Failure> {
-    let (files, folders) = list_folder(folder, raw)?;
-    if !files.is_empty() {
-        return Ok(by_name(&files));
-    }
-    let mut all = Grouped::default();
-    for inner in folders.iter().filter(|inner| !same_file(inner, out)) {
-        let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let files = match list_folder(inner, raw) {
-            Ok((files, _)) => files,
-            // Removed since its folder was listed.
-            Err(_) if !inner.exists() => continue,
-            Err(failure) => {
-                let problem = Some(failure.message());
-                all.groups.push(Group { name: folder_name, problem, ..Group::default() });
-                continue;
-            }
-        };
-        if let Some(SweepFiles { frames, left_out }) = one_series(&files) {
-            all.groups.push(Group { name: folder_name, files: frames, left_out, ..Group::default() });
-            continue;
-        }
-        let found = by_name(&files);
-        if is_judged && found.groups.is_empty() {
-            let problem = match found.left_over.as_slice() {
-                [] => format!("{}: holds no photograph that parfocal reads", inner.display()),
-                several => format!("{}: {}", inner.display(), in_short(several, "; ")),
-            };
-            let group = Group { name: folder_name, files, problem: Some(problem), ..Group::default() };
-            all.groups.push(Group { is_incomplete: true, ..group });
-            continue;
-        }
-        let only = found.groups.len() == 1;
-        all.groups.extend(found.groups.into_iter().map(|pair| {
-            let name = if only { folder_name.clone() } else { format!("{folder_name}-{}", pair.name) };
-            Group { name, ..pair }
-        }));
-        all.left_over.extend(found.left_over.into_iter().map(|problem| format!("{folder_name}: {problem}")));
-    }
-    Ok(all)
 }
 
 /// The kind of the last part of a name. It orders photographs with the same other parts.
@@ -372,6 +390,10 @@ mod tests {
         }
     }
 
+    fn search(folder: &Path) -> Result<Grouped, Failure> {
+        Search { folder, out: Path::new("out"), raw: None, is_judged: false }.find()
+    }
+
     #[test]
     fn a_pair_of_a_folder_without_a_valid_name_does_not_stop_the_others() {
         let folder = TempDir::new().unwrap();
@@ -381,7 +403,7 @@ mod tests {
         }
         fs::write(folder.path().join("doubled_1.png"), "").unwrap();
         fs::write(folder.path().join("doubled_1.jpg"), "").unwrap();
-        let found = find(folder.path(), Path::new("out"), None, false).unwrap().groups;
+        let found = search(folder.path()).unwrap().groups;
         let (refused, good): (Vec<_>, Vec<_>) = found.iter().partition(|group| group.problem.is_some());
         let names = |groups: &[&Group]| groups.iter().map(|group| group.name.clone()).collect::<Vec<_>>();
         // The names of two pairs that differ in case only begin with the name of their folder.
@@ -400,7 +422,7 @@ mod tests {
         let folder = TempDir::new().unwrap();
         let file = folder.path().join("list");
         fs::write(&file, text).unwrap();
-        match find(&file, Path::new("out"), None, false) {
+        match search(&file) {
             Ok(found) => Ok(found.groups),
             Err(Failure::Failed(message)) => Err(message.split_once("list: ").unwrap().1.to_string()),
             Err(other) => panic!("{other:?}"),

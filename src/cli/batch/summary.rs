@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 use crate::cli::batch::outcome::Outcome;
 use crate::cli::inspection::verdict::{self, PartVerdict, VerdictCounts};
 use crate::cli::options::photographs::in_short;
+use crate::cli::options::run::RunArguments;
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
 
@@ -195,13 +196,7 @@ pub(crate) struct BatchSummary {
 }
 
 impl BatchSummary {
-    pub(crate) fn new(
-        source: &Path,
-        pairs: Vec<Row>,
-        left_over: Vec<String>,
-        interrupted: bool,
-        took: Duration,
-    ) -> Self {
+    pub(crate) fn new(source: &Path, pairs: Vec<Row>, left_over: Vec<String>, took: Duration) -> Self {
         let count = |status: &str| pairs.iter().filter(|row| row.outcome.status() == status).count();
         Self {
             header: Header::new(Kind::Batch),
@@ -211,14 +206,18 @@ impl BatchSummary {
             kept: count("kept"),
             failed: count("failed"),
             not_done: count("not done"),
-            // Ctrl-C after the last pair has no effect.
-            interrupted: interrupted && count("not done") > 0,
+            interrupted: false,
             seconds: took.as_secs_f64(),
             verdicts: None,
             hashes: Hashes::new(),
             left_over,
             pairs,
         }
+    }
+
+    /// Marks the batch as interrupted. Ctrl-C after the last pair has no effect.
+    pub(crate) fn interrupt(&mut self) {
+        self.interrupted = self.not_done > 0;
     }
 
     /// Adds the number of each verdict, for a batch with golden parts.
@@ -244,8 +243,14 @@ impl BatchSummary {
     }
 
     /// Writes the tables of verdicts into the folder `out`, then the summary to a file, with the hashes of the tables,
-    /// and the index page.
-    pub(crate) fn write(&mut self, request: &Request, out: &Path, file: &str, has_page: bool) -> Result<(), Failure> {
+    /// and the index page if it has a name.
+    pub(crate) fn write(
+        &mut self,
+        request: &Request,
+        out: &Path,
+        file: &str,
+        index: Option<&str>,
+    ) -> Result<(), Failure> {
         let [table, cases] = verdict_files(file);
         let (csv, junit);
         let mut files: Vec<(&str, FileKind, &[u8])> = Vec::new();
@@ -269,8 +274,8 @@ impl BatchSummary {
         let json = to_json(self).map_err(|e| Failure::Failed(e.to_string()))? + "\n";
         files.push((file, FileKind::Batch, json.as_bytes()));
         write_named(request.force.to(out), &files)?;
-        if has_page {
-            write_named(request.force.to(out), &[(INDEX, FileKind::BatchPage, self.page(out).as_bytes())])?;
+        if let Some(index) = index {
+            write_named(request.force.to(out), &[(index, FileKind::BatchPage, self.page(out).as_bytes())])?;
         }
         Ok(())
     }
@@ -341,7 +346,7 @@ impl BatchSummary {
 
     /// Fails if a pair failed, or the batch was interrupted. With golden parts, the worst verdict is the status. A
     /// photograph that belongs to no part cannot be judged.
-    pub(crate) fn check(&self, strict: bool) -> Result<(), Failure> {
+    pub(crate) fn check(&self, run: &RunArguments) -> Result<(), Failure> {
         let all = self.pairs.len();
         let doubtful =
             |row: &&Row| row.outcome.excerpt().is_some_and(|f| f.converged == Some(false) || !f.warnings.is_empty());
@@ -361,11 +366,11 @@ impl BatchSummary {
             let names: Vec<String> = failed.map(|row| plain(&row.name)).collect();
             return Err(Failure::Failed(format!("{} of {all} pairs failed: {}", self.failed, in_short(&names, ", "))));
         }
-        if strict && !self.left_over.is_empty() {
+        if run.strict && !self.left_over.is_empty() {
             let problem = format!("--strict: photographs are left over: {}", in_short(&self.left_over, "; "));
             return Err(Failure::Failed(problem));
         }
-        if strict && doubts > 0 {
+        if run.strict && doubts > 0 {
             return Err(Failure::Failed(format!(
                 "--strict: {doubts} of {all} pairs did not converge or have warnings"
             )));
@@ -406,10 +411,9 @@ mod tests {
     #[test]
     fn the_error_of_many_failed_pairs_names_the_first_ten() {
         let failed = |n| Row::new(&format!("p{n}"), &[], Path::new(""), Outcome::Failed { error: String::new() });
-        let summary = |count| {
-            BatchSummary::new(Path::new(""), (1..=count).map(failed).collect(), Vec::new(), false, Duration::ZERO)
-        };
-        let message = |count| summary(count).check(false).unwrap_err().message();
+        let summary =
+            |count| BatchSummary::new(Path::new(""), (1..=count).map(failed).collect(), Vec::new(), Duration::ZERO);
+        let message = |count| summary(count).check(&RunArguments::default()).unwrap_err().message();
         assert_eq!(message(2), "2 of 2 pairs failed: p1, p2");
         assert_eq!(
             message(10_000),

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::cli::batch::on_done::end_program;
 use crate::cli::batch::outcome::Outcome;
-use crate::cli::batch::pairs;
+use crate::cli::batch::pairs::{self, Search};
 use crate::cli::batch::summary::{BatchSummary, INDEX, Row, SUMMARY, of_share, verdict_files};
 use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task};
 use crate::cli::help::{self, OUTPUT};
@@ -70,19 +70,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let request = arguments.options.request()?;
     let shard = arguments.shard.unwrap_or(Shard::WHOLE);
     let file = arguments.shard.map_or_else(|| SUMMARY.to_string(), Shard::summary);
-    let has_page = request.page && arguments.shard.is_none();
-    check_output(&request, out, &file, has_page, &arguments.inspection)?;
+    let index = (request.page && arguments.shard.is_none()).then_some(INDEX);
+    check_output(&request, out, &file, index, &arguments.inspection)?;
     let judge = arguments.inspection.judge()?;
-    let mut found = pairs::find(source, out, arguments.options.raw(), judge.is_some())?;
+    let search = Search { folder: source, out, raw: arguments.options.raw(), is_judged: judge.is_some() };
+    let mut found = search.find()?;
     let groups = std::mem::take(&mut found.groups);
     let tasks: Vec<_> = shard.of(groups).map(|group| Arc::new(Task::new(out, group, &request))).collect();
     Task::check_all(&tasks)?;
     let log = arguments.log.start(source, out, start_of(judge.as_ref()))?;
     let end = |request: &Request, judge: Option<&Judge>, rows, is_interrupted| {
-        let summary = BatchSummary::new(source, rows, found.left_over.clone(), is_interrupted, started.elapsed());
+        let summary = BatchSummary::new(source, rows, found.left_over.clone(), started.elapsed());
         let mut summary = if judge.is_some() { summary.with_verdicts() } else { summary };
+        if is_interrupted {
+            summary.interrupt();
+        }
         log.write("end", summary.end());
-        summary.write(request, out, &file, has_page)?;
+        summary.write(request, out, &file, index)?;
         request.run.report.print(&summary.table(&out.join(&file)), &summary)?;
         Ok::<_, Failure>(summary)
     };
@@ -90,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let refusals: Option<Vec<Row>> = tasks.iter().map(|task| task.refusal(judge.as_ref(), &request)).collect();
     if let Some(rows) = refusals.filter(|rows| !rows.is_empty()) {
         rows.iter().for_each(|row| log.write("part", json!(row)));
-        return end(&request, judge.as_ref(), rows, false)?.check(request.run.strict);
+        return end(&request, judge.as_ref(), rows, false)?.check(&request.run);
     }
     let stop = stop_on_interrupt();
     let devices = Devices::open(&request.run.engine)?;
@@ -111,7 +115,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let is_interrupted = context.stop.load(Ordering::Relaxed);
     let summary = end(request, context.judge.as_ref(), rows, is_interrupted)?;
     devices.check()?;
-    summary.check(request.run.strict)
+    summary.check(&request.run)
 }
 
 /// Refuses an output folder where the summary or the index page cannot be written.
@@ -119,7 +123,7 @@ pub(crate) fn check_output(
     request: &Request,
     out: &Path,
     summary: &str,
-    has_page: bool,
+    index: Option<&str>,
     inspection: &InspectionArguments,
 ) -> Result<(), Failure> {
     destination::check_folder(out)?;
@@ -130,10 +134,7 @@ pub(crate) fn check_output(
         request.force.to(out).check_named(FileKind::VerdictTable, &[table])?;
         request.force.to(out).check_named(FileKind::Junit, &[cases])?;
     }
-    if has_page {
-        request.force.to(out).check_named(FileKind::BatchPage, &[INDEX])?;
-    }
-    Ok(())
+    Ok(request.force.to(out).check_named(FileKind::BatchPage, index.as_slice())?)
 }
 
 /// The first line of a log: the golden parts and limits.

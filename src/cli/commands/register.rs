@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use parfocal::export::{self, FileKind, FrameReport, Report};
 use parfocal::image_io::{Photograph, Values};
-use parfocal::sweep::SweepOptions;
+use parfocal::sweep::{Positions, SweepOptions};
 use parfocal::{PairSolver, Settings, SolveOptions, SweepSolver, settings::Method};
 
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
@@ -15,7 +15,7 @@ use crate::cli::jobs::sweep::{check_alike, decode, names};
 use crate::cli::options::photographs::{self, SweepFiles};
 use crate::cli::options::run::{RunArguments, check_validation, is_validation_requested};
 use crate::cli::options::series;
-use crate::cli::options::settings::SettingsArguments;
+use crate::cli::options::settings::{SettingsArguments, StartUse};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 use crate::cli::output::numbers::signed;
@@ -56,7 +56,7 @@ fn method_parser() -> impl TypedValueParser<Value = Method> {
 /// Registers a pair. Writes and prints the registration.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let run = &arguments.run;
-    let mut settings = arguments.settings.settings(arguments.method, false)?;
+    let mut settings = arguments.settings.settings(arguments.method, StartUse::Start)?;
     let files = match <[PathBuf; 2]>::try_from(arguments.images.clone()) {
         Ok(files) if arguments.reference.is_none() => {
             files.map(|file| photographs::with_format(file, arguments.settings.raw()))
@@ -67,7 +67,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (photographs, inputs) = photographs::open_pair(&files)?;
     let values = Values::of(settings.decode, &inputs)?;
     let mut engine = None;
-    photographs::check_size(photographs.each_ref(), &settings, false, || run.info(&mut engine))?;
+    photographs::check_size(photographs.each_ref(), &settings, photographs::LARGE, || run.info(&mut engine))?;
     let frames = Photograph::decode_pair(photographs)?;
     let values = values.corrected(&inputs, &frames);
     settings.decode = values.decode;
@@ -81,12 +81,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_validation(&engine)?;
     let mut report = Report::registration(&registered, &settings, engine.info());
     report.values = values;
-    report.set_inputs(inputs, is_validation_requested());
+    report.set_inputs(inputs);
+    report.validated = is_validation_requested();
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &report)?;
     }
     run.report.print(&registration_summary(&report, arguments.output.as_deref()), &report)?;
-    run.check_strict(report.converged == Some(true), &report.warnings)
+    run.check_strict(report.converged, &report.warnings)
 }
 
 /// Registers a sweep. Writes and prints the registration.
@@ -94,7 +95,7 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     if settings.method != Method::Unified {
         return Err(Failure::Usage("--method is of pairs; a sweep is registered together with the blur".to_string()));
     }
-    let files = photographs::sweep_frames(&arguments.images, false, arguments.settings.raw())?;
+    let files = photographs::sweep_frames(&arguments.images, &Positions::Counted, arguments.settings.raw())?;
     let reference = arguments.reference.map(|n| n as usize - 1);
     let fits =
         SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.frames.len());
@@ -107,7 +108,7 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
         export::write_report(arguments.force.to(file), &found)?;
     }
     run.report.print(&sweep_summary(&found, arguments.output.as_deref()), &found)?;
-    run.check_strict(true, &found.warnings)
+    run.check_strict(found.converged, &found.warnings)
 }
 
 /// Registers the frames of a sweep.
@@ -118,7 +119,9 @@ fn register_sweep(
     reference: Option<usize>,
 ) -> Result<Report, Failure> {
     let (started, engine) = (Instant::now(), run.engine.open()?);
-    let fits = |first: &Photograph| photographs::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
+    let fits = |first: &Photograph| {
+        photographs::check_size([first; 2], settings, photographs::LARGE, || Ok(engine.info().clone()))
+    };
     let (frames, inputs) = decode(files, fits)?;
     check_alike(files, &frames)?;
     let values = Values::of(settings.decode, &inputs)?.corrected(&inputs, &frames);
@@ -134,7 +137,8 @@ fn register_sweep(
     let mut report = Report::sweep_registration(&found, &options.settings, &names(files), engine.info(), total_ms);
     report.left_out.clone_from(left_out);
     report.values = values;
-    report.set_inputs(inputs, is_validation_requested());
+    report.set_inputs(inputs);
+    report.validated = is_validation_requested();
     Ok(report)
 }
 

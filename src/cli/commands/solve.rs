@@ -48,5 +48,5 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     bar.finish();
     drop((options, bar));
     request.run.report.print(&summary(&report, request.palette, &job.out), &report)?;
-    request.run.check_strict(report.converged == Some(true), &report.warnings)
+    request.run.check_strict(report.converged, &report.warnings)
 }

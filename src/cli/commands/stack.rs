@@ -13,7 +13,7 @@ use crate::cli::options::part::PartArguments;
 use crate::cli::options::photographs::{self, FocusPositionArguments};
 use crate::cli::options::run::check_validation;
 use crate::cli::options::series;
-use crate::cli::options::settings::{SettingsArguments, one_or_two};
+use crate::cli::options::settings::{SettingsArguments, StartUse, one_or_two};
 use crate::cli::options::solve::ResultArguments;
 use crate::cli::output::failure::Failure;
 use crate::cli::output::numbers::{decimals, depth_range, measurements};
@@ -60,16 +60,16 @@ pub(crate) struct Arguments {
 /// Solves a sweep and writes the results. Inexpensive checks come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let by_mm = arguments.focus_at.positions();
-    let stated = arguments.positions.is_some() || by_mm.is_some();
     let positions = by_mm.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
     let job = SweepJob {
-        files: photographs::sweep_frames(&arguments.frames, stated, arguments.settings.raw())?,
+        files: photographs::sweep_frames(&arguments.frames, &positions, arguments.settings.raw())?,
         positions,
         reference: arguments.reference.map(|n| n as usize - 1),
         out: arguments.output.clone(),
     };
     let part = arguments.part.part();
-    let request = arguments.results.request(&arguments.settings, Method::Unified, false, part, arguments.nearer)?;
+    let settings = arguments.settings.settings(Method::Unified, StartUse::Start)?;
+    let request = arguments.results.request(&arguments.settings, settings, part, arguments.nearer)?;
     job.check(&request)?;
     job.files.note().iter().for_each(|note| request.run.report.print_line(note));
     let mut engine = None;
@@ -83,7 +83,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     bar.finish();
     drop(bar);
     request.run.report.print(&summary(&report, &read.inputs, request.palette, &job.out), &report)?;
-    request.run.check_strict(true, &report.warnings)
+    request.run.check_strict(report.converged, &report.warnings)
 }
 
 /// The summary of a sweep, without a newline at the end.

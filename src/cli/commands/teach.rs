@@ -62,7 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folders = result_folders(&arguments.parts)?;
     let inputs: Vec<PathBuf> = folders.iter().flat_map(|folder| files_of(folder)).collect();
     destination::check_file(out, FileKind::Golden, " for the golden part", &inputs.iter().collect::<Vec<_>>())?;
-    let golden = Golden::of_folders(&folders, arguments.comparison.in_place)?;
+    let golden = Golden::of_folders(&folders, arguments.comparison.placement())?;
     // There is one quantity or more, and the best one is last.
     let Some(field) = golden.fields.last() else { return Ok(()) };
     let unit = field.unit;

@@ -3,19 +3,18 @@
 use std::collections::{HashMap, VecDeque};
 use std::ffi::OsString;
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
-use parfocal::image_io::RawFormat;
 use parfocal::internals::bounded_read;
 use serde_json::json;
 
 use crate::cli::batch::on_done::{OnDone, Undelivered};
 use crate::cli::batch::outcome::Outcome;
-use crate::cli::batch::pairs::{self, Group};
-use crate::cli::batch::summary::{BatchSummary, Row, SUMMARY};
+use crate::cli::batch::pairs::{self, Group, Search};
+use crate::cli::batch::summary::{BatchSummary, INDEX, Row, SUMMARY};
 use crate::cli::batch::tasks::{BatchProgress, Context, Devices, Task};
 use crate::cli::commands::batch;
 use crate::cli::help::{self, INPUT, OUTPUT};
@@ -91,7 +90,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let problem = bounded_read::not_a_path(folder).unwrap_or("there is no such folder to watch; create it");
         return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
     }
-    batch::check_output(&request, out, SUMMARY, request.page, &arguments.inspection)?;
+    let index = request.page.then_some(INDEX);
+    batch::check_output(&request, out, SUMMARY, index, &arguments.inspection)?;
     let judge = arguments.inspection.judge()?;
     let log = arguments.log.start(folder, out, batch::start_of(judge.as_ref()))?;
     let stop = batch::stop_on_interrupt();
@@ -108,7 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (mut last_write, mut is_written, mut write_problem) = (LastRun::default(), true, String::new());
     let interval = POLL_INTERVAL.min(watched.settle.max(Duration::from_millis(10)));
     let summary = |rows, watched: &WatchedFolder| {
-        let summary = BatchSummary::new(folder, rows, watched.left_over.clone(), false, started.elapsed());
+        let summary = BatchSummary::new(folder, rows, watched.left_over.clone(), started.elapsed());
         if context.judge.is_some() { summary.with_verdicts() } else { summary }
     };
     loop {
@@ -155,7 +155,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         if !is_written && (last_write.is_due(9) || in_flight.is_empty() && waiting.is_empty()) {
             let mut so_far = summary(rows, &watched);
-            let written = last_write.run(|| so_far.write(request, out, SUMMARY, request.page));
+            let written = last_write.run(|| so_far.write(request, out, SUMMARY, index));
             (rows, is_written) = (so_far.into_rows(), written.is_ok());
             // It is written again, and the parts go on. At the end it is an error.
             let problem = written.err().map_or_else(String::new, |failure| failure.message());
@@ -167,13 +167,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     undelivered.end();
     let mut summary = summary(rows, &watched);
-    let written = summary.write(request, out, SUMMARY, request.page);
+    let written = summary.write(request, out, SUMMARY, index);
     log.write("end", summary.end());
     request.run.report.print(&summary.table(&out.join(SUMMARY)), &summary)?;
     written?;
     failed.map_or_else(|| devices.check(), Err)?;
     watched.problem.map_or(Ok(()), |problem| Err(Failure::Failed(problem)))?;
-    let (checked, passed_on) = (summary.check(request.run.strict), undelivered.check());
+    let (checked, passed_on) = (summary.check(&request.run), undelivered.check());
     if let (Err(_), Err(failure)) = (&checked, &passed_on) {
         let _ = writeln!(io::stderr(), "warning: {}", failure.message());
     }
@@ -215,11 +215,7 @@ struct Arrival {
 
 /// A watched folder, and its pairs so far.
 struct WatchedFolder<'a> {
-    folder: &'a Path,
-    out: &'a Path,
-    raw: Option<RawFormat>,
-    /// Whether each part needs a verdict.
-    is_judged: bool,
+    search: Search<'a>,
     settle: Duration,
     until_idle: Option<Duration>,
     arrivals: HashMap<String, Arrival>,
@@ -234,10 +230,12 @@ struct WatchedFolder<'a> {
 impl<'a> WatchedFolder<'a> {
     fn new(arguments: &'a Arguments) -> Self {
         Self {
-            folder: &arguments.folder,
-            out: &arguments.output,
-            raw: arguments.options.raw(),
-            is_judged: arguments.inspection.is_given(),
+            search: Search {
+                folder: &arguments.folder,
+                out: &arguments.output,
+                raw: arguments.options.raw(),
+                is_judged: arguments.inspection.is_given(),
+            },
             settle: Duration::from_secs_f64(arguments.settle),
             until_idle: arguments.until_idle.map(Duration::from_secs_f64),
             arrivals: HashMap::new(),
@@ -269,7 +267,7 @@ impl<'a> WatchedFolder<'a> {
     }
 
     fn list(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<(Group, Instant)> {
-        let found = pairs::so_far(self.folder, self.out, self.raw, self.is_judged).map_err(|failure| failure.message());
+        let found = self.search.so_far().map_err(|failure| failure.message());
         let problem = found.as_ref().err().cloned();
         if let Some(problem) = problem.as_ref().filter(|_| problem != self.problem) {
             let _ = writeln!(io::stderr(), "warning: {problem}");
@@ -303,7 +301,7 @@ impl<'a> WatchedFolder<'a> {
         let describe = |file: &PathBuf| {
             let name = file.to_string_lossy();
             // The name of a file without a header ends with # and its format.
-            let own = name.rsplit_once('#').filter(|_| self.raw.is_some()).map(|(own, _)| PathBuf::from(own));
+            let own = name.rsplit_once('#').filter(|_| self.search.raw.is_some()).map(|(own, _)| PathBuf::from(own));
             let found = own.as_ref().unwrap_or(file).metadata().ok()?;
             Some((file.clone(), found.len(), found.modified().ok()))
         };

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::cli::batch::summary::{SUMMARY, is_of_batch};
 use crate::cli::help::{INPUT, INSPECTION};
-use crate::cli::inspection::golden::Golden;
+use crate::cli::inspection::golden::{Golden, Placement};
 use crate::cli::inspection::judge::Judge;
 use crate::cli::options::part::{region, within};
 use crate::cli::output::failure::Failure;
@@ -36,7 +36,7 @@ pub(crate) struct ComparisonArguments {
     max_unjudged: Option<f64>,
     /// Do not register the pictures: the fixture holds every part in the same position
     #[arg(long, help_heading = INSPECTION)]
-    pub(crate) in_place: bool,
+    in_place: bool,
 }
 
 /// The options of an inspection.
@@ -63,6 +63,10 @@ fn from_zero(text: &str) -> Result<f64, String> {
 }
 
 impl ComparisonArguments {
+    pub(crate) fn placement(&self) -> Placement {
+        if self.in_place { Placement::Fixed } else { Placement::Free }
+    }
+
     /// The limits with this tolerance.
     pub(crate) fn limits(&self, tolerance: f64) -> Limits {
         let default = Limits::new(tolerance);
@@ -117,7 +121,7 @@ impl InspectionArguments {
         let tolerance = self.tolerance(&golden)?;
         let default = self.comparison.limits(tolerance);
         let limits = Limits { max_tilt: self.max_tilt.unwrap_or(default.max_tilt), ..default };
-        Judge::new(golden, limits, &self.inspect_roi, self.comparison.in_place).map(Some)
+        Judge::new(golden, limits, &self.inspect_roi, self.comparison.placement()).map(Some)
     }
 
     fn read(&self) -> Result<Golden, Failure> {
@@ -128,7 +132,7 @@ impl InspectionArguments {
                     "--golden: {} is a file beside others; give one file of parfocal teach, or folders of results",
                     file.display()
                 ))),
-                None => Golden::of_folders(&result_folders(several)?, self.comparison.in_place),
+                None => Golden::of_folders(&result_folders(several)?, self.comparison.placement()),
             },
         }
     }

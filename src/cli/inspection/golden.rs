@@ -20,6 +20,14 @@ pub(crate) struct Field<H> {
     pub(crate) heights: H,
 }
 
+/// Whether the fixture holds every part in the same position.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Placement {
+    Fixed,
+    /// The pictures are registered.
+    Free,
+}
+
 /// A part that was read from its folder.
 pub(crate) struct Part {
     /// The name for messages: the folder, or the file of a taught golden part.
@@ -78,8 +86,8 @@ impl Part {
     }
 
     /// The transform T from the golden part's pixels to its own.
-    pub(crate) fn register(&self, golden: &Self, in_place: bool) -> Result<Similarity, Failure> {
-        if in_place || self.name == golden.name {
+    pub(crate) fn register(&self, golden: &Self, placement: Placement) -> Result<Similarity, Failure> {
+        if placement == Placement::Fixed || self.name == golden.name {
             return Ok(Similarity::IDENTITY);
         }
         key_points([&golden.picture, &self.picture], Decode::None, None)
@@ -120,7 +128,7 @@ pub(crate) struct Golden {
 
 impl Golden {
     /// Reads golden parts, and registers them onto the first.
-    pub(crate) fn of_folders(folders: &[PathBuf], in_place: bool) -> Result<Self, Failure> {
+    pub(crate) fn of_folders(folders: &[PathBuf], placement: Placement) -> Result<Self, Failure> {
         let mut parts = folders.iter().map(|folder| Part::read(folder)).collect::<Result<Vec<_>, _>>()?;
         let Some(first) = parts.first() else {
             return Err(Failure::Usage("no golden part was given; name folders of results".to_string()));
@@ -134,7 +142,7 @@ impl Golden {
         }
         for part in &parts {
             part.check(first)?;
-            let transform = part.register(first, in_place)?;
+            let transform = part.register(first, placement)?;
             for field in &mut fields {
                 let heights = part.heights(&field.name, field.unit).into_iter();
                 let size = |heights: &Heights| [heights.width, heights.height];

@@ -11,7 +11,7 @@ use parfocal::settings::Decode;
 use parfocal::transform::Brightness;
 use parfocal::{Region, resample};
 
-use crate::cli::inspection::golden::{Combined, Field, Golden, Part};
+use crate::cli::inspection::golden::{Combined, Field, Golden, Part, Placement};
 use crate::cli::output::failure::Failure;
 
 /// Golden parts and limits, by which parts are judged.
@@ -20,16 +20,21 @@ pub(crate) struct Judge {
     limits: Limits,
     /// The regions of the golden part that are judged; all of it if there are none.
     regions: Vec<Region>,
-    in_place: bool,
+    placement: Placement,
     /// For each quantity one golden part from all.
     combined: Vec<OnceLock<Result<Combined, Failure>>>,
 }
 
 impl Judge {
-    pub(crate) fn new(mut golden: Golden, limits: Limits, regions: &[Region], in_place: bool) -> Result<Self, Failure> {
+    pub(crate) fn new(
+        mut golden: Golden,
+        limits: Limits,
+        regions: &[Region],
+        placement: Placement,
+    ) -> Result<Self, Failure> {
         golden.restrict(regions)?;
         let combined = golden.fields.iter().map(|_| OnceLock::new()).collect();
-        Ok(Self { golden, limits, regions: regions.to_vec(), in_place, combined })
+        Ok(Self { golden, limits, regions: regions.to_vec(), placement, combined })
     }
 
     /// The folders of the golden parts, or the file of a taught one.
@@ -49,7 +54,7 @@ impl Judge {
         part.check(&golden.first)?;
         let of_golden = self.combined[index].get_or_init(|| golden.combined(field, &self.limits));
         let Combined { heights: combined, disagreeing } = of_golden.as_ref().map_err(Failure::clone)?;
-        let transform = part.register(&golden.first, self.in_place)?;
+        let transform = part.register(&golden.first, self.placement)?;
         let size = [combined.width, combined.height];
         let Some(own) = part.heights(&field.name, field.unit) else { return Err(self.nothing_common(&part)) };
         let heights = own.resample(size, &transform);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use parfocal::export::{self, Kind, NearerBy, Report, Results};
 use parfocal::image_io::{Input, Photograph, Values};
-use parfocal::{Frame, Lens, Settings, Solution, SolveOptions, settings::DeviceInfo};
+use parfocal::{Frame, Lens, PairSolver, Settings, Solution, SolveOptions, settings::DeviceInfo};
 
 use crate::cli::jobs::results::{check_inputs, check_results, fitting, write_results};
 use crate::cli::options::photographs;
@@ -40,7 +40,7 @@ impl PairJob {
             return Err(Failure::Failed(format!("{}: {problem}", self.out.display())));
         }
         check_inputs(request, &self.files, &self.out)?;
-        check_results(request, Kind::Pair, &self.out, request.lens.is_some(), false)
+        check_results(request, Kind::Pair, &self.out, request.lens.is_some(), &[])
     }
 
     /// Reads the pair. Returns `None` if `settled` finds complete results of these files. Checks large photographs
@@ -56,7 +56,7 @@ impl PairJob {
             return Ok(None);
         }
         if request.part.is_whole() {
-            photographs::check_size(photographs.each_ref(), &request.settings, true, device)?;
+            photographs::check_size(photographs.each_ref(), &request.settings, PairSolver::MOST_PIXELS, device)?;
         }
         let lens = request.lens(&inputs)?;
         request.nearer(lens.as_ref())?;
@@ -79,7 +79,8 @@ impl PairJob {
         let nearer = request.nearer(photographs.lens.as_ref())?;
         let mut report = Report::pair(solution, &photographs.settings, device, nearer);
         report.values = photographs.values;
-        report.set_inputs(photographs.inputs.clone(), is_validation_requested());
+        report.set_inputs(photographs.inputs.clone());
+        report.validated = is_validation_requested();
         report.flattened = photographs.scope.flat.is_some();
         report.request_sha256 = request.digest(&[])?;
         if request.nearer.is_some() {
@@ -105,23 +106,16 @@ impl PairJob {
 mod tests {
     use std::fs;
 
-    use clap::Parser;
-
     use super::*;
+    use crate::cli::options::run::parsed;
     use crate::cli::options::solve::SolveArguments;
-
-    #[derive(Parser)]
-    struct Only {
-        #[command(flatten)]
-        options: SolveArguments,
-    }
 
     #[test]
     fn hash_and_pixels_come_from_one_file_even_if_it_is_replaced() {
         let folder = tempfile::TempDir::new().unwrap();
         let [file, new] = ["a.pgm", "new.pgm"].map(|name| folder.path().join(name));
         fs::write(&file, b"P5 2 1 255 \x01\x02").unwrap();
-        let request = Only::try_parse_from(["only"]).unwrap().options.request().unwrap();
+        let request = parsed::<SolveArguments>(&[]).request().unwrap();
         let job = PairJob { files: [file.clone(), file.clone()], out: folder.path().join("out") };
         let no_device = || panic!("so small a pair fits any");
         let whole = job.read(&request, |_| Ok(false), no_device).unwrap().unwrap();

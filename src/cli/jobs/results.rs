@@ -24,14 +24,15 @@ pub(crate) fn check_inputs(request: &Request, photographs: &[PathBuf], out: &Pat
 }
 
 /// Refuses exports that the results cannot have, and an output folder in which a file of another program has the name
-/// of a result.
+/// of a result. `frames` are empty before they are read.
 pub(crate) fn check_results(
     request: &Request,
     kind: Kind,
     out: &Path,
     in_mm: bool,
-    in_floats: bool,
+    frames: &[Frame],
 ) -> Result<(), Failure> {
+    let in_floats = frames.iter().any(|frame| frame.format().depth == Depth::F32);
     request.models.check_metric(in_mm && (kind == Kind::Pair || request.pixel_size.is_some()))?;
     let more = [(request.page, PAGE_FILE), (in_mm, DEPTH_FILE), (in_floats, FUSED_FLOAT_FILE)];
     let more = more.into_iter().filter(|(is_written, _)| *is_written).map(|(_, name)| name);
@@ -50,7 +51,7 @@ pub(crate) fn fitting(
     in_mm: bool,
     frames: &[Frame],
 ) -> Result<SolveOptions, Failure> {
-    check_results(request, kind, out, in_mm, frames.iter().any(|frame| frame.format().depth == Depth::F32))?;
+    check_results(request, kind, out, in_mm, frames)?;
     let size = [frames[0].width(), frames[0].height()];
     let scope = request.part.fitting(size)?;
     if let Some([width, height]) = request.part.size(size) {

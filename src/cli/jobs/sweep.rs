@@ -66,7 +66,7 @@ impl SweepJob {
         photographs::nearer_end(request.nearer, &self.positions)?;
         request.models.check_labels(self.files.frames.len())?;
         check_inputs(request, &self.files.frames, &self.out)?;
-        check_results(request, Kind::Sweep, &self.out, self.positions.millimetres().is_some(), false)
+        check_results(request, Kind::Sweep, &self.out, self.positions.millimetres().is_some(), &[])
     }
 
     /// Reads the frames. Returns `None` if `settled` finds complete results of these files.
@@ -78,7 +78,7 @@ impl SweepJob {
     ) -> Result<Option<SweepFrames>, Failure> {
         let started = Instant::now();
         let (frames, inputs) = decode(&self.files.frames, |first| match request.part.is_whole() {
-            true => photographs::check_size([first; 2], &request.settings, false, device),
+            true => photographs::check_size([first; 2], &request.settings, photographs::LARGE, device),
             false => Ok(()),
         })?;
         if settled(&inputs)? {
@@ -106,7 +106,8 @@ impl SweepJob {
         let mut report = Report::sweep(sweep, &read.options.settings, &files, device, nearer, *total_ms);
         report.left_out.clone_from(&self.files.left_out);
         report.values = read.values;
-        report.set_inputs(read.inputs.clone(), is_validation_requested());
+        report.set_inputs(read.inputs.clone());
+        report.validated = is_validation_requested();
         report.nearer_by = Some(match (self.positions.millimetres(), request.nearer) {
             (_, Some(_)) => NearerBy::Stated,
             (Some(_), None) => NearerBy::Distances,

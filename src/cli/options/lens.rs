@@ -249,28 +249,21 @@ pub(crate) fn reads(file: &Path) {
 mod tests {
     use std::fs;
 
-    use clap::Parser;
-
     use super::*;
-
-    #[derive(Parser)]
-    struct Only {
-        #[command(flatten)]
-        lens: LensArguments,
-    }
+    use crate::cli::options::run::parsed;
 
     const CUP: &str = r#"{"focal_length_mm": 25, "f_number": 8.3, "pixel_pitch_mm": 0.01304, "focus_mm": [529, 869],
         "telecentric": true}"#;
 
     fn lens(json: Option<&str>, flags: &[&str]) -> Result<Option<Lens>, Failure> {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let mut arguments = vec!["only"];
+        let mut arguments = Vec::new();
         if let Some(json) = json {
             fs::write(file.path(), json).unwrap();
             arguments.extend(["--lens", file.path().to_str().unwrap()]);
         }
         arguments.extend(flags);
-        Only::try_parse_from(arguments).unwrap().lens.lens(PartOfLens::default())
+        parsed::<LensArguments>(&arguments).lens(PartOfLens::default())
     }
 
     #[test]
@@ -285,7 +278,7 @@ mod tests {
             assert_eq!(lens(Some(&wrapped), &[]).unwrap(), Some(cup));
         }
         assert_eq!(lens(None, &[]).unwrap(), None);
-        let part = Only::try_parse_from(["only", "--f-number=4"]).unwrap().lens;
+        let part: LensArguments = parsed(&["--f-number=4"]);
         assert_eq!(part.lens(cup.into()).unwrap(), Some(Lens { f_number: 4.0, ..cup }));
     }
 

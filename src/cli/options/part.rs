@@ -42,8 +42,8 @@ pub(crate) struct ScopeArguments {
 }
 
 impl PartArguments {
-    pub(crate) fn part(&self) -> Part {
-        Part {
+    pub(crate) fn part(&self) -> SolvedPart {
+        SolvedPart {
             mask: self.mask.clone(),
             region: self.roi,
             crop_valid: self.crop_valid,
@@ -54,14 +54,14 @@ impl PartArguments {
 }
 
 impl ScopeArguments {
-    pub(crate) fn part(&self) -> Part {
-        Part { flat: self.flat.clone(), max_uncertainty: self.max_uncertainty, ..self.part.part() }
+    pub(crate) fn part(&self) -> SolvedPart {
+        SolvedPart { flat: self.flat.clone(), max_uncertainty: self.max_uncertainty, ..self.part.part() }
     }
 }
 
 /// The part of the photographs that is solved, and the correction files.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Part {
+pub(crate) struct SolvedPart {
     mask: Option<PathBuf>,
     region: Option<Region>,
     pub(crate) crop_valid: bool,
@@ -71,7 +71,7 @@ pub(crate) struct Part {
     pub(crate) max_uncertainty: Option<f32>,
 }
 
-impl Part {
+impl SolvedPart {
     /// Reads the files.
     fn scope(&self) -> Result<SolveOptions, Failure> {
         let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;

@@ -8,7 +8,7 @@ use parfocal::export::{Nearer, SIMULATED_FILES, result_files};
 use parfocal::image_io::{Input, Photograph, RawFormat};
 use parfocal::internals::bounded_read;
 use parfocal::sweep::Positions;
-use parfocal::{Engine, PairSolver, Settings, settings::DeviceInfo};
+use parfocal::{Engine, Settings, settings::DeviceInfo};
 
 use crate::cli::help::INPUT;
 use crate::cli::options::series::{self, file_name, stem};
@@ -41,18 +41,18 @@ pub(crate) fn open_pair([i1, i2]: &[PathBuf; 2]) -> Result<([Photograph; 2], Vec
 
 /// Number of pixels, 2^24, above which photographs are only decoded once the device is known to support their size.
 /// Decoding smaller ones takes little time.
-const LARGE: u64 = 1 << 24;
+pub(crate) const LARGE: u64 = 1 << 24;
 
-/// Refuses photographs that are too large for the device, before they are decoded. `in_parts`: larger ones are solved
-/// in parts.
+/// Refuses photographs that are too large for the device, before they are decoded. Up to a number of pixels, the device
+/// is not asked.
 pub(crate) fn check_size(
     photographs: [&Photograph; 2],
     settings: &Settings,
-    in_parts: bool,
+    unchecked: u64,
     device: impl FnOnce() -> Result<DeviceInfo, Failure>,
 ) -> Result<(), Failure> {
     let (width, height) = photographs[0].size();
-    if u64::from(width) * u64::from(height) <= if in_parts { PairSolver::MOST_PIXELS } else { LARGE } {
+    if u64::from(width) * u64::from(height) <= unchecked {
         return Ok(());
     }
     let formats = photographs.map(Photograph::format);
@@ -108,13 +108,17 @@ pub(crate) fn in_short(names: &[String], separator: &str) -> String {
 }
 
 /// The series of photographs of a folder, or the named files. Named files in alphabetical order, as from a shell, are
-/// put in natural order, `frame_2` before `frame_10`, unless their positions are `stated`.
-pub(crate) fn sweep_frames(named: &[PathBuf], stated: bool, raw: Option<RawFormat>) -> Result<SweepFiles, Failure> {
+/// put in natural order, `frame_2` before `frame_10`, unless positions are stated for them.
+pub(crate) fn sweep_frames(
+    named: &[PathBuf],
+    positions: &Positions,
+    raw: Option<RawFormat>,
+) -> Result<SweepFiles, Failure> {
     let mut files = match named {
         [folder] if folder.is_dir() => of_folder(folder, list_folder(folder, raw)?.0)?,
         _ => {
             let mut frames = named.to_vec();
-            if !stated && frames.is_sorted() {
+            if *positions == Positions::Counted && frames.is_sorted() {
                 frames.sort_by_cached_key(|file| natural_key(file));
             }
             SweepFiles { frames, left_out: Vec::new() }
@@ -253,10 +257,10 @@ mod tests {
         let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
         let listed = paths(&["a/image_1.jpg", "a/image_10.jpg", "a/image_2.jpg"]);
         let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);
-        assert_eq!(sweep_frames(&listed, false, None).unwrap().frames, counted);
-        assert_eq!(sweep_frames(&listed, true, None).unwrap().frames, listed, "positions are stated beside them");
+        assert_eq!(sweep_frames(&listed, &Positions::Counted, None).unwrap().frames, counted);
+        assert_eq!(sweep_frames(&listed, &Positions::Settings(vec![0.0, 1.0, 2.0]), None).unwrap().frames, listed);
         let chosen = paths(&["z_3.png", "z_1.png", "z_2.png"]);
-        assert_eq!(sweep_frames(&chosen, false, None).unwrap().frames, chosen);
+        assert_eq!(sweep_frames(&chosen, &Positions::Counted, None).unwrap().frames, chosen);
         assert_eq!(natural_key(Path::new("9999999999999999999999.png"))[0].1, 9_999_999_999_999_999_999);
     }
 
@@ -268,7 +272,7 @@ mod tests {
                 std::fs::remove_file(entry.unwrap().path()).unwrap();
             }
             names.iter().for_each(|name| std::fs::write(folder.path().join(name), name).unwrap());
-            let found = sweep_frames(&[folder.path().to_path_buf()], true, None);
+            let found = sweep_frames(&[folder.path().to_path_buf()], &Positions::Counted, None);
             found.map(|found| (found.frames.iter().map(|file| file_name(file)).collect::<Vec<_>>(), found.left_out))
         };
         let (frames, left_out) = of(&["f_2.png", "f_10.png", "f_1.png", "notes.txt", "fused.png", "mask.png"]).unwrap();

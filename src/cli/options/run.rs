@@ -84,7 +84,11 @@ pub(crate) struct RunArguments {
 impl RunArguments {
     /// A progress bar for a solve. Writing its results is expected to take `writing` seconds; 0 if none are written.
     pub(crate) fn bar(&self, writing: f64) -> Arc<Bar> {
-        Arc::new(Bar::new(self.progress, self.report.is_quiet(), writing))
+        let mode = match self.progress {
+            ProgressMode::Auto if self.report.is_quiet() => ProgressMode::None,
+            mode => mode,
+        };
+        Arc::new(Bar::new(mode, writing))
     }
 
     /// Whether progress is printed as JSON.
@@ -103,14 +107,22 @@ impl RunArguments {
         opened.map_or_else(|| self.engine.open(), Ok)
     }
 
-    /// Fails with `--strict` if the solve did not converge or has warnings.
-    pub(crate) fn check_strict(&self, converged: bool, warnings: &[String]) -> Result<(), Failure> {
-        if !self.strict || (converged && warnings.is_empty()) {
+    /// Fails with `--strict` if the solve did not converge or has warnings. `converged` is `None` for a sweep.
+    pub(crate) fn check_strict(&self, converged: Option<bool>, warnings: &[String]) -> Result<(), Failure> {
+        let failed = converged == Some(false);
+        if !self.strict || (!failed && warnings.is_empty()) {
             return Ok(());
         }
-        let what = if converged { "has warnings" } else { "did not converge" };
+        let what = if failed { "did not converge" } else { "has warnings" };
         Err(Failure::Failed(format!("--strict: the solve {what}: {}", warnings.join("; "))))
     }
+}
+
+/// Parses options that a command would have.
+#[cfg(test)]
+pub(crate) fn parsed<A: clap::Args>(flags: &[&str]) -> A {
+    let command = A::augment_args(clap::Command::new("test").no_binary_name(true));
+    A::from_arg_matches(&command.try_get_matches_from(flags).unwrap()).unwrap()
 }
 
 /// The options of a command that reads the results of a solve.

@@ -180,10 +180,16 @@ impl KernelChoice {
     }
 }
 
+/// What the registration and exposure of `--transform` are used for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum StartUse {
+    Start,
+    Hold,
+}
+
 impl SettingsArguments {
-    /// The settings of the options and of `--transform`. With `hold`, the registration and exposure of the file are
-    /// held.
-    pub(crate) fn settings(&self, method: Method, hold: bool) -> Result<Settings, Failure> {
+    /// The settings of the options and of `--transform`.
+    pub(crate) fn settings(&self, method: Method, start_use: StartUse) -> Result<Settings, Failure> {
         let exposure = self.exposure();
         let mut settings = Settings {
             method,
@@ -197,7 +203,7 @@ impl SettingsArguments {
         }
         settings.check()?;
         settings.kernel = self.kernel.read()?;
-        self.start_from_file(hold, &mut settings)?;
+        self.start_from_file(start_use, &mut settings)?;
         Ok(settings)
     }
 
@@ -213,8 +219,9 @@ impl SettingsArguments {
         self.gain.or(self.offset).map(|_| held)
     }
 
-    fn start_from_file(&self, hold: bool, settings: &mut Settings) -> Result<(), Failure> {
+    fn start_from_file(&self, start_use: StartUse, settings: &mut Settings) -> Result<(), Failure> {
         let Some(file) = &self.transform else { return Ok(()) };
+        let hold = start_use == StartUse::Hold;
         let usage = |problem: &str| Err(Failure::Usage(problem.to_string()));
         match settings.method {
             Method::Appearance | Method::Sift if hold => {

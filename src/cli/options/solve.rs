@@ -13,9 +13,9 @@ use sha2::{Digest, Sha256};
 use crate::cli::help::{INPUT, OUTPUT, REGISTRATION};
 use crate::cli::options::exports::Exports;
 use crate::cli::options::lens::{self, LensArguments, PartOfLens};
-use crate::cli::options::part::{MeasureArguments, Part, PixelSizeArgument, ScopeArguments};
+use crate::cli::options::part::{MeasureArguments, PixelSizeArgument, ScopeArguments, SolvedPart};
 use crate::cli::options::run::{ColorsArgument, RunArguments};
-use crate::cli::options::settings::{SettingsArguments, one_or_two};
+use crate::cli::options::settings::{SettingsArguments, StartUse, one_or_two};
 use crate::cli::output::destination::ForceArgument;
 use crate::cli::output::failure::Failure;
 use crate::cli::output::progress::Bar;
@@ -73,8 +73,9 @@ impl SolveArguments {
 
     /// The request, or an error if options contradict each other.
     pub(crate) fn request(&self) -> Result<Request, Failure> {
-        let mut request =
-            self.results.request(&self.settings, self.method, self.hold, self.scope.part(), self.nearer)?;
+        let start_use = if self.hold { StartUse::Hold } else { StartUse::Start };
+        let settings = self.settings.settings(self.method, start_use)?;
+        let mut request = self.results.request(&self.settings, settings, self.scope.part(), self.nearer)?;
         request.files.extend(self.lens.file().cloned());
         request.lens = self.lens.stated()?;
         request.check()?;
@@ -86,16 +87,15 @@ impl ResultArguments {
     /// The request without a lens, or an error if options contradict each other.
     pub(crate) fn request(
         &self,
-        settings: &SettingsArguments,
-        method: Method,
-        hold: bool,
-        part: Part,
+        arguments: &SettingsArguments,
+        settings: Settings,
+        part: SolvedPart,
         nearer: Option<u8>,
     ) -> Result<Request, Failure> {
         let request = Request {
-            files: settings.inputs().chain(part.mask()).cloned().collect(),
-            settings: settings.settings(method, hold)?,
-            raw: settings.raw().map(|raw| raw.to_string()),
+            files: arguments.inputs().chain(part.mask()).cloned().collect(),
+            settings,
+            raw: arguments.raw().map(|raw| raw.to_string()),
             nearer,
             part,
             lens: None,
@@ -129,7 +129,7 @@ pub(crate) struct Request {
     pub(crate) raw: Option<String>,
     /// The image that is focused nearer, 1 or 2, if stated.
     pub(crate) nearer: Option<u8>,
-    pub(crate) part: Part,
+    pub(crate) part: SolvedPart,
     /// The stated fields of the lens. With a complete lens, depth in mm is computed.
     pub(crate) lens: Option<PartOfLens>,
     pub(crate) wanted: MeasurementRequest,
@@ -202,16 +202,10 @@ impl Request {
 mod tests {
     use std::fs;
 
-    use clap::Parser;
     use parfocal::{Settings, settings::Photometric};
 
     use super::*;
-
-    #[derive(Parser)]
-    struct Only {
-        #[command(flatten)]
-        options: SolveArguments,
-    }
+    use crate::cli::options::run::parsed;
 
     const T: &str = r#"{"tx_px": 3, "ty_px": 4, "rotation_deg": 0, "scale": 1}"#;
 
@@ -220,7 +214,7 @@ mod tests {
     }
 
     fn request(flags: &[&str]) -> Result<Request, Failure> {
-        Only::try_parse_from(["only"].iter().chain(flags)).unwrap().options.request()
+        parsed::<SolveArguments>(flags).request()
     }
 
     fn settings(flags: &[&str]) -> Settings {

@@ -58,19 +58,19 @@ struct Lines {
 }
 
 impl Bar {
-    /// Makes the display that `mode` requests; none if `is_quiet`. Writing the results will take `writing` seconds.
-    pub(crate) fn new(mode: ProgressMode, is_quiet: bool, writing: f64) -> Self {
+    /// Makes the display that `mode` requests. Writing the results will take `writing` seconds.
+    pub(crate) fn new(mode: ProgressMode, writing: f64) -> Self {
         let display = match mode {
             ProgressMode::Json => Display::Json,
-            ProgressMode::Auto if !is_quiet && io::stderr().is_terminal() => {
+            ProgressMode::Auto if io::stderr().is_terminal() => {
                 let bar = ProgressBar::no_length();
                 if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} % {elapsed} {msg}") {
                     bar.set_style(style);
                 }
                 Display::Bar(bar)
             }
-            ProgressMode::Auto if !is_quiet => Display::Lines(Lines::new()),
-            _ => Display::Nothing,
+            ProgressMode::Auto => Display::Lines(Lines::new()),
+            ProgressMode::None => Display::Nothing,
         };
         Self { display, started: Instant::now(), writing, levels: AtomicU32::new(0) }
     }

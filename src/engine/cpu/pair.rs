@@ -10,7 +10,7 @@ use crate::engine::device::CpuDevice;
 use crate::engine::pair_memory::{CancelFlag, PairMemory, Shared};
 use crate::engine::progress::{Costs, WorkCounter};
 use crate::engine::record::Reading;
-use crate::engine::script::{Action, Entry, Script, compose};
+use crate::engine::script::{Action, CountedPixels, Entry, Script, compose};
 use crate::engine::slot::Slot;
 use crate::engine::stages::pass::Memory;
 use crate::engine::stages::state::State;
@@ -24,8 +24,8 @@ pub(in crate::engine) struct CpuPair {
     memory: Memory<f32>,
     /// The script of the latest pair.
     script: Script,
-    /// Whether `script` is for pairs with masked or clipped pixels.
-    is_masked: bool,
+    /// The pixels that count with `script`.
+    pixels: CountedPixels,
     /// The script of the other kind of pair, once composed.
     other: Option<Script>,
     results: Vec<f32>,
@@ -43,8 +43,8 @@ impl CpuPair {
             device: device.clone(),
             memory: Memory::with_filters(&plan.weights.banks),
             shared: shared.clone(),
-            script: compose(plan, false),
-            is_masked: false,
+            script: compose(plan, CountedPixels::All),
+            pixels: CountedPixels::All,
             other: None,
             results: Vec::new(),
             moments: Vec::new(),
@@ -79,12 +79,12 @@ impl PairMemory for CpuPair {
         Ok(CancelFlag::new(self.cancelled.clone(), None))
     }
 
-    fn prepare(&mut self, state: &State, is_masked: bool) -> Result<(), Error> {
+    fn prepare(&mut self, state: &State, pixels: CountedPixels) -> Result<(), Error> {
         self.memory.upload_state(state.into());
-        if self.is_masked != is_masked {
-            let next = self.other.take().unwrap_or_else(|| compose(&self.shared.plan, is_masked));
+        if self.pixels != pixels {
+            let next = self.other.take().unwrap_or_else(|| compose(&self.shared.plan, pixels));
             self.other = Some(std::mem::replace(&mut self.script, next));
-            self.is_masked = is_masked;
+            self.pixels = pixels;
         }
         self.memory.upload_arguments(&self.script.arguments);
         Ok(())

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::{Action, CpuReference, Dispatch, Entry, Hazards, Part, Script};
-use crate::engine::arguments::{self, Grid, Over, Place};
+use super::{Action, CountedPixels, CpuReference, Dispatch, Entry, Hazards, Part, Script};
+use crate::engine::arguments::{self, Grid, Indirect, Over, Place};
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::Adopt;
@@ -28,10 +28,9 @@ const FILTERS_AN_ITERATION: u64 = 5;
 /// Composes the script of a pair: one part for the upload and the pyramid, one or more for each level, one or two for
 /// the results.
 ///
-/// A registration that does not need V comes first, with parts and levels of its own. With `masked`, pixels may be
-/// masked or clipped.
-pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
-    let mut s = Composer::new(plan, masked);
+/// A registration that does not need V comes first, with parts and levels of its own.
+pub(crate) fn compose(plan: &Plan, pixels: CountedPixels) -> Script {
+    let mut s = Composer::new(plan, pixels);
     s.reset();
     s.place = Place::level(0);
     BOTH.into_iter().filter(|&image| plan.unpacks(image)).for_each(|image| s.unpack(image));
@@ -39,7 +38,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     for image in BOTH {
         s.place = Place::level(0);
         s.luminance(image, plan.packs_stacks());
-        if masked {
+        if s.masked {
             s.mask(image);
         }
         s.pyramid(image);
@@ -55,7 +54,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
         s.clear(&plan.pyramid[0]);
         s.spline2(&plan.pyramid[0]);
         let known = !plan.matches_exposure() || plan.solves_appearance();
-        s.exposure(&plan.pyramid[0], if known { Adopt::Nothing } else { Adopt::Exposure }, false);
+        s.exposure(&plan.pyramid[0], if known { Adopt::Nothing } else { Adopt::Exposure }, Slot::Spline2);
         s.download_registration();
         s.reset_levels();
         registered = s.parts.len();
@@ -70,7 +69,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
         s.copy(Slot::Partials, Slot::EndPartials);
     }
     if !plan.matches_exposure() {
-        s.exposure(&plan.pyramid[0], Adopt::Nothing, true);
+        s.exposure(&plan.pyramid[0], Adopt::Nothing, Slot::Stacks);
     }
     if plan.solves_transform() {
         s.download_registration();
@@ -143,10 +142,10 @@ pub(super) struct Composer<'a> {
 }
 
 impl<'a> Composer<'a> {
-    pub(super) fn new(plan: &'a Plan, masked: bool) -> Self {
+    pub(super) fn new(plan: &'a Plan, pixels: CountedPixels) -> Self {
         Self {
             plan,
-            masked,
+            masked: pixels == CountedPixels::Unmasked,
             warping_again: None,
             warps: vec![Vec::new(); plan.solved],
             settles: true,
@@ -242,7 +241,7 @@ impl<'a> Composer<'a> {
         variant: Variant,
     ) {
         let grid = if self.settles {
-            Grid::Level { level: level.index, over }
+            Grid::Indirect(Indirect::Level { level: level.index, over })
         } else {
             Grid::Direct(groups(self.plan, level, over))
         };
@@ -300,7 +299,7 @@ impl<'a> Composer<'a> {
         if plan.matches_exposure() {
             // V is not known yet.
             self.clear(level);
-            self.exposure(level, Adopt::Exposure, false);
+            self.exposure(level, Adopt::Exposure, Slot::Spline2);
         }
         for k in 0..plan.settings.outer_iterations {
             self.begin_iteration(level, k, |k| k > 0);
@@ -333,7 +332,7 @@ impl<'a> Composer<'a> {
                 self.warp_again(level);
             }
             if plan.matches_before(level, k) {
-                self.exposure(level, plan.adopts(level), true);
+                self.exposure(level, plan.adopts(level), Slot::Stacks);
             }
             self.linearise(level, k);
             // The last iteration only evaluates the result of the others.

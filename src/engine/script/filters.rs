@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::compose::Composer;
-use crate::engine::arguments::{Grid, Place};
+use crate::engine::arguments::{Grid, Indirect, Place};
 use crate::engine::plan::{FilterRange, Level, StackLayer};
 use crate::engine::shaders::separable::CHUNK;
 use crate::engine::slot::Slot;
@@ -217,7 +217,7 @@ impl Composer<'_> {
         let Some(level) = self.warping_again else { return Grid::Direct(groups) };
         let warps = &mut self.warps[level];
         warps.push(groups);
-        Grid::IfMoved { level, n: warps.len() - 1 }
+        Grid::Indirect(Indirect::IfMoved { level, n: warps.len() - 1 })
     }
 
     /// A half-size layer, from the full-size one or from the half-size one before.

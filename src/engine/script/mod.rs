@@ -34,6 +34,14 @@ pub(crate) struct Script {
     pub(crate) tiles: Vec<u32>,
 }
 
+/// Which pixels of a pair count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum CountedPixels {
+    All,
+    /// Those that are neither masked nor clipped.
+    Unmasked,
+}
+
 /// A command buffer that the host can skip. It begins when all parts before are complete.
 #[derive(Debug, Default)]
 pub(crate) struct Part {
@@ -218,14 +226,14 @@ pub(crate) fn accesses(action: &Action) -> Vec<(Slot, Access)> {
 mod tests {
     use super::*;
     use crate::base::{Channels, Depth, Format, Method, PixelFormat, Settings};
-    use crate::engine::arguments::Over;
+    use crate::engine::arguments::{Indirect, Over};
     use crate::engine::plan::Plan;
     use crate::engine::stages::{NO_VARIANT, prolong};
 
-    fn script(method: Method, masked: bool) -> Script {
+    fn script(method: Method, pixels: CountedPixels) -> Script {
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let settings = Settings { method, ..Settings::default() };
-        compose(&Plan::new(200, 150, [gray; 2], &settings).unwrap(), masked)
+        compose(&Plan::new(200, 150, [gray; 2], &settings).unwrap(), pixels)
     }
 
     fn name(entry: &Entry) -> &str {
@@ -238,7 +246,7 @@ mod tests {
     #[test]
     fn the_registration_is_known_before_the_end() {
         for method in [Method::Unified, Method::Aligned, Method::Appearance] {
-            let script = script(method, false);
+            let script = script(method, CountedPixels::All);
             assert!(script.registered > 0 && script.registered < script.parts.len());
         }
     }
@@ -246,7 +254,7 @@ mod tests {
     #[test]
     fn a_pass_waits_for_the_slots_that_it_reads_and_for_no_others() {
         let packed = "Mono12p".parse::<PixelFormat>().unwrap();
-        let script = compose(&Plan::new(200, 150, [packed; 2], &Settings::default()).unwrap(), false);
+        let script = compose(&Plan::new(200, 150, [packed; 2], &Settings::default()).unwrap(), CountedPixels::All);
         let first = |pass| script.parts[0].entries.iter().find(|entry| name(entry) == pass).unwrap();
         assert!(!first("unpack").waits, "it is the first, and does not read the state, which is copied before");
         assert!(first("ingest").waits);
@@ -259,7 +267,8 @@ mod tests {
 
     #[test]
     fn only_masked_scripts_weight_pixels_and_both_have_the_same_arguments() {
-        let [plain, masked] = [false, true].map(|masked| script(Method::Unified, masked));
+        let [plain, masked] =
+            [CountedPixels::All, CountedPixels::Unmasked].map(|pixels| script(Method::Unified, pixels));
         let weights = |script: &Script| script.dispatches().any(|dispatch| dispatch.variant.has(Variant::MASKED));
         assert!(!weights(&plain) && weights(&masked));
         assert_eq!(plain.arguments, masked.arguments);
@@ -267,10 +276,11 @@ mod tests {
 
     #[test]
     fn a_device_is_submitted_few_batches() {
-        let batches = |plan: &Plan| compose(plan, false).parts.iter().filter(|part| part.ends_batch).count();
+        let batches =
+            |plan: &Plan| compose(plan, CountedPixels::All).parts.iter().filter(|part| part.ends_batch).count();
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let plan = Plan::new(1000, 1000, [gray; 2], &Settings::default()).unwrap();
-        assert!(compose(&plan, false).parts.len() > 300);
+        assert!(compose(&plan, CountedPixels::All).parts.len() > 300);
         assert!(batches(&plan) <= 10, "{}", batches(&plan));
     }
 
@@ -278,7 +288,7 @@ mod tests {
     fn only_grids_of_many_tiles_have_dispatches_of_their_own() {
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let plan = Plan::new(2000, 2000, [gray; 2], &Settings::default()).unwrap();
-        let script = compose(&plan, false);
+        let script = compose(&plan, CountedPixels::All);
         let variants = |name: &str, level: usize| -> Vec<bool> {
             let of_level = script.dispatches().filter(|d| d.stage.shader.name == name && d.place.level == level);
             of_level.map(|dispatch| dispatch.variant.has(Variant::JOINED)).collect()
@@ -326,7 +336,8 @@ mod tests {
             })
         };
         let arguments = Action::Copy { from: Slot::StartArguments, to: Slot::Arguments, levels: false };
-        for (grid, waits) in [(Grid::Level { level: 0, over: Over::Tiles }, true), (Grid::Direct([1; 3]), false)] {
+        let level = Grid::Indirect(Indirect::Level { level: 0, over: Over::Tiles });
+        for (grid, waits) in [(level, true), (Grid::Direct([1; 3]), false)] {
             let mut hazards = Hazards::default();
             assert!(!hazards.waits(&arguments));
             assert_eq!(hazards.waits(&dispatch(grid)), waits);

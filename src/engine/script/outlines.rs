@@ -3,7 +3,7 @@
 //! It starts on a coarse level, where a wide blur spans few pixels, and ends on the finest.
 
 use super::compose::Composer;
-use crate::engine::arguments::{Edges, Grid, Place};
+use crate::engine::arguments::{Edges, Grid, Indirect, Place};
 use crate::engine::plan::Level;
 use crate::engine::slot::{Reads, Slot};
 use crate::engine::stages::{
@@ -80,7 +80,7 @@ impl Composer<'_> {
         self.place = Place::level(level.index);
         let (size @ [width, height], index) = (level.size, level.index);
         let v = Slot::RelativeBlur { level: index };
-        let over = |over| Grid::Edges { levels: search.levels, over };
+        let over = |over| Grid::Indirect(Indirect::Edges { levels: search.levels, over });
         let (cells, pixels) = (over(Edges::Cells(level.index)), over(Edges::Pixels(level.index)));
         if level.index > 0 {
             let bindings = edge_coarsen::Bindings { coarse: v.write(), ..edge_coarsen::Bindings::on(0) };

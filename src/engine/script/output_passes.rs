@@ -2,7 +2,7 @@
 
 use super::compose::{BOTH, Composer};
 use super::passes::single;
-use crate::engine::arguments::{Edges, Grid};
+use crate::engine::arguments::{Edges, Grid, Indirect};
 use crate::engine::plan::MAP_LAYERS;
 use crate::engine::slot::Slot;
 use crate::engine::stages::noise::Noise;
@@ -87,7 +87,7 @@ impl Composer<'_> {
         if plan.settings.edges {
             let fuse::Constants { width, height, layer, centre, .. } = constants;
             let constants = edge_fuse::Constants { width, height, layer, centre };
-            let grid = Grid::Edges { levels: plan.solved, over: Edges::Fused };
+            let grid = Grid::Indirect(Indirect::Edges { levels: plan.solved, over: Edges::Fused });
             self.dispatch(edge_fuse::Bindings::on(0), &constants, NO_VARIANT, grid);
         }
     }

@@ -22,8 +22,8 @@ use crate::engine::vulkan::Variant;
 /// The finest level settles once no corner moves by more than this in an iteration, pixels of the level. At 0.01, pairs
 /// under a half-Gaussian stop 0.004 px off instead of 0.002.
 const FINEST_STILL: f32 = 0.001;
-/// The same for the coarser levels, which provide a start only: at 0.001 they took up to 20 iterations, and no result
-/// was better.
+/// The largest movement of a corner with which a coarser level settles. It provides a start only: at
+/// 0.001 such levels took up to 20 iterations, and no result was better.
 const COARSER_STILL: f32 = 0.01;
 /// A level settles once a whole step moves no more than this share of the valid pixels below the limit of |V| by a
 /// tenth of their standard deviation: V of weak areas, which comes from afar. With 0.1 the heat sink takes 16
@@ -45,7 +45,8 @@ const RELATIVE_STEP: f32 = 0.25;
 /// Without V, by the method appearance, the finest level settles only if the energy changes by no more than this share
 /// in an iteration.
 const FINEST_FLAT: f32 = 1e-5;
-/// The same for the coarser levels, and where steps are damped: an alternating energy changes by less only by chance.
+/// The largest change of the energy with which a coarser level settles, and any level
+/// where steps are damped: an alternating energy changes by less only by chance.
 const COARSER_FLAT: f32 = 1e-4;
 
 pub(super) fn single(numbers: [f64; 2]) -> [f32; 2] {
@@ -112,11 +113,11 @@ impl Composer<'_> {
         self.smooth([counts, (Slot::Masks { level: 0 }, image as u32)], self.plan.size);
     }
 
-    /// Matches gain, offset and shading, or measures the correlation alone. Without blur stacks V is zero, and I2 is
-    /// read from its spline.
-    pub(super) fn exposure(&mut self, level: &Level, adopt: Adopt, has_stacks: bool) {
+    /// Matches gain, offset and shading, or measures the correlation alone. `stacks` are the blur stacks, or the
+    /// spline of I2: V is then zero.
+    pub(super) fn exposure(&mut self, level: &Level, adopt: Adopt, stacks: Slot) {
         let (plan, size) = (self.plan, uncertainty_terms::size(level.size));
-        let stacks = if has_stacks { Slot::Stacks } else { Slot::Spline2 };
+        let has_stacks = stacks == Slot::Stacks;
         let bindings =
             blur_matched_pair::Bindings { stacks: stacks.read(), ..blur_matched_pair::Bindings::on(level.index) };
         let constants = blur_matched_pair::Constants {
@@ -230,7 +231,7 @@ impl Composer<'_> {
         let step = transform_step(self.plan, level, k);
         let t_step = update_transform::Step {
             unknowns: self.plan.settings.motion.unknowns() as u32,
-            flags: step.flags & !(MAY_SETTLE | MAY_WARP) | flag(k > 0, MAY_SETTLE),
+            flags: step.flags & !(MAY_SETTLE | MAY_WARP) | if k > 0 { MAY_SETTLE } else { 0 },
             steady: 0.0,
             steady_by_tiles: 0.0,
             flatness: if level.index == 0 && step_share(k) == 1.0 { FINEST_FLAT } else { COARSER_FLAT },
@@ -246,24 +247,22 @@ impl Composer<'_> {
     }
 }
 
-/// A flag if it is set.
-fn flag(is_set: bool, flag: u32) -> u32 {
-    if is_set { flag } else { 0 }
-}
-
 /// The step of T in iteration k of a level that solves for V.
 fn transform_step(plan: &Plan, level: &Level, k: u32) -> update_transform::Step {
     use update_transform::{DESCENDS, FINDS_ALPHA, MAY_SETTLE, MAY_WARP};
     let is_finest = level.index == 0;
+    let flags = [
+        (descends(plan), DESCENDS),
+        (plan.may_settle(level, k), MAY_SETTLE),
+        (plan.finds_alpha(level, k), FINDS_ALPHA),
+        (plan.warps_again(level, k + 1), MAY_WARP),
+    ];
     let unknowns = if plan.solves_transform() { plan.settings.motion.unknowns() as u32 } else { 0 };
     update_transform::Step {
         level: level.index as u32,
         energy_place: level.index as u32 * plan.settings.outer_iterations + k,
         unknowns,
-        flags: flag(descends(plan), DESCENDS)
-            | flag(plan.may_settle(level, k), MAY_SETTLE)
-            | flag(plan.finds_alpha(level, k), FINDS_ALPHA)
-            | flag(plan.warps_again(level, k + 1), MAY_WARP),
+        flags: flags.into_iter().filter(|(is_set, _)| *is_set).map(|(_, flag)| flag).sum(),
         still: if is_finest { FINEST_STILL } else { COARSER_STILL },
         share: step_share(k),
         steady: if unknowns > 0 { STEADY * unknowns as f32 } else { f32::MAX },

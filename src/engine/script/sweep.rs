@@ -1,8 +1,8 @@
 //! The scripts of a focus sweep: what the device does between two steps of the host.
 
-use super::Script;
 use super::compose::Composer;
 use super::outlines::Search;
+use super::{CountedPixels, Script};
 use crate::engine::arguments::Place;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
@@ -10,7 +10,7 @@ use crate::engine::stages::{NO_VARIANT, align, copy, edge, edge_costs, half_pair
 use crate::engine::tiles::NeededCells;
 
 fn script(plan: &Plan, level: usize, fill: impl FnOnce(&mut Composer)) -> Script {
-    let mut composer = Composer::new(plan, false);
+    let mut composer = Composer::new(plan, CountedPixels::All);
     (composer.settles, composer.place) = (false, Place::level(level));
     fill(&mut composer);
     composer.finish(0)
@@ -82,14 +82,21 @@ pub(crate) struct HalfPairs {
     pub(crate) needed: NeededCells,
 }
 
-/// Sums the linear systems of all pairs, with one blur stack at a time. `hold`: T and c do not step.
-pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold: bool) -> Script {
+/// Whether T and c of the frames step, or are held.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum RegistrationStep {
+    Free,
+    Held,
+}
+
+/// Sums the linear systems of all pairs, with one blur stack at a time.
+pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], registration: RegistrationStep) -> Script {
     script(plan, level.index, |s| {
         s.empty(Slot::NormalEquations, level.size, 0..half_pair::LAYERS);
         // Pixels beyond the listed tiles are read with little weight, but must be numbers, and the same each time.
         s.empty(Slot::Stacks, plan.size, 0..plan.layers_of(&plan.pyramid[0]));
         s.empty(Slot::Scratch, plan.size, 0..1);
-        let variant = half_pair::variant(plan.slopes(), hold, plan.projective());
+        let variant = half_pair::variant(plan.slopes(), registration == RegistrationStep::Held, plan.projective());
         for HalfPairs { sharper, others, needed } in frames {
             s.want(needed.clone());
             let Some((listed, grid)) = s.list(half_pair::TILE, 0) else { continue };

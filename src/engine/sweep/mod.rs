@@ -93,7 +93,7 @@ impl JointSolver {
         Self::within(MEMORY.min(engine.memory()), engine, size, format, frames, settings)
     }
 
-    /// The same within `memory` bytes of the device.
+    /// Makes a solver that uses at most `memory` bytes of the device.
     fn within(
         memory: u64,
         engine: &Engine,

@@ -4,9 +4,10 @@
 use super::pyramid::{RELAXATION_SWEEPS, first_level};
 use super::shared::{ITERATIONS, SharedParameters};
 use super::{MAX_RELATIVE_BLUR, outlines};
-use crate::base::{Format, Homography, Settings, Shading};
+use crate::base::{Error, Format, Homography, Settings, Shading};
 use crate::engine::plan::{Level, Plan};
-use crate::engine::script::{Script, sweep};
+use crate::engine::script::Script;
+use crate::engine::script::sweep::{self, RegistrationStep};
 use crate::engine::stages::Field;
 use crate::engine::tiles::Ranges;
 
@@ -15,10 +16,10 @@ use crate::engine::tiles::Ranges;
 const END: f64 = 6.0;
 
 /// The plan of a sweep.
-pub(crate) fn plan([width, height]: [u32; 2], format: Format) -> Plan {
+pub(crate) fn plan([width, height]: [u32; 2], format: Format) -> Result<Plan, Error> {
     let (max_relative_blur, relaxation_sweeps) = (MAX_RELATIVE_BLUR, RELAXATION_SWEEPS);
     let settings = Settings { max_relative_blur, relaxation_sweeps, ..Settings::default() };
-    Plan::new(width, height, [format; 2], &settings).expect("the settings of sweeps are valid")
+    Plan::new(width, height, [format; 2], &settings)
 }
 
 /// The scripts of a sweep, and those of its search for outlines. It has `frames` frames at even settings, and shows a
@@ -56,7 +57,8 @@ pub(crate) fn scripts(plan: &Plan, frames: usize) -> (Vec<Script>, Vec<Script>) 
             if n == 0 || !hold {
                 scripts.push(align(level, n == 0));
             }
-            scripts.push(sweep::half_pairs(plan, level, &frames, hold));
+            let registration = if hold { RegistrationStep::Held } else { RegistrationStep::Free };
+            scripts.push(sweep::half_pairs(plan, level, &frames, registration));
             scripts.push(sweep::step(plan, level, &system, &update));
         }
     }

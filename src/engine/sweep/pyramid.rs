@@ -10,7 +10,7 @@ use crate::base::statistics::median;
 use crate::base::{Error, Frame, Homography, Mask, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
-use crate::engine::script::sweep;
+use crate::engine::script::sweep::{self, RegistrationStep};
 use crate::engine::slot::Slot;
 use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
 use crate::engine::stages::update_transform::displacing;
@@ -51,7 +51,7 @@ const UPLOAD: f64 = 0.45;
 const START: f64 = 1100.0;
 /// Time per pixel of all iterations on the finest level, one or two, relative to one iteration on a coarser level.
 const FINEST: f64 = 1.5;
-/// The same of the search for outlines on a level, per pixel of the finest: 0.2 to 0.8 on three real sweeps. Coarser
+/// Time of the search for outlines on a level, per pixel of the finest, relative to the same iteration: 0.2 to 0.8 on three real sweeps. Coarser
 /// levels have fewer cells, but more of them have an edge.
 const OUTLINES: f64 = 0.4;
 
@@ -212,7 +212,7 @@ impl PyramidSolver {
         self.enter(&level, shared, excluded)?;
         let mut system = None;
         for n in 1..=iterations {
-            let (_, rate) = self.sum_pairs(&level, shared, true)?;
+            let (_, rate) = self.sum_pairs(&level, shared, RegistrationStep::Held)?;
             let layers = self.device.read(Slot::NormalEquations, level.size, 0..half_pair::LAYERS)?;
             let before = self.focus(&level)?;
             self.step(&level, shared, rate)?;
@@ -315,7 +315,7 @@ impl PyramidSolver {
 
     /// One iteration on a level: steps of u, T and c.
     fn iterate(&mut self, level: &Level, shared: &mut SharedParameters) -> Result<(), Error> {
-        let (sums, rate) = self.sum_pairs(level, shared, false)?;
+        let (sums, rate) = self.sum_pairs(level, shared, RegistrationStep::Free)?;
         let eliminated = self.step(level, shared, rate)?;
         let own: [f64; 2] = [0, 1].map(|n| sums.iter().map(|pair| pair.sums.roughness[n]).sum());
         // c steps with u eliminated.
@@ -330,16 +330,15 @@ impl PyramidSolver {
     }
 
     /// Sums the linear systems of all pairs on the device; returns the sums of their registrations, and c of the level.
-    /// `hold`: T and c do not step.
     fn sum_pairs(
         &mut self,
         level: &Level,
         shared: &mut SharedParameters,
-        hold: bool,
+        registration: RegistrationStep,
     ) -> Result<(Vec<PairSums>, f64), Error> {
         self.resample(level, shared)?;
         let rate = shared.rate_on(level);
-        let sums = self.half_pairs(level, shared, hold)?;
+        let sums = self.half_pairs(level, shared, registration)?;
         shared.pairs_per_pixel = sums.iter().map(|pair| pair.sums.valid).sum::<f64>() / self.valid_pixels.max(1.0);
         Ok((sums, rate))
     }
@@ -370,14 +369,19 @@ impl PyramidSolver {
     }
 
     /// The sums of all pairs, of u on the device.
-    fn half_pairs(&mut self, level: &Level, shared: &SharedParameters, hold: bool) -> Result<Vec<PairSums>, Error> {
+    fn half_pairs(
+        &mut self,
+        level: &Level,
+        shared: &SharedParameters,
+        registration: RegistrationStep,
+    ) -> Result<Vec<PairSums>, Error> {
         let [columns, rows, _] = half_pair::tiles(level.size);
         let ranges = Ranges::of(&self.focus(level)?);
         let (frames, half_pairs) = shared.half_pairs(level, self.excluded_words, &ranges);
         let layout = Layout::of(self.plan.projective());
         let floats = (columns * rows) as usize * layout.length;
         // Tiles that are not listed write no sums.
-        let script = sweep::half_pairs(&self.plan, level, &frames, hold);
+        let script = sweep::half_pairs(&self.plan, level, &frames, registration);
         self.device.run_after_zeroing(&script, half_pairs.len() * floats)?;
         let read = |(n, frames): (usize, &[usize; 2])| {
             let rows = self.device.partials(n * floats, floats)?;

@@ -37,7 +37,7 @@ const DAMPING: f64 = 1e-3;
 const BANDS: usize = 8;
 /// The largest blur of the sharper frame of a pair that counts, px² of the level.
 const MAX_SHARPER_BLUR: f64 = 2.0;
-/// The same as a distance in mean steps; the larger of the two counts.
+/// The largest distance of the sharper frame of a pair from focus, in mean steps. The larger of both limits counts.
 const MAX_SHARPER_STEPS: f64 = 1.5;
 
 /// The settings of an uneven sweep, the first at 0; `None` if it may be even.

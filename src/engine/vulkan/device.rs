@@ -196,11 +196,13 @@ impl Device {
         self.abandoned.load(Ordering::Acquire) > 0
     }
 
-    /// Refuses further work after a failed wait. `is_complete`: the submission is no longer pending.
-    pub(super) fn poison(&self, is_complete: bool) {
-        if !is_complete {
-            self.abandoned.fetch_add(1, Ordering::AcqRel);
-        }
+    /// Keeps all objects of the device, since a submission that failed is still pending.
+    pub(super) fn abandon(&self) {
+        self.abandoned.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// Refuses further work after a failed wait.
+    pub(super) fn poison(&self) {
         self.is_poisoned.store(true, Ordering::Release);
     }
 

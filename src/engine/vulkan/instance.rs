@@ -78,7 +78,7 @@ pub(crate) struct OptionalExtensions {
 }
 
 impl OptionalExtensions {
-    /// Those of a device that supports the extensions for which `has` is true.
+    /// Returns the extensions of a device for which `has` is true.
     pub(super) fn supported(has: impl Fn(&CStr) -> bool) -> Self {
         let [conditional_rendering, host_memory, dma_buf @ ..] = OPTIONAL_EXTENSIONS;
         Self {

@@ -17,7 +17,7 @@ use crate::engine::shaders::Shader;
 pub(crate) enum Kind {
     /// A storage image, a 2D array of one or four floats per texel.
     Image,
-    /// The same of one float per texel, by its bits: a word per texel.
+    /// A storage image of one float per texel, read as the words of their bits.
     Words,
     /// A storage buffer.
     Buffer,

@@ -10,7 +10,7 @@ use super::device::Device;
 use super::interop::ExternalCommandBuffer;
 use super::memory::{Buffer, Image};
 use super::pipeline::{DescriptorSets, Pipeline, Resource};
-use super::recording::{Part, Recording, Reusable, Timeline};
+use super::recording::{RecordedPart, Recording, Reusable, Timeline};
 use super::timestamps::{Clock, Timestamps};
 use crate::base::Error;
 
@@ -39,7 +39,7 @@ pub(crate) enum Workgroups<'a> {
 pub(crate) struct Recorder {
     device: Arc<Device>,
     pool: vk::CommandPool,
-    parts: Vec<Part>,
+    parts: Vec<RecordedPart>,
     /// Command buffers of the pool in the initial state.
     unused: Vec<vk::CommandBuffer>,
     /// The timeline of the recording, if it is not a new one.
@@ -75,7 +75,7 @@ impl Recorder {
         // SAFETY: the device was created with a queue of this family.
         let pool = unsafe { device.handle.create_command_pool(&create, None) };
         recorder.pool = device.check("vkCreateCommandPool", pool)?;
-        recorder.begin_part(false)?;
+        recorder.begin_part()?;
         recorder.timestamps.reset(recorder.commands());
         Ok(recorder)
     }
@@ -93,7 +93,7 @@ impl Recorder {
         completion: &Arc<Buffer>,
     ) -> Self {
         let mut recorder = Self::empty(device, Timestamps::default());
-        recorder.parts.push(Part { commands: commands.0, is_optional: false, ends_batch: true });
+        recorder.parts.push(RecordedPart { commands: commands.0, is_optional: false, ends_batch: true });
         recorder.retain(completion.clone());
         recorder.completion = Some(completion.clone());
         recorder.barrier();
@@ -113,7 +113,7 @@ impl Recorder {
         let mut recorder = Self::empty(&device, Timestamps::default());
         (recorder.pool, recorder.unused, recorder.descriptors) = (pool, commands, descriptors);
         recorder.timeline = Some(timeline);
-        recorder.begin_part(false)?;
+        recorder.begin_part()?;
         Ok(recorder)
     }
 
@@ -136,14 +136,17 @@ impl Recorder {
     /// Begins another part. It sees all earlier writes. Once a part is complete, the host sees all its writes.
     pub(crate) fn next_part(&mut self) -> Result<(), Error> {
         self.end_part()?;
-        self.begin_part(false)
+        self.begin_part()
     }
 
     /// Begins an optional part. The host decides whether to submit it when the earlier parts are complete
     /// ([`Recording::run_parts`]).
     pub(crate) fn next_optional_part(&mut self) -> Result<(), Error> {
         self.end_part()?;
-        self.begin_part(true)
+        let parts = self.parts.len();
+        self.begin_part()?;
+        self.parts[parts..].iter_mut().for_each(|part| part.is_optional = true);
+        Ok(())
     }
 
     /// Begins a part that the device skips if a word of a buffer, at a byte offset, is not zero when the earlier parts
@@ -207,7 +210,7 @@ impl Recorder {
         self.device.is_conditional()
     }
 
-    fn begin_part(&mut self, is_optional: bool) -> Result<(), Error> {
+    fn begin_part(&mut self) -> Result<(), Error> {
         if self.completion.is_some() {
             self.barrier();
             return Ok(());
@@ -216,7 +219,7 @@ impl Recorder {
             Some(commands) => commands,
             None => self.allocate()?,
         };
-        self.parts.push(Part { commands, is_optional, ends_batch: true });
+        self.parts.push(RecordedPart { commands, is_optional: false, ends_batch: true });
         // SAFETY: the command buffer is in the initial state.
         let begun =
             unsafe { self.device.handle.begin_command_buffer(self.commands(), &vk::CommandBufferBeginInfo::default()) };

@@ -16,7 +16,7 @@ use crate::base::{Deadline, Error};
 
 /// A part of a recording.
 #[derive(Clone, Copy)]
-pub(super) struct Part {
+pub(super) struct RecordedPart {
     pub(super) commands: vk::CommandBuffer,
     /// Whether the host decides to submit it when the earlier parts are complete.
     pub(super) is_optional: bool,
@@ -56,7 +56,7 @@ pub(crate) type PartCondition<'a> = &'a mut dyn FnMut(usize) -> Result<bool, Err
 pub(crate) struct Recording {
     device: Arc<Device>,
     pool: vk::CommandPool,
-    parts: Vec<Part>,
+    parts: Vec<RecordedPart>,
     descriptors: DescriptorSets,
     timestamps: Timestamps,
     /// A timeline semaphore that counts the submitted parts of all runs, by batches.
@@ -79,7 +79,7 @@ impl Recording {
     pub(super) fn new(
         device: &Arc<Device>,
         pool: vk::CommandPool,
-        parts: Vec<Part>,
+        parts: Vec<RecordedPart>,
         descriptors: DescriptorSets,
         retained: Vec<Arc<dyn Any + Send + Sync>>,
         timestamps: Timestamps,
@@ -155,7 +155,7 @@ impl Recording {
     /// when its last one is complete. Parts between two optional ones are one submission.
     ///
     /// # Errors
-    /// Those of `is_wanted`; [`Error::Timeout`], which poisons the device as every failed wait does; [`Error::Vulkan`].
+    /// The errors of `is_wanted`; [`Error::Timeout`], which poisons the device as every failed wait does; [`Error::Vulkan`].
     pub(crate) fn run_parts(
         &mut self,
         parts: usize,
@@ -248,7 +248,10 @@ impl Recording {
     /// never freed.
     fn give_up(&self, last: u64, result: vk::Result, deadline: Deadline) -> Error {
         let ended = self.wait_timeline(last, GRACE);
-        self.device.poison(matches!(ended, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST)));
+        if !matches!(ended, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST)) {
+            self.device.abandon();
+        }
+        self.device.poison();
         let name = &self.device.info().name;
         if result == vk::Result::TIMEOUT {
             return deadline.error(name);
@@ -256,11 +259,11 @@ impl Recording {
         vulkan_error("waiting for the device", name, result)
     }
 
-    fn submit_parts(&self, parts: &[Part], waits: &[SemaphoreWait]) -> Result<(), Error> {
+    fn submit_parts(&self, parts: &[RecordedPart], waits: &[SemaphoreWait]) -> Result<(), Error> {
         let waits: Vec<_> = waits.iter().map(SemaphoreWait::submit_info).collect();
         let commands: Vec<_> =
             parts.iter().map(|part| vk::CommandBufferSubmitInfo::default().command_buffer(part.commands)).collect();
-        let batches: Vec<_> = parts.split_inclusive(|part| part.ends_batch).map(<[Part]>::len).collect();
+        let batches: Vec<_> = parts.split_inclusive(|part| part.ends_batch).map(<[RecordedPart]>::len).collect();
         let ends = batches.iter().scan(0, |end, batch| {
             *end += batch;
             Some(*end)
@@ -288,7 +291,7 @@ impl Recording {
         let submitted = self.device.submit(&submits);
         if submitted == Err(vk::Result::ERROR_DEVICE_LOST) {
             // A lost device completes all submissions.
-            self.device.poison(true);
+            self.device.poison();
         }
         self.device.check("vkQueueSubmit2", submitted)
     }

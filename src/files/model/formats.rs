@@ -5,6 +5,7 @@ use std::io::{self, Cursor, Write};
 use image::{ImageFormat, RgbImage};
 use serde_json::{Value, json};
 
+use super::Model;
 use super::points::Points;
 
 /// The points without holes, their normals and triangles.
@@ -90,9 +91,9 @@ fn unit(v: [f64; 3]) -> [f32; 3] {
     if length > 0.0 { v.map(|c| (c / length) as f32) } else { [0.0, 0.0, 1.0] }
 }
 
-/// Writes PLY (Turk 1994), binary: the points with normals and colours, and the triangles if asked.
-pub(super) fn write_ply(writer: &mut dyn Write, points: &Points, with_triangles: bool) -> io::Result<()> {
-    let mesh = Mesh::new(points)?;
+/// Writes PLY (Turk 1994), binary: the points with normals and colours, and unless as a cloud, the triangles.
+pub(super) fn write_ply(writer: &mut dyn Write, points: &Points, model: Model) -> io::Result<()> {
+    let (mesh, with_triangles) = (Mesh::new(points)?, model != Model::Cloud);
     writeln!(writer, "ply\nformat binary_little_endian 1.0")?;
     writeln!(writer, "comment parfocal {}", env!("CARGO_PKG_VERSION"))?;
     writeln!(writer, "comment unit: {}; x right, y up, z towards the camera", one_line(&points.unit))?;

@@ -13,7 +13,7 @@ use crate::engine::stages::NO_VARIANT;
 use crate::engine::stages::copy::{self, Constants};
 use crate::engine::stages::pass::Pass;
 use crate::engine::vulkan::{Clock, Device, Image, Pipeline, Recorder, Resource, Texel, Workgroups};
-use crate::engine::{Engine, PairOptions, PreparedSolver};
+use crate::engine::{CountedPixels, Engine, PairOptions, PreparedSolver};
 
 /// The relaxation passes: half-iterations, whole small levels, and tiles.
 const RELAX: [&str; 2] = ["relax", "relax_tiles"];
@@ -31,7 +31,8 @@ pub(super) fn run(
     copy: Option<f64>,
 ) -> Result<(RunReport, Profile), Error> {
     let size = input.size();
-    let prepare = |reading| PreparedSolver::new(engine, size, input.formats(), settings, 1, Some(false), reading);
+    let pixels = Some(CountedPixels::All);
+    let prepare = |reading| PreparedSolver::new(engine, size, input.formats(), settings, 1, pixels, reading);
     let started = Instant::now();
     let mut solver = prepare(Reading::Never)?;
     let prepare_ms = milliseconds(started);

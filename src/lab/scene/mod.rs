@@ -193,7 +193,7 @@ impl Scene {
     /// Renders the pair. Uses all processors, for a second or two at the default size.
     ///
     /// # Errors
-    /// Those of [`check`](Self::check); [`Error::File`] if the file of the radiance or the shape cannot be used;
+    /// As [`check`](Self::check); [`Error::File`] if the file of the radiance or the shape cannot be used;
     /// [`Error::Setting`] if depth and lens give a blur beyond σ 24 px.
     pub fn render(&self) -> Result<Simulated, Error> {
         self.check()?;

@@ -152,7 +152,7 @@ impl SweepScene {
     /// Renders the frames. Each takes the time of one image of a pair.
     ///
     /// # Errors
-    /// Those of [`check`](Self::check) and of [`Scene::render`].
+    /// As [`check`](Self::check) and [`Scene::render`].
     pub fn render(&self) -> Result<SimulatedSweep, Error> {
         self.check()?;
         let Scene { width, height, seed, transform, .. } = self.scene;

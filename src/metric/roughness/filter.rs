@@ -126,18 +126,19 @@ impl Gaussian {
 }
 
 /// The filters of an evaluation.
+#[derive(Default)]
 pub(super) struct Filters {
     s_filter: Option<Gaussian>,
     l_filter: Option<Gaussian>,
     pub(super) l_cutoff: Option<f64>,
-    is_robust: bool,
+    pub(super) is_robust: bool,
 }
 
 impl Filters {
-    /// Makes the filters of cutoff wavelengths in px.
-    pub(super) fn new(s_cutoff: Option<f64>, l_cutoff: Option<f64>, is_robust: bool) -> Self {
+    /// Makes filters of cutoff wavelengths in px, which are not robust.
+    pub(super) fn new(s_cutoff: Option<f64>, l_cutoff: Option<f64>) -> Self {
         let [s_filter, l_filter] = [s_cutoff, l_cutoff].map(|cutoff| cutoff.map(Gaussian::new));
-        Self { s_filter, l_filter, l_cutoff, is_robust }
+        Self { s_filter, l_filter, l_cutoff, is_robust: false }
     }
 
     /// Applies the S-filter, then the L-filter.

@@ -127,7 +127,7 @@ impl Grid {
             let problem = "the surface has too little curvature for a cylinder: remove a plane or a quadric";
             Error::Region(problem.to_string())
         };
-        let start = Cylinder::of_quadric(&(quadric / unit), unit, pixel.is_some());
+        let start = Cylinder::of_quadric(&(quadric / unit), unit, pixel);
         let is_curved = (start.bend * unit).abs() > LEAST_CURVATURE * (high - low);
         let mut best = start.within(1.5 + start.offset.abs());
         if !is_curved || !best.bend.is_finite() {
@@ -204,7 +204,7 @@ struct Cylinder {
 
 impl Cylinder {
     /// Returns the cylinder that osculates a quadric: across its axis is the direction of the largest curvature.
-    fn of_quadric(quadric: &Vector, unit: f64, is_round: bool) -> Self {
+    fn of_quadric(quadric: &Vector, unit: f64, pixel: Option<f64>) -> Self {
         let [base, x, y, xx, xy, yy] = [0, 1, 2, 3, 4, 5].map(|n| quadric[n]);
         // Principal curvatures are the mean ± the difference; the axis is the direction of the smaller one.
         let (mean, difference) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy / 2.0));
@@ -217,6 +217,7 @@ impl Cylinder {
         let (along, across) = (x * cos + y * sin, y * cos - x * sin);
         let offset = -across / (2.0 * curvature);
         let base = base - curvature * offset * offset;
+        let is_round = pixel.is_some();
         Self { angle, offset, tilt: along, base, bend: 2.0 * curvature, squash: 0.0, is_round, unit }.tied()
     }
 

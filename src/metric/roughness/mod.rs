@@ -250,7 +250,8 @@ pub fn roughness(
             "only {measured_px} of the area's {area_px} pixels are measured, and {problem}"
         )));
     }
-    let filters = Filters::new(evaluation.s_filter_px, evaluation.l_filter_px, evaluation.robust);
+    let mut filters = Filters::new(evaluation.s_filter_px, evaluation.l_filter_px);
+    filters.is_robust = evaluation.robust;
     let line = evaluation.line.map(|line| line.within(region)).transpose()?;
     let evaluate = |surface: &Surface| evaluation.evaluate(surface, line.as_ref(), &filters);
     let found = evaluate(&surface)?;
@@ -487,7 +488,7 @@ mod tests {
         let along = Evaluation { line, form: Form::None, ..plain() };
         let found = roughness(&heights, None, &Area { region, mask: None }, &along).unwrap();
         let row: Vec<f64> = heights.values[30 * 96 + 20..=30 * 96 + 80].iter().map(|z| f64::from(*z)).collect();
-        let expected = ProfileParameters::of_profile(&row, &Filters::new(None, None, false));
+        let expected = ProfileParameters::of_profile(&row, &Filters::default());
         close(found.parameters[12].value, expected.rq, 1e-6);
         assert_eq!((found.profiles, found.sections), (1, 5));
     }

@@ -205,7 +205,7 @@ fn surfaces() -> Vec<Surface> {
         let d = c * (y - 75.0) - s * x;
         (900.0f64.powi(2) - d * d).sqrt() + 0.02 * (c * x + s * (y - 75.0))
     };
-    let filters = Filters::new(Some(6.0), Some(50.0), false);
+    let filters = Filters::new(Some(6.0), Some(50.0));
     let mut missing = waves(1, 60, [10.0, 40.0], 1.0);
     for (i, z) in missing.values.iter_mut().enumerate() {
         if (i % 200) % 20 < 7 && (i / 200) % 16 < 6 {
@@ -224,7 +224,7 @@ fn surfaces() -> Vec<Surface> {
 
 fn parameters(of: &Surface) -> [f64; 14] {
     let (h, spatial) = (of.height_parameters(), of.spatial_parameters());
-    let rows = ProfileParameters::of_rows(of, &Filters::new(None, None, false));
+    let rows = ProfileParameters::of_rows(of, &Filters::default());
     let texture = if spatial.is_bound { f64::NAN } else { spatial.str };
     let [sdq, sdr] = [of.sdq(1.0), of.sdr(1.0)];
     [h.sa, h.sq, h.ssk, h.sku, h.sp, h.sv, h.sz, sdq, sdr, spatial.sal, texture, rows.ra, rows.rq, rows.rz]

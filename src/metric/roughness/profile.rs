@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn rows_of_a_sine_have_its_closed_forms() {
-        let none = Filters::new(None, None, false);
+        let none = Filters::default();
         let mut sine = surface([1000, 4], |x, y| 2.0 * (TAU * (x + 0.5) / 100.0).sin() + 10.0 * y);
         let found = ProfileParameters::of_rows(&sine, &none);
         close(found.ra, 4.0 / PI, 1e-3);
@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn the_l_filter_leaves_half_at_its_cutoff_and_sets_the_sections() {
         let sine = surface([2000, 1], |x, _| (TAU * x / 100.0).sin());
-        let found = ProfileParameters::of_rows(&sine, &Filters::new(None, Some(100.0), false));
+        let found = ProfileParameters::of_rows(&sine, &Filters::new(None, Some(100.0)));
         close(found.rq, 0.5 / 2f64.sqrt(), 0.02);
         assert_eq!((sections(2000, Some(100.0)), sections(90, Some(100.0)), sections(90, None)), (20, 1, 5));
     }

@@ -13,7 +13,7 @@ mod solution;
 use std::borrow::Cow;
 
 use self::fuse::FocusedFrames;
-use self::order::{MIN_FRAMES, Order};
+use self::order::{MIN_FRAMES, Order, Rules};
 pub use self::positions::{Positions, SweepDepth};
 pub use self::solution::{RegisteredSweep, Sweep};
 use crate::base::{Brightness, Error, Format, Frame, Homography, Mask, Progress, Region, Settings, centre};
@@ -250,7 +250,9 @@ impl<'a> Task<'a> {
         }
         let photograph = [frames[0].width(), frames[0].height()];
         solve.check(photograph)?;
-        let order = order::judge(frames, options.positions != Positions::Counted, options.settings.keep_frames)?;
+        let rules =
+            Rules { stated: options.positions != Positions::Counted, keep_foreign: options.settings.keep_frames };
+        let order = order::judge(frames, rules)?;
         let positions = options.positions.of(&order.frames);
         let mut reference = options.reference;
         let mut frames = Cow::Borrowed(frames);

@@ -37,19 +37,27 @@ const NEGLIGIBLE_SHARE: f64 = 0.005;
 /// The largest distance that a frame is moved, frames.
 const MAX_MOVE: usize = 8;
 
-/// Determines which frames are solved, and their order. If their positions are `stated`, the order does not change. If
-/// foreign frames are to be kept, warnings alone say which they are.
+/// How frames are judged.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Rules {
+    /// Whether their positions are stated, so that their order does not change.
+    pub(super) stated: bool,
+    /// Whether foreign frames are kept, so that warnings alone say which they are.
+    pub(super) keep_foreign: bool,
+}
+
+/// Determines which frames are solved, and their order.
 ///
 /// # Errors
 /// [`Error::Mismatch`] if fewer than three frames, or no more than half of them, differ and show one scene.
-pub(super) fn judge(frames: &[Frame], stated: bool, keep_foreign: bool) -> Result<Order, Error> {
+pub(super) fn judge(frames: &[Frame], rules: Rules) -> Result<Order, Error> {
     let mut warnings = Vec::new();
-    let distinct = without_repetitions(frames, stated, &mut warnings);
+    let distinct = without_repetitions(frames, rules, &mut warnings);
     let reduced = workers::map(distinct.len(), |n| Reduced::of(&frames[distinct[n]]));
     let Some(reduced) = reduced.into_iter().collect::<Option<Vec<_>>>() else {
         return Ok(Order { frames: enough(distinct, frames.len())?, warnings });
     };
-    let (kept, logarithms) = without_foreign(&distinct, reduced, keep_foreign, &mut warnings);
+    let (kept, logarithms) = without_foreign(&distinct, reduced, rules, &mut warnings);
     let kept = enough(kept, frames.len())?;
     let (best, certain) = in_order(&logarithms);
     let best: Vec<usize> = best.into_iter().map(|n| kept[n]).collect();
@@ -58,14 +66,14 @@ pub(super) fn judge(frames: &[Frame], stated: bool, keep_foreign: bool) -> Resul
     }
     let numbers: Vec<String> = best.iter().map(|n| (n + 1).to_string()).collect();
     let numbers = numbers.join(", ");
-    warnings.push(if stated {
+    warnings.push(if rules.stated {
         format!("the frames seem to be out of order, and would fit as {numbers}; their positions are stated, and they are taken as given")
     } else if certain {
         format!("the frames were out of order, and are taken as {numbers}")
     } else {
         format!("the frames may be out of order, and would fit better as {numbers}; they are taken as given")
     });
-    Ok(Order { frames: if certain && !stated { best } else { kept }, warnings })
+    Ok(Order { frames: if certain && !rules.stated { best } else { kept }, warnings })
 }
 
 /// Returns the frames that are kept of those passed, or an error if they are too few.
@@ -82,11 +90,11 @@ fn enough(kept: Vec<usize>, passed: usize) -> Result<Vec<usize>, Error> {
 }
 
 /// The frames that show the scene of most frames, and the logarithms of their sharpness. `distinct` has the index of
-/// each frame among those passed. If all are to be kept, the warnings alone say which are foreign.
+/// each frame among those passed.
 fn without_foreign(
     distinct: &[usize],
     reduced: Vec<Reduced>,
-    keep: bool,
+    rules: Rules,
     warnings: &mut Vec<String>,
 ) -> (Vec<usize>, Vec<Vec<f32>>) {
     let (sharpness, coarse): (Vec<_>, Vec<_>) =
@@ -98,25 +106,25 @@ fn without_foreign(
     showing.iter().zip(are_merged).filter(|(_, is)| *is).for_each(|(&n, _)| reasons[n] = Some(Foreign::Merged));
     for (n, reason) in reasons.iter().enumerate() {
         if let Some(reason) = reason {
-            let action = if keep { "it is kept as asked" } else { "it is left out" };
+            let action = if rules.keep_foreign { "it is kept as asked" } else { "it is left out" };
             warnings.push(format!("frame {} {}; {action}", distinct[n] + 1, reason.words()));
         }
     }
-    let kept: Vec<usize> = (0..distinct.len()).filter(|&n| keep || reasons[n].is_none()).collect();
+    let kept: Vec<usize> = (0..distinct.len()).filter(|&n| rules.keep_foreign || reasons[n].is_none()).collect();
     let left: Vec<_> = kept.iter().map(|n| &sharpness[*n]).collect();
     (kept.iter().map(|n| distinct[*n]).collect(), logarithms(&left))
 }
 
 /// The frames without repetitions: a frame is left out if its samples equal those of an earlier frame.
-fn without_repetitions(frames: &[Frame], stated: bool, warnings: &mut Vec<String>) -> Vec<usize> {
+fn without_repetitions(frames: &[Frame], rules: Rules, warnings: &mut Vec<String>) -> Vec<usize> {
     let mut distinct: Vec<usize> = Vec::new();
     for (n, frame) in frames.iter().enumerate() {
         let same = distinct.iter().find(|other| frames[**other].samples() == frame.samples());
         if let Some(other) = same {
-            let action = if stated { "positions are stated, and both are taken" } else { "it is left out" };
+            let action = if rules.stated { "positions are stated, and both are taken" } else { "it is left out" };
             warnings.push(format!("frame {} is the same photograph as frame {}; {action}", n + 1, other + 1));
         }
-        if same.is_none() || stated {
+        if same.is_none() || rules.stated {
             distinct.push(n);
         }
     }
@@ -276,39 +284,41 @@ mod tests {
         (0..count).map(frame).collect()
     }
 
-    fn judged(numbers: &[usize], stated: bool) -> (Vec<usize>, Vec<String>) {
+    const STATED: Rules = Rules { stated: true, keep_foreign: false };
+
+    fn judged(numbers: &[usize], rules: Rules) -> (Vec<usize>, Vec<String>) {
         let frames = slope(7);
         let given: Vec<Frame> = numbers.iter().map(|n| frames[*n].clone()).collect();
-        let order = judge(&given, stated, false).unwrap();
+        let order = judge(&given, rules).unwrap();
         (order.frames.iter().map(|n| numbers[*n]).collect(), order.warnings)
     }
 
     #[test]
     fn frames_in_order_and_reversed_frames_keep_their_order() {
         for numbers in [[0, 1, 2, 3, 4, 5, 6], [6, 5, 4, 3, 2, 1, 0]] {
-            assert_eq!(judged(&numbers, false), (numbers.to_vec(), Vec::new()));
+            assert_eq!(judged(&numbers, Rules::default()), (numbers.to_vec(), Vec::new()));
         }
         // A missing frame does not break the order.
-        assert_eq!(judged(&[0, 1, 2, 4, 5, 6], false), (vec![0, 1, 2, 4, 5, 6], Vec::new()));
+        assert_eq!(judged(&[0, 1, 2, 4, 5, 6], Rules::default()), (vec![0, 1, 2, 4, 5, 6], Vec::new()));
     }
 
     #[test]
     fn swapped_frames_are_put_in_order_unless_positions_are_stated() {
         for numbers in [[0, 1, 3, 2, 4, 5, 6], [0, 2, 3, 4, 1, 5, 6], [1, 0, 2, 3, 4, 5, 6]] {
-            let (order, warnings) = judged(&numbers, false);
+            let (order, warnings) = judged(&numbers, Rules::default());
             assert_eq!(order, [0, 1, 2, 3, 4, 5, 6], "{warnings:?}");
             assert!(warnings[0].contains("out of order, and are taken as"), "{warnings:?}");
-            let (order, warnings) = judged(&numbers, true);
+            let (order, warnings) = judged(&numbers, STATED);
             assert!(order == numbers && warnings[0].contains("as given"), "{warnings:?}");
         }
     }
 
     #[test]
     fn a_repeated_frame_is_left_out_unless_positions_are_stated() {
-        let (order, warnings) = judged(&[0, 1, 2, 2, 3, 4], false);
+        let (order, warnings) = judged(&[0, 1, 2, 2, 3, 4], Rules::default());
         assert_eq!((order, warnings.len()), (vec![0, 1, 2, 3, 4], 1));
         assert!(warnings[0].contains("frame 4 is the same photograph as frame 3"), "{warnings:?}");
-        assert_eq!(judged(&[0, 1, 2, 2, 3, 4], true).0, [0, 1, 2, 2, 3, 4]);
+        assert_eq!(judged(&[0, 1, 2, 2, 3, 4], STATED).0, [0, 1, 2, 2, 3, 4]);
     }
 
     fn uniform(count: usize, seed: u64) -> Vec<f64> {
@@ -347,12 +357,12 @@ mod tests {
             for place in [0, 2, 3, 6] {
                 let mut given = frames.clone();
                 given[place] = foreign.clone();
-                let order = judge(&given, false, false).unwrap();
+                let order = judge(&given, Rules::default()).unwrap();
                 let expected: Vec<usize> = (0..7).filter(|n| *n != place).collect();
                 assert_eq!(order.frames, expected, "{words}: {:?}", order.warnings);
                 let named = format!("frame {} {words}", place + 1);
                 assert!(order.warnings[0].starts_with(&named) && order.warnings.len() == 1, "{:?}", order.warnings);
-                let kept = judge(&given, false, true).unwrap();
+                let kept = judge(&given, Rules { stated: false, keep_foreign: true }).unwrap();
                 assert!(
                     kept.frames.len() == 7 && kept.warnings[0].ends_with("it is kept as asked"),
                     "{:?}",
@@ -372,9 +382,9 @@ mod tests {
             replaced(&frames[0], |x, y| f64::from(value(x, y)) + noise[y * 192 + x])
         };
         let mut given: Vec<Frame> = (0..7).map(|n| noisy(n, &|x, y| stack[n][y * 192 + x])).collect();
-        assert_eq!(judge(&given, false, false).unwrap().warnings, Vec::<String>::new());
+        assert_eq!(judge(&given, Rules::default()).unwrap().warnings, Vec::<String>::new());
         given[3] = noisy(7, &|x, y| stack[(6 * x + 96) / 192][y * 192 + x]);
-        let order = judge(&given, false, false).unwrap();
+        let order = judge(&given, Rules::default()).unwrap();
         assert_eq!(order.frames, [0, 1, 2, 4, 5, 6], "{:?}", order.warnings);
         assert!(order.warnings[0].starts_with("frame 4 is sharp wherever any other frame is"), "{:?}", order.warnings);
     }
@@ -390,7 +400,7 @@ mod tests {
                 0.5 + 0.05 * (0..12).map(|n| wave(5 * n)).sum::<f64>()
             })
         };
-        let error = judge(&[frames[0].clone(), other(1), other(2)], false, false).err().unwrap();
+        let error = judge(&[frames[0].clone(), other(1), other(2)], Rules::default()).err().unwrap();
         assert!(error.to_string().contains("only 1 of 3 frames differ and show one scene"), "{error}");
     }
 }

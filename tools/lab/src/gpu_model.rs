@@ -244,7 +244,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
     let columns = CARDS.map(|card| format!("{}, ms", card.name)).join(" | ");
     println!("| solve | batches | dispatches | kB per pixel | {columns} |");
     let mut details = String::new();
-    for solve in Solve::all() {
+    for solve in Solve::all().map_err(|e| e.to_string())? {
         let work = solve.work();
         for pass in work.iter().flat_map(|work| [Some(work.pass), work.last.map(|(pass, _)| pass)]).flatten() {
             if let Entry::Vacant(entry) = compiled.entry(pass.label()) {

@@ -301,14 +301,13 @@ impl Report {
         }
     }
 
-    /// Adds the files that were read, the warnings about the files of a pair, and whether the validation layer was
-    /// enabled.
-    pub fn set_inputs(&mut self, inputs: Vec<Input>, validated: bool) {
+    /// Adds the files that were read, and the warnings about the files of a pair.
+    pub fn set_inputs(&mut self, inputs: Vec<Input>) {
         if let [i1, i2] = inputs.as_slice() {
             self.warnings.extend(image_io::pair_warnings(&inputs, self.settings.decode));
             self.frames.iter_mut().zip([i1, i2]).for_each(|(frame, input)| frame.file.clone_from(&input.file));
         }
-        (self.inputs, self.validated) = (inputs, validated);
+        self.inputs = inputs;
     }
 
     /// Whether a file of this name belongs to the results.
