@@ -148,18 +148,11 @@ impl WorkCounter {
     pub(crate) fn part_done(&mut self, part: &script::Part, n: usize, state: Option<&State>) -> Option<Progress> {
         let runs = |part: &PartWork| part.optional.is_none_or(|iteration| iteration.runs(state));
         let (ran, goes_on) = (runs(&self.parts[n]), self.parts.get(n + 1).is_none_or(runs));
-        let latest = self.after(n, ran, goes_on);
-        (latest.total > 0 && (ran || part.level_done.is_some())).then_some(latest)
-    }
-
-    /// The progress once part n is over. `ran`: it was not skipped; `goes_on`: its level has not settled.
-    fn after(&mut self, n: usize, ran: bool, goes_on: bool) -> Progress {
-        let part = &self.parts[n];
+        let PartWork { level, optional, work } = self.parts[n];
         if ran {
-            self.done += part.work;
-            self.ran += usize::from(part.optional.is_some());
+            self.done += work;
+            self.ran += usize::from(optional.is_some());
         }
-        let level = part.level;
         let ends = self.parts.get(n + 1).is_none_or(|next| next.level != level);
         let mut left = if goes_on { self.expected.saturating_sub(self.ran).max(1) } else { 0 };
         if ends {
@@ -183,7 +176,8 @@ impl WorkCounter {
         // A level that needs more than was expected must not take progress back.
         self.share = self.share.max(share);
         let total = self.levels_done.last().copied().unwrap_or(0);
-        Progress { done: self.levels_done[n], total, share: self.share }
+        let latest = Progress { done: self.levels_done[n], total, share: self.share };
+        (total > 0 && (ran || part.level_done.is_some())).then_some(latest)
     }
 }
 
@@ -196,19 +190,19 @@ mod tests {
     use crate::engine::plan::Plan;
     use crate::engine::script::{CountedPixels, compose};
 
-    /// The shares that are printed during a solve whose levels, coarsest first, run this many optional parts.
-    /// `at_once`: all parts are one batch, and end with the last.
-    fn shares(ran: &[usize], at_once: bool) -> Vec<f64> {
+    /// The shares that are printed during a solve whose levels, coarsest first, run this many optional parts: if each
+    /// part is a batch, and if all are one, which ends with the last.
+    fn shares(ran: &[usize]) -> [Vec<f64>; 2] {
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let script = compose(&Plan::new(320, 256, [gray; 2], &Settings::default()).unwrap(), CountedPixels::All);
-        let mut counter = WorkCounter::new(&script, script.parts.len(), Costs::Vulkan);
+        let count = script.parts.len();
+        let counter = || WorkCounter::new(&script, count, Costs::Vulkan);
         // Each part copies the state for the optional part behind it.
         let (mut state, mut optional) = (State::zeroed(), vec![0; ran.len()]);
         let mut states = Vec::new();
-        for n in 0..script.parts.len() {
-            if let Some(PartWork { level: place, optional: Some(Iteration { level, k }), .. }) =
-                counter.parts.get(n + 1)
-            {
+        let parts = counter().parts;
+        for n in 0..count {
+            if let Some(PartWork { level: place, optional: Some(Iteration { level, k }), .. }) = parts.get(n + 1) {
                 let level = &mut state.levels[*level];
                 if level.settled == 0 {
                     level.iterations = *k;
@@ -218,27 +212,20 @@ mod tests {
             }
             states.push(state);
         }
-        let done = (0..script.parts.len()).filter_map(|n| {
-            let seen = if at_once { &state } else { &states[n] };
-            counter.part_done(&script.parts[n], n, Some(seen))
-        });
-        done.map(|progress| progress.share).collect()
+        [states, vec![state; count]].map(|seen| {
+            let mut counter = counter();
+            let done = (0..count).filter_map(|n| counter.part_done(&script.parts[n], n, Some(&seen[n])));
+            done.map(|progress| progress.share).collect()
+        })
     }
 
     #[test]
-    fn progress_rises_to_one_however_many_iterations_levels_need() {
-        for ran in [[5, 2, 2, 2], [9, 3, 8, 20], [0, 0, 0, 0]] {
-            let shares = shares(&ran, false);
-            assert!(shares.is_sorted() && shares[0] > 0.0, "{shares:?}");
-            assert!((shares[shares.len() - 1] - 1.0).abs() < 1e-12, "{shares:?}");
-        }
-    }
-
-    #[test]
-    fn parts_that_end_at_once_count_as_those_that_end_one_by_one() {
+    fn progress_rises_to_one_however_many_iterations_levels_need_and_parts_a_batch_has() {
         for ran in [[5, 2, 2, 2], [9, 3, 8, 20], [0, 0, 0, 0], [1, 0, 7, 1]] {
-            let [by_parts, by_batches] = [false, true].map(|at_once| shares(&ran, at_once));
+            let [by_parts, by_batches] = shares(&ran);
             assert_eq!(by_parts, by_batches);
+            assert!(by_parts.is_sorted() && by_parts[0] > 0.0, "{by_parts:?}");
+            assert!((by_parts[by_parts.len() - 1] - 1.0).abs() < 1e-12, "{by_parts:?}");
             // One for each level that starts, for each optional part that runs, and for the results.
             assert!(by_parts.len() > ran.iter().sum(), "{by_parts:?}");
         }

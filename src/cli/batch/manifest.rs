@@ -74,7 +74,7 @@ type Lines = Result<Vec<(usize, Line)>, (usize, String)>;
 
 /// Reads the lines of a manifest with their numbers.
 pub(super) fn read(file: &Path) -> Result<Vec<(usize, Line)>, Failure> {
-    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let failed = |problem: String| Failure::file(file, problem);
     let text = bounded_read::text(file, MAX_BYTES).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => failed("is too long for a manifest; split it".to_string()),
         _ => failed(format!("cannot be read as a manifest ({e}); give a folder, CSV or JSON lines")),

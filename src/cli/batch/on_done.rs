@@ -79,7 +79,7 @@ impl OnDone {
             let mut folders = self.marks.ancestors().take(if cfg!(unix) { 2 } else { 0 });
             folders.try_for_each(|folder| File::open(folder)?.sync_all())
         };
-        marked().map_err(|e: io::Error| Failure::Failed(format!("{}: cannot be written ({e})", file.display())))
+        marked().map_err(|e: io::Error| Failure::file(file, format!("cannot be written ({e})")))
     }
 
     /// Removes the mark of a part. The folder of marks stays, since another part may be about to be marked.

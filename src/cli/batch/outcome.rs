@@ -50,7 +50,7 @@ impl ReportExcerpt {
 }
 
 fn not_a_report(out: &Path, error: &serde_json::Error) -> Failure {
-    Failure::Failed(format!("{}: is not a report of parfocal ({error}); remove it", out.join(REPORT_FILE).display()))
+    Failure::file(out.join(REPORT_FILE), format!("is not a report of parfocal ({error}); remove it"))
 }
 
 /// The outcome of a pair or a sweep.
@@ -79,7 +79,7 @@ impl Outcome {
         let found = Self::report(out)?.map(ReportExcerpt::of).transpose();
         match found.map_err(|e| not_a_report(out, &e))? {
             Some(found) => Ok(Self::Kept(found)),
-            None => Err(Failure::Failed(format!("{}: is gone", out.join(REPORT_FILE).display()))),
+            None => Err(Failure::file(out.join(REPORT_FILE), "is gone")),
         }
     }
 
@@ -89,7 +89,7 @@ impl Outcome {
         match bounded_read::read(&file, MAX_REPORT) {
             Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|e| not_a_report(out, &e)),
             Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
-            Err(e) => Err(Failure::Failed(format!("{}: cannot be read ({e}); check its permissions", file.display()))),
+            Err(e) => Err(Failure::file(file, format!("cannot be read ({e}); check its permissions"))),
         }
     }
 

@@ -89,7 +89,7 @@ impl Search<'_> {
     }
 
     fn failed(&self, problem: &str) -> Failure {
-        Failure::Failed(format!("{}: {problem}", self.folder.display()))
+        Failure::file(self.folder, problem)
     }
 
     fn of_folder(&self) -> Result<Grouped, Failure> {
@@ -241,7 +241,7 @@ const ENDS: &str = "names of a pair differ only in a number, near and far, or a 
 const APART: &str = "put each focus sweep, or each pair, into a folder of its own, or give a manifest";
 
 fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Failure> {
-    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let failed = |problem: String| Failure::file(file, problem);
     let folder = file.parent().unwrap_or(Path::new(""));
     let (mut pairs, mut given) = (Vec::new(), HashMap::new());
     for (number, line) in manifest::read(file)? {

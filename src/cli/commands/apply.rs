@@ -114,7 +114,7 @@ fn check_size(arguments: &Arguments, path: &Path, found: [u32; 2], size: Option<
 }
 
 fn of_file(path: &Path, problem: impl std::fmt::Display) -> Failure {
-    Failure::Failed(format!("{}: {problem}", path.display()))
+    Failure::file(path, problem)
 }
 
 /// Prints the files as JSON.
@@ -134,7 +134,7 @@ fn check(arguments: &Arguments, images: &[PathBuf]) -> Result<Vec<String>, Failu
         let name = result_name(path, registered_ending(depth))?;
         if names.contains(&name) {
             let problem = "two images have this name; write them into two folders";
-            return Err(Failure::Failed(format!("{}: {problem}", path.display())));
+            return Err(Failure::file(path, problem));
         }
         destination::check_inputs(&arguments.output, &[&name], &inputs)?;
         arguments.force.to(&arguments.output).check_named(registered_kind(depth), &[&name])?;

@@ -112,7 +112,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let solved: Vec<Results> = folders.iter().map(|folder| Results::read_pair(folder)).collect::<Result<_, _>>()?;
     let lens = arguments.lens.required(&solved[0])?;
     for (folder, solved) in folders.iter().zip(&solved) {
-        let refused = |problem: &str| Err(Failure::Failed(format!("{}: {problem}", folder.display())));
+        let refused = |problem: &str| Err(Failure::file(folder, problem));
         let needs_all = matches!(target, Target::Plane(_)) || lens.field.is_some();
         if needs_all && solved.report.size != solved.report.photograph {
             return refused(
@@ -196,7 +196,7 @@ const MAX_BYTES: u64 = 1 << 20;
 
 fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
     const SHAPE: &str = r#"give [{"region": [X, Y, W, H], "depth_mm": Z}, ...]"#;
-    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let failed = |problem: String| Failure::file(file, problem);
     let text =
         bounded_read::text(file, MAX_BYTES).map_err(|e| failed(format!("cannot be read ({e}); check the path")))?;
     let steps: Vec<StepOfFile> =

@@ -171,7 +171,7 @@ impl Arguments {
         let named = |e: &Error| Failure::Usage(format!("{}: {e}", folder.display()));
         // Depth is last, if it is known.
         let Some(quantity) = results.comparable().pop() else {
-            return Err(Failure::Failed(format!("{}: has no heights; solve again", folder.display())));
+            return Err(Failure::file(folder, "has no heights; solve again"));
         };
         let (best, report) = (results.best(), &results.report);
         let values = Values { width: report.size.width, values: &best.values };
@@ -180,7 +180,7 @@ impl Arguments {
         for (n, pair) in self.step.chunks_exact(2).enumerate() {
             let Some(found) = values.step(pair[0], pair[1]).map_err(|e| named(&e))? else {
                 let problem = format!("step {} has too few valid pixels; give other regions", n + 1);
-                return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
+                return Err(Failure::file(folder, problem));
             };
             steps.push(found);
         }
@@ -306,7 +306,7 @@ impl Arguments {
 
 /// Evaluates the table of a study.
 fn of_table(arguments: &Arguments, table: &Path) -> Result<RepeatReport, Failure> {
-    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", table.display()));
+    let failed = |problem: String| Failure::file(table, problem);
     let (rows, unit) = study_table::read(table)?;
     let (mut read, mut quantity, mut unit) = (Vec::new(), "value".to_string(), unit);
     if rows.iter().any(|row| matches!(row.measured, Measured::Results(_))) {

@@ -134,7 +134,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Depth is last, if it is known.
     let measured = results.measured().pop();
     let (Some(measured), Some(quantity)) = (measured, results.comparable().pop()) else {
-        return Err(Failure::Failed(format!("{}: has no heights; solve again", arguments.results.display())));
+        return Err(Failure::file(&arguments.results, "has no heights; solve again"));
     };
     let common = results.by_scale(&measured);
     let pixel = arguments.pixel.pixel_size.or(results.report.pixel_size_um);

@@ -145,7 +145,7 @@ const MAX_WAIT: u32 = 50;
 /// Finds and opens the page.
 pub(crate) fn open(arguments: &PageArguments) -> Result<(), Failure> {
     let results = &arguments.results;
-    let failed = |problem: &str| Failure::Failed(format!("{}: {problem}", results.display()));
+    let failed = |problem: &str| Failure::file(results, problem);
     if !results.is_dir() {
         return Err(failed("is no folder; give the one that parfocal solve, stack or batch wrote"));
     }

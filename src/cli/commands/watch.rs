@@ -88,7 +88,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let request = arguments.options.request()?;
     if !folder.is_dir() {
         let problem = bounded_read::not_a_path(folder).unwrap_or("there is no such folder to watch; create it");
-        return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
+        return Err(Failure::file(folder, problem));
     }
     let index = request.page.then_some(INDEX);
     batch::check_output(&request, out, SUMMARY, index, &arguments.inspection)?;

@@ -95,7 +95,7 @@ impl InspectionArguments {
         };
         self.golden.iter().find(is_within).map_or(Ok(()), |golden| {
             let problem = "is a golden part in the folder of the results, which may replace it; give another folder";
-            Err(Failure::Failed(format!("{}: {problem}", golden.display())))
+            Err(Failure::file(golden, problem))
         })
     }
 
@@ -164,7 +164,7 @@ const MAX_SUMMARY: u64 = 1 << 30;
 pub(crate) fn result_folders(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut all = Vec::new();
     for path in paths {
-        let failed = |problem: String| Failure::Failed(format!("{}: {problem}", path.display()));
+        let failed = |problem: String| Failure::file(path, problem);
         let unreadable = |e: io::Error| failed(format!("cannot be read ({e}); check its permissions"));
         if path.join(REPORT_FILE).exists() || !path.is_dir() {
             all.push(path.clone());

@@ -44,15 +44,14 @@ impl LogArgument {
     pub(crate) fn start(&self, source: &Path, out: &Path, more: Value) -> Result<Log, Failure> {
         let log = Log { file: self.log.clone(), is_torn: Cell::new(false), problem: RefCell::default() };
         if let Some(file) = &self.log {
-            let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+            let failed = |problem: String| Failure::file(file, problem);
             if let Some(problem) = not_a_path(file) {
                 return Err(failed(problem.to_string()));
             }
             if file == Path::new("-") {
                 return Err(Failure::Usage("--log -: lines are appended to a file; give one".to_string()));
             }
-            fs::create_dir_all(out)
-                .map_err(|e| Failure::Failed(format!("{}: cannot be created ({e})", out.display())))?;
+            fs::create_dir_all(out).map_err(|e| Failure::file(out, format!("cannot be created ({e})")))?;
             let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
             let name = file.file_name().unwrap_or_default().to_string_lossy();
             if is_of_batch(&name) && same_file(folder, out) {

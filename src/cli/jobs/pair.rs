@@ -6,7 +6,7 @@ use parfocal::export::{self, Kind, NearerBy, Report, Results};
 use parfocal::image_io::{Input, Photograph, Values};
 use parfocal::{Frame, Lens, PairSolver, Settings, Solution, SolveOptions, settings::DeviceInfo};
 
-use crate::cli::jobs::results::{check_inputs, check_results, fitting, write_results};
+use crate::cli::jobs::results::{Expected, check_inputs, check_results, fitting, write_results};
 use crate::cli::options::photographs;
 use crate::cli::options::run::is_validation_requested;
 use crate::cli::options::series;
@@ -37,10 +37,10 @@ impl PairJob {
     pub(crate) fn check(&self, request: &Request) -> Result<(), Failure> {
         if request.part.flat.as_ref().is_some_and(|flat| same_file(flat, &self.out)) {
             let problem = "holds the flat reference; give another folder for the results";
-            return Err(Failure::Failed(format!("{}: {problem}", self.out.display())));
+            return Err(Failure::file(&self.out, problem));
         }
         check_inputs(request, &self.files, &self.out)?;
-        check_results(request, Kind::Pair, &self.out, request.lens.is_some(), &[])
+        check_results(request, Expected { kind: Kind::Pair, in_mm: request.lens.is_some() }, &self.out, &[])
     }
 
     /// Reads the pair. Returns `None` if `settled` finds complete results of these files. Checks large photographs
@@ -64,7 +64,8 @@ impl PairJob {
         let frames = Photograph::decode_pair(photographs)?;
         let values = values.corrected(&inputs, &frames);
         let settings = Settings { decode: values.decode, ..request.settings.clone() };
-        let scope = fitting(request, Kind::Pair, &self.out, lens.is_some(), &frames)?;
+        let expected = Expected { kind: Kind::Pair, in_mm: lens.is_some() };
+        let scope = fitting(request, expected, &self.out, &frames)?;
         Ok(Some(Photographs { frames, inputs, scope, settings, values, lens }))
     }
 

@@ -23,15 +23,23 @@ pub(crate) fn check_inputs(request: &Request, photographs: &[PathBuf], out: &Pat
     destination::check(out, REPORT_FILE, &possible, &inputs)
 }
 
+/// What is known of results before the solve.
+#[derive(Clone, Copy)]
+pub(crate) struct Expected {
+    pub(crate) kind: Kind,
+    /// Whether depth will be in mm.
+    pub(crate) in_mm: bool,
+}
+
 /// Refuses exports that the results cannot have, and an output folder in which a file of another program has the name
 /// of a result. `frames` are empty before they are read.
 pub(crate) fn check_results(
     request: &Request,
-    kind: Kind,
+    expected: Expected,
     out: &Path,
-    in_mm: bool,
     frames: &[Frame],
 ) -> Result<(), Failure> {
+    let Expected { kind, in_mm } = expected;
     let in_floats = frames.iter().any(|frame| frame.format().depth == Depth::F32);
     request.models.check_metric(in_mm && (kind == Kind::Pair || request.pixel_size.is_some()))?;
     let more = [(request.page, PAGE_FILE), (in_mm, DEPTH_FILE), (in_floats, FUSED_FLOAT_FILE)];
@@ -46,12 +54,11 @@ pub(crate) fn check_results(
 /// Reads the files of the part that is solved. Refuses files, measurements and results that do not match the frames.
 pub(crate) fn fitting(
     request: &Request,
-    kind: Kind,
+    expected: Expected,
     out: &Path,
-    in_mm: bool,
     frames: &[Frame],
 ) -> Result<SolveOptions, Failure> {
-    check_results(request, kind, out, in_mm, frames)?;
+    check_results(request, expected, out, frames)?;
     let size = [frames[0].width(), frames[0].height()];
     let scope = request.part.fitting(size)?;
     if let Some([width, height]) = request.part.size(size) {

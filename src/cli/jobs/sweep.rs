@@ -12,7 +12,7 @@ use parfocal::{
     settings::{DeviceInfo, Method},
 };
 
-use crate::cli::jobs::results::{check_inputs, check_results, fitting, write_results};
+use crate::cli::jobs::results::{Expected, check_inputs, check_results, fitting, write_results};
 use crate::cli::options::photographs::{self, SweepFiles};
 use crate::cli::options::run::is_validation_requested;
 use crate::cli::options::series;
@@ -48,6 +48,10 @@ impl SweepJob {
         SweepOptions { settings, positions: self.positions.clone(), reference: self.reference }
     }
 
+    fn expected(&self) -> Expected {
+        Expected { kind: Kind::Sweep, in_mm: self.positions.millimetres().is_some() }
+    }
+
     /// The digest of everything that changes the results, except the frames.
     pub(crate) fn digest(&self, request: &Request) -> Result<String, Failure> {
         request.digest(format!("{:?} {:?}", self.positions, self.reference).as_bytes())
@@ -66,7 +70,7 @@ impl SweepJob {
         photographs::nearer_end(request.nearer, &self.positions)?;
         request.models.check_labels(self.files.frames.len())?;
         check_inputs(request, &self.files.frames, &self.out)?;
-        check_results(request, Kind::Sweep, &self.out, self.positions.millimetres().is_some(), &[])
+        check_results(request, self.expected(), &self.out, &[])
     }
 
     /// Reads the frames. Returns `None` if `settled` finds complete results of these files.
@@ -87,8 +91,7 @@ impl SweepJob {
         check_alike(&self.files.frames, &frames)?;
         let values = Values::of(request.settings.decode, &inputs)?.corrected(&inputs, &frames);
         let options = self.options(Settings { decode: values.decode, ..request.settings.clone() });
-        let in_mm = self.positions.millimetres().is_some();
-        let part = fitting(request, Kind::Sweep, &self.out, in_mm, &frames)?;
+        let part = fitting(request, self.expected(), &self.out, &frames)?;
         let read_ms = started.elapsed().as_secs_f64() * 1e3;
         Ok(Some(SweepFrames { frames, inputs, options, part, values, read_ms }))
     }

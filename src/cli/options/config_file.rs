@@ -119,7 +119,7 @@ fn requested(command: &Command, arguments: &[OsString]) -> Option<(ArgMatches, S
 }
 
 fn read(file: &Path) -> Result<Vec<Entry>, Failure> {
-    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let failed = |problem: String| Failure::file(file, problem);
     let text = bounded_read::text(file, MAX_BYTES).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => {
             failed("is larger than 1 MiB, too large for a configuration; `parfocal config` prints one".to_string())

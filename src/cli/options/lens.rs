@@ -231,7 +231,7 @@ pub(crate) fn nearer(stated: Option<u8>, lens: Option<&Lens>) -> Result<Nearer, 
 
 /// Reads a lens, or a file that contains one as `lens` or `depth.lens`.
 fn read(path: &Path) -> Result<PartOfLens, Failure> {
-    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", path.display()));
+    let failed = |problem: String| Failure::file(path, problem);
     let text = bounded_read::text(path, MAX_BYTES)
         .map_err(|e| failed(format!("cannot be read as a lens ({e}); check the path")))?;
     let value: Value = serde_json::from_str(&text).map_err(|e| failed(format!("is not JSON ({e})")))?;

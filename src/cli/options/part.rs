@@ -88,7 +88,7 @@ impl SolvedPart {
             && mask.bytes().iter().all(|counts| *counts == 0)
         {
             let problem = "leaves no pixel: it is nowhere at least half as bright as white; white is what counts";
-            return Err(Failure::Failed(format!("{}: {problem}", path.display())));
+            return Err(Failure::file(path, problem));
         }
         check_size(self.flat.as_deref(), scope.flat.as_ref().map(FieldCurvature::size), size, "photographs")?;
         let outside = |e| Failure::Usage(format!("--roi: {e}"));
@@ -133,17 +133,17 @@ pub(crate) fn check_size(
     }
     let [width, height] = size;
     let problem = format!("is of {w}x{h}, and the {which} are {width}x{height}; give one of their size");
-    Err(Failure::Failed(format!("{}: {problem}", path.display())))
+    Err(Failure::file(path, problem))
 }
 
 fn flat_reference(folder: &Path) -> Result<FieldCurvature, Failure> {
     let flat = Results::read_pair(folder)?;
     if flat.report.size != flat.report.photograph {
         let problem = "is of a part of the photographs; solve the flat target without --roi and --crop-valid";
-        return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
+        return Err(Failure::file(folder, problem));
     }
     FieldCurvature::of_flat_target(flat.report.photograph.into(), flat.values(), &flat.uncertainty_without_scale())
-        .map_err(|e| Failure::Failed(format!("{}: {e}", folder.display())))
+        .map_err(|e| Failure::file(folder, e))
 }
 
 /// The option of the size of a pixel.

@@ -139,7 +139,7 @@ pub(crate) fn one_series(files: &[PathBuf]) -> Option<SweepFiles> {
 
 /// The series of the photographs of a folder, or all if their names have no numbers.
 fn of_folder(folder: &Path, mut files: Vec<PathBuf>) -> Result<SweepFiles, Failure> {
-    let refused = |problem: String| Failure::Failed(format!("{}: holds {problem}", folder.display()));
+    let refused = |problem: String| Failure::file(folder, format!("holds {problem}"));
     if files.len() < 3 {
         return Err(refused(format!("{} photographs, and a sweep has three or more", files.len())));
     }
@@ -176,7 +176,7 @@ pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<
             }
             _ => format!("cannot be listed ({e}); check its permissions"),
         };
-        Failure::Failed(format!("{}: {problem}", folder.display()))
+        Failure::file(folder, problem)
     };
     let (mut files, mut folders) = (Vec::new(), Vec::new());
     for entry in fs::read_dir(folder).map_err(failed)? {

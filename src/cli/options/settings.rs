@@ -233,7 +233,7 @@ impl SettingsArguments {
         let registration = Registration::read(file)?;
         let Some(second) = registration.second() else {
             let problem = "registers a sweep; give the registration of a pair";
-            return Err(Failure::Failed(format!("{}: {problem}", file.display())));
+            return Err(Failure::file(file, problem));
         };
         settings.start = second.transform;
         if hold {

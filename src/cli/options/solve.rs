@@ -182,8 +182,7 @@ impl Request {
     pub(crate) fn digest(&self, more: &[u8]) -> Result<String, Failure> {
         let request = serde_json::to_vec(self).map_err(|e| Failure::Failed(e.to_string()))?;
         let read = |file: PathBuf| {
-            let failed =
-                |e| Failure::Failed(format!("{}: cannot be read ({e}); check its permissions", file.display()));
+            let failed = |e| Failure::file(&file, format!("cannot be read ({e}); check its permissions"));
             bounded_read::read(&file, MAX_BYTES).map_err(failed)
         };
         let files = self.part.files().into_iter().map(read).collect::<Result<Vec<_>, _>>()?;

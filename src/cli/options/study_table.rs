@@ -38,7 +38,7 @@ pub(crate) enum Measured {
 /// # Errors
 /// [`Failure::Failed`], which names the file and the line.
 pub(crate) fn read(file: &Path) -> Result<(Vec<Row>, String), Failure> {
-    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let failed = |problem: String| Failure::file(file, problem);
     let text = bounded_read::text(file, MAX_BYTES).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => failed("is too long for the table of a study; give up to 10000 rows".to_string()),
         _ => failed(format!("cannot be read as the table of a study ({e}); give a CSV file")),

@@ -33,7 +33,7 @@ pub(crate) fn check_folder(out: &Path) -> Result<(), Failure> {
     if out.exists() && !out.is_dir() {
         let folder = out.with_extension("");
         let hint = if folder.exists() { String::new() } else { format!(", '{}' say", folder.display()) };
-        return Err(Failure::Failed(format!("{}: is a file; give a folder for the results{hint}", out.display())));
+        return Err(Failure::file(out, format!("is a file; give a folder for the results{hint}")));
     }
     Ok(export::check_writable(out)?)
 }
@@ -43,7 +43,7 @@ pub(crate) fn check_inputs(out: &Path, results: &[&str], inputs: &[&PathBuf]) ->
     for input in inputs {
         if let Some(name) = results.iter().find(|name| same_file(&out.join(name), input)) {
             let problem = format!("is an input, and the result {name} would replace it; give another folder");
-            return Err(Failure::Failed(format!("{}: {problem}", input.display())));
+            return Err(Failure::file(input, problem));
         }
     }
     Ok(())
@@ -66,7 +66,7 @@ pub(crate) fn check_file(
     what: &str,
     inputs: &[&PathBuf],
 ) -> Result<(), Failure> {
-    let failed = |problem: String| Err(Failure::Failed(format!("{}: {problem}", file.path().display())));
+    let failed = |problem: String| Err(Failure::file(file.path(), problem));
     if file.path() == Path::new("-") {
         return Err(Failure::Usage(format!("-: give a file{what}; /dev/stdout is one")));
     }

@@ -1,6 +1,7 @@
 //! Errors of the program: an exit status, and one line on stderr that begins with "error: ", like clap's.
 
 use std::error::Error as _;
+use std::fmt::Display;
 use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
@@ -24,11 +25,16 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
+    /// A failure with a file or folder.
+    pub(crate) fn file(path: impl AsRef<Path>, problem: impl Display) -> Self {
+        Self::Failed(format!("{}: {problem}", path.as_ref().display()))
+    }
+
     /// The failure of a solve with `first` as its first file. Adds this name to errors about size, since the library
     /// does not know the files.
     pub(crate) fn of_solve(error: Error, first: &Path) -> Self {
         match error {
-            Error::TooSmall { .. } | Error::TooLarge { .. } => Self::Failed(format!("{}: {error}", first.display())),
+            Error::TooSmall { .. } | Error::TooLarge { .. } => Self::file(first, error),
             other => other.into(),
         }
     }

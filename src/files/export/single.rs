@@ -140,8 +140,8 @@ mod tests {
 
     const LENS: &str = r#"{"program": "parfocal", "kind": "lens", "residual_rms_px2": 1}"#;
 
-    fn write(path: &Path, force: bool, text: &str) -> Result<(), String> {
-        let out = Destination::new(path, force);
+    fn write<'d>(out: impl Into<Destination<'d>>, text: &str) -> Result<(), String> {
+        let out = out.into();
         let fill = |w: &mut BufWriter<&mut File>| w.write_all(text.as_bytes()).map_err(|e| e.to_string());
         out.check_file(FileKind::Lens).and_then(|()| write_file(out, FileKind::Lens, fill)).map_err(|e| e.to_string())
     }
@@ -150,17 +150,17 @@ mod tests {
     fn the_file_at_the_end_of_a_link_is_replaced() {
         let base = tempfile::TempDir::new().unwrap();
         let [file, link] = ["deep/lens.json", "link.json"].map(|name| base.path().join(name));
-        write(&file, false, LENS).unwrap();
+        write(&file, LENS).unwrap();
         symlink("deep/lens.json", &link).unwrap();
-        write(&link, false, &LENS.replace('1', "2")).unwrap();
+        write(&link, &LENS.replace('1', "2")).unwrap();
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert!(fs::read_to_string(&file).unwrap().contains('2'));
         assert_eq!(fs::read_dir(base.path().join("deep")).unwrap().count(), 1);
         fs::remove_file(&file).unwrap();
-        assert!(write(&link, true, LENS).unwrap_err().contains("leads nowhere"));
+        assert!(write(Destination::new(&link, true), LENS).unwrap_err().contains("leads nowhere"));
         let folder = base.path().join("folder");
         fs::create_dir(&folder).unwrap();
-        assert!(write(&folder, true, LENS).unwrap_err().contains("is a folder; give a file"));
+        assert!(write(Destination::new(&folder, true), LENS).unwrap_err().contains("is a folder; give a file"));
     }
 
     #[test]
@@ -168,11 +168,11 @@ mod tests {
         let base = tempfile::TempDir::new().unwrap();
         let file = base.path().join("lens.json");
         fs::write(&file, "my notes").unwrap();
-        let refused = write(&file, false, LENS).unwrap_err();
+        let refused = write(&file, LENS).unwrap_err();
         assert!(refused.contains("lens.json") && refused.contains("--force"), "{refused}");
         assert_eq!(fs::read_to_string(&file).unwrap(), "my notes");
-        write(&file, true, LENS).unwrap();
-        write(&file, false, LENS).unwrap();
+        write(Destination::new(&file, true), LENS).unwrap();
+        write(&file, LENS).unwrap();
         assert_eq!(fs::read_to_string(&file).unwrap(), LENS);
     }
 
@@ -182,7 +182,7 @@ mod tests {
         // The test uses a link, so that an error cannot replace a device.
         let null = base.path().join("null");
         symlink("/dev/null", &null).unwrap();
-        write(&null, false, LENS).unwrap();
+        write(&null, LENS).unwrap();
         assert!(fs::metadata(&null).unwrap().file_type().is_char_device());
         let pipe = base.path().join("pipe");
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
@@ -190,7 +190,7 @@ mod tests {
             let pipe = pipe.clone();
             std::thread::spawn(move || fs::read_to_string(pipe).unwrap())
         };
-        write(&pipe, false, LENS).unwrap();
+        write(&pipe, LENS).unwrap();
         assert_eq!(reader.join().unwrap(), LENS);
         assert!(fs::symlink_metadata(&pipe).unwrap().file_type().is_fifo());
     }
