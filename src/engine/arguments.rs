@@ -75,11 +75,9 @@ pub(crate) enum Over {
     Tiles,
     /// The pixels of one color.
     Half,
-    /// The tiles of `system_tiles`.
     SystemTiles,
     /// One workgroup.
     One,
-    /// The tiles of `relax_tiles`.
     RelaxTiles,
     /// The n-th coarse grid.
     Coarse(usize),

@@ -42,7 +42,6 @@ pub(super) trait PairMemory {
         deadline: Deadline,
         progress: &dyn Fn(Progress),
     ) -> Result<(), Error>;
-    /// The state in a slot.
     fn state(&self, slot: Slot) -> Result<State, Error>;
     /// The first `count` numbers in a slot.
     fn numbers(&self, slot: Slot, count: usize) -> Result<Vec<f32>, Error>;

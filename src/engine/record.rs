@@ -61,12 +61,10 @@ impl Workspace {
         Ok(())
     }
 
-    /// The image of a slot.
     pub(crate) fn image(&self, slot: Slot) -> &Arc<Image> {
         &self.images[&slot]
     }
 
-    /// The buffer of a slot.
     pub(crate) fn buffer(&self, slot: Slot) -> &Arc<Buffer> {
         &self.buffers[&slot]
     }
@@ -276,7 +274,6 @@ mod tests {
         "total_deviation: Stacks Update Update",
     ];
 
-    /// The name of an action.
     fn name(action: &Action) -> String {
         match action {
             Action::Dispatch(dispatch) => dispatch.stage.shader.name.to_string(),

@@ -141,7 +141,6 @@ impl Slot {
 
 /// A field of a pass's bindings: a slot, and how the pass accesses it.
 pub(crate) trait Bound: Copy {
-    /// The slot.
     fn slot(self) -> Slot;
     /// A slot as this binding.
     fn of(slot: Slot) -> Self;

@@ -26,7 +26,6 @@ struct On {
     pipelines: Arc<Pipelines>,
 }
 
-/// A script and its recording.
 struct RecordedScript {
     script: Script,
     recording: Recording,

@@ -50,7 +50,6 @@ pub(super) struct Photograph<'a> {
 }
 
 impl Photograph<'_> {
-    /// The luminance of a region.
     fn luminance(&self, region: Region) -> Result<Field, Error> {
         let Format { channels, depth } = self.format;
         let count = (region.width * channels.count()) as usize;

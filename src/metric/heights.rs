@@ -40,15 +40,18 @@ impl Heights {
         Ok(Self { width, height, values, deviation, part_deviation, evidence: vec![f32::INFINITY; pixels] })
     }
 
+    fn check_size(&self, what: &str, values: &[f32]) -> Result<(), Error> {
+        let (found, heights) = (values.len(), self.values.len());
+        let mismatch = || Error::Mismatch(format!("{what} of {found} pixels for {heights} heights"));
+        if found == heights { Ok(()) } else { Err(mismatch()) }
+    }
+
     /// Sets the evidence for the heights.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if it has another size.
     pub fn with_evidence(self, evidence: Vec<f32>) -> Result<Self, Error> {
-        if evidence.len() != self.values.len() {
-            let lengths = format!("evidence of {} pixels for {} heights", evidence.len(), self.values.len());
-            return Err(Error::Mismatch(lengths));
-        }
+        self.check_size("evidence", &evidence)?;
         Ok(Self { evidence, ..self })
     }
 
@@ -58,10 +61,7 @@ impl Heights {
     /// # Errors
     /// [`Error::Mismatch`] if it has another size.
     pub fn without_common(mut self, common: &[f32]) -> Result<Self, Error> {
-        if common.len() != self.values.len() {
-            let lengths = format!("errors of {} pixels for {} heights", common.len(), self.values.len());
-            return Err(Error::Mismatch(lengths));
-        }
+        self.check_size("errors", common)?;
         for ((value, sigma), common) in self.values.iter_mut().zip(&mut self.deviation).zip(common) {
             // Both were rounded, by a few times 6e-8 of their value: an error that is all of it may exceed it by that.
             if common.abs() <= *sigma * (1.0 + 1e-6) {
@@ -79,10 +79,7 @@ impl Heights {
     /// # Errors
     /// [`Error::Mismatch`] if it has another size.
     pub fn with_part_deviation(self, part_deviation: Vec<f32>) -> Result<Self, Error> {
-        if part_deviation.len() != self.values.len() {
-            let lengths = format!("deviations of {} pixels for {} heights", part_deviation.len(), self.values.len());
-            return Err(Error::Mismatch(lengths));
-        }
+        self.check_size("deviations", &part_deviation)?;
         Ok(Self { part_deviation, ..self })
     }
 

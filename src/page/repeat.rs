@@ -205,7 +205,6 @@ fn by_part(value: &ValueReport, unit: &str) -> Plot {
     plot
 }
 
-/// A name with its unit.
 fn label(name: &str, unit: &str) -> String {
     if unit.is_empty() { name.to_string() } else { format!("{name}, {unit}") }
 }

@@ -81,7 +81,6 @@ fn check_output(arguments: &Arguments, out: &Path) -> Result<(), Failure> {
     Ok(arguments.force.to(out).check_results(INSPECT_FILES[0], &INSPECT_FILES)?)
 }
 
-/// The summary.
 fn summary(report: &InspectReport, out: Option<&Path>) -> String {
     let (unit, t) = (report.unit, &report.transform);
     let mut lines = vec![format!("verdict        {}", report.verdict.text())];

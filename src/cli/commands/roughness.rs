@@ -88,7 +88,6 @@ fn length(text: &str) -> Result<f64, String> {
 const PAIR_WINDOW: f64 = 4.0;
 const SWEEP_WINDOW: f64 = 2.0;
 
-/// The report.
 #[derive(Serialize)]
 struct RoughnessReport {
     results: String,
@@ -223,7 +222,6 @@ impl Arguments {
     }
 }
 
-/// The unit of a gradient.
 fn gradient(unit: &str, lateral: &str) -> String {
     if unit.contains('/') { format!("({unit})/{lateral}") } else { format!("{unit}/{lateral}") }
 }

@@ -67,7 +67,6 @@ impl ComparisonArguments {
         if self.in_place { Placement::Fixed } else { Placement::Free }
     }
 
-    /// The limits with this tolerance.
     pub(crate) fn limits(&self, tolerance: f64) -> Limits {
         let default = Limits::new(tolerance);
         Limits {

@@ -154,7 +154,6 @@ impl Golden {
         Ok(Self { names, first: parts.swap_remove(0), fields, doubts, tolerance: None })
     }
 
-    /// The golden part of a file.
     pub(crate) fn taught(file: &Path, GoldenPart { report, heights, picture }: GoldenPart) -> Self {
         let (name, tolerance) = (file.display().to_string(), report.tolerance);
         // The reader checks the unit.

@@ -47,7 +47,6 @@ impl Judge {
         &self.limits
     }
 
-    /// Judges the results in a folder.
     pub(crate) fn judge(&self, folder: &Path, label: InspectedPart) -> Result<Judged, Failure> {
         let (part, golden) = (Part::read(folder)?, &self.golden);
         let (index, field) = self.common(&part)?;

@@ -8,7 +8,6 @@ use serde::Serialize;
 
 use crate::cli::output::failure::{Failure, plain};
 
-/// The verdict of a part.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct PartVerdict {
     /// The serial number: the name of the pair or the sweep.

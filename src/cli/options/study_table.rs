@@ -27,7 +27,6 @@ pub(crate) struct Row {
 /// What a row states.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Measured {
-    /// A value.
     Value(f64),
     /// A folder of results.
     Results(PathBuf),

@@ -433,7 +433,6 @@ impl Level {
         linearise::tiles(self.size, self.rows)
     }
 
-    /// Pixels.
     pub(crate) fn pixels(&self) -> u64 {
         stages::pixels(self.size[0], self.size[1])
     }

@@ -79,7 +79,6 @@ impl SweepDevice {
         }
     }
 
-    /// Runs a script.
     pub(super) fn run(&mut self, script: &Script) -> Result<(), Error> {
         self.run_after_zeroing(script, 0)
     }

@@ -230,7 +230,6 @@ impl BlurStacks {
         }
     }
 
-    /// A pixel of a frame.
     pub(super) fn sharp(&self, frame: usize, pixel: usize) -> f64 {
         f64::from(self.nodes[frame][0][pixel])
     }

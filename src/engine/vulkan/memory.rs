@@ -286,7 +286,6 @@ impl Image {
         Ok(Arc::new(image))
     }
 
-    /// Returns the subresource range of all layers.
     pub(super) fn all_layers(&self) -> vk::ImageSubresourceRange {
         vk::ImageSubresourceRange {
             aspect_mask: vk::ImageAspectFlags::COLOR,

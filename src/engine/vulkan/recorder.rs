@@ -18,11 +18,9 @@ use crate::base::Error;
 const WORK: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::from_raw(
     vk::PipelineStageFlags2::COMPUTE_SHADER.as_raw() | vk::PipelineStageFlags2::TRANSFER.as_raw(),
 );
-/// Their writes.
 const WRITES: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
     vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw() | vk::AccessFlags2::TRANSFER_WRITE.as_raw(),
 );
-/// Their reads.
 const READS: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
     vk::AccessFlags2::SHADER_STORAGE_READ.as_raw() | vk::AccessFlags2::TRANSFER_READ.as_raw(),
 );
@@ -403,7 +401,6 @@ impl Recorder {
             .image_extent(vk::Extent3D { width: image.width, height: image.height, depth: 1 })
     }
 
-    /// Copies layers of an image to a buffer.
     pub(crate) fn copy_image_to_buffer(&mut self, image: &Arc<Image>, layers: Range<u32>, to: &Arc<Buffer>) {
         let region = [Self::image_region(image, layers)];
         // SAFETY: the command buffer is recording; the image is in the general layout, the layers fit into the buffer,

@@ -14,7 +14,6 @@ use super::pipeline::DescriptorSets;
 use super::timestamps::{DeviceTimes, Timestamps};
 use crate::base::{Deadline, Error};
 
-/// A part of a recording.
 #[derive(Clone, Copy)]
 pub(super) struct RecordedPart {
     pub(super) commands: vk::CommandBuffer,

@@ -389,20 +389,6 @@ mod tests {
         names
     }
 
-    #[test]
-    fn only_files_that_the_earlier_report_lists_are_removed() {
-        let base = TempDir::new().unwrap();
-        fs::write(base.path().join("notes"), "mine").unwrap();
-        written(base.path(), "report.json", &["a", "b"]).unwrap();
-        written(base.path(), "report.json", &["b", "c"]).unwrap();
-        assert_eq!(names_in(base.path()), ["b", "c", "notes", "report.json"]);
-        let refused = written(base.path(), "report.json", &["b", "notes"]).unwrap_err();
-        assert!(refused.contains("notes: is there already") && refused.contains("--force"), "{refused}");
-        assert_eq!(fs::read(base.path().join("notes")).unwrap(), b"mine");
-        assert_eq!(names_in(base.path()), ["b", "c", "notes", "report.json"]);
-        assert!(written(base.path(), "truth.json", &["b"]).is_err(), "the results of another report");
-    }
-
     /// Names and contents of the files in a folder.
     fn contents(folder: &Path) -> Vec<(String, String)> {
         let names = names_in(folder).into_iter();

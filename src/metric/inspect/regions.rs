@@ -7,7 +7,6 @@ use crate::base::Region;
 pub(super) struct Extent {
     /// The number of pixels.
     pub(super) area_px: usize,
-    /// The centroid, px.
     pub(super) centroid_px: [f64; 2],
     /// The bounding box.
     pub(super) bounds_px: Region,

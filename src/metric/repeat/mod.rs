@@ -221,7 +221,6 @@ impl Compared<'_> {
         (tiles, bins)
     }
 
-    /// Returns the noise of a pair.
     fn pair(&self, [first, second]: [usize; 2], shifts: &[f64]) -> PairNoise {
         let mut tiles = vec![Tile::default(); TILES * TILES];
         for (&i, &tile) in self.pixels.iter().zip(self.tiles) {
@@ -264,7 +263,6 @@ fn ratio_of_sums(tiles: &[Tile], n: usize) -> Estimate {
     Estimate { value, standard_error: if filled.len() < LEAST_TILES { f64::NAN } else { standard_error } }
 }
 
-/// Returns the root of an estimate.
 fn root(of: Estimate) -> Estimate {
     let value = of.value.sqrt();
     Estimate { value, standard_error: if value > 0.0 { of.standard_error / (2.0 * value) } else { of.standard_error } }

@@ -3,7 +3,6 @@
 /// Row-major heights of an image, greater towards the camera. NaN marks missing pixels.
 #[derive(Clone, Debug)]
 pub(super) struct Surface {
-    /// Width, px.
     pub(super) width: usize,
     /// The heights.
     pub(super) values: Vec<f64>,

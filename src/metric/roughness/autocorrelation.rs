@@ -13,7 +13,6 @@ const THRESHOLD: f64 = 0.2;
 /// Steps of the search for the threshold along a ray, per px.
 const STEPS: f64 = 8.0;
 
-/// The spatial parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SpatialParameters {
     /// Autocorrelation length Sal, px. NaN if heights are correlated everywhere.

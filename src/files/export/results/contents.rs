@@ -26,7 +26,6 @@ pub const DEPTH_PICTURE_FILE: &str = "depth.png";
 /// A field: its name, its file and its description.
 type FieldFile = (&'static str, &'static str, &'static Description);
 
-/// Fields of a pair.
 static PAIR_FIELDS: [FieldFile; 5] = [
     ("relative_blur", "relative_blur.exr", &RELATIVE_BLUR),
     ("uncertainty", "uncertainty.exr", &UNCERTAINTY),
@@ -35,7 +34,6 @@ static PAIR_FIELDS: [FieldFile; 5] = [
     ("valid", "valid.png", &VALID),
 ];
 
-/// Fields of a sweep.
 static SWEEP_FIELDS: [FieldFile; 5] = [
     ("focus", "focus.exr", &FOCUS),
     ("uncertainty", "uncertainty.exr", &FOCUS_UNCERTAINTY),
