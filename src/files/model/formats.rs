@@ -5,7 +5,6 @@ use std::io::{self, Cursor, Write};
 use image::{ImageFormat, RgbImage};
 use serde_json::{Value, json};
 
-use super::Model;
 use super::points::Points;
 
 /// The points without holes, their normals and triangles.
@@ -91,9 +90,23 @@ fn unit(v: [f64; 3]) -> [f32; 3] {
     if length > 0.0 { v.map(|c| (c / length) as f32) } else { [0.0, 0.0, 1.0] }
 }
 
-/// Writes PLY (Turk 1994), binary: the points with normals and colours, and unless as a cloud, the triangles.
-pub(super) fn write_ply(writer: &mut dyn Write, points: &Points, model: Model) -> io::Result<()> {
-    let (mesh, with_triangles) = (Mesh::new(points)?, model != Model::Cloud);
+/// Writes PLY (Turk 1994), binary: the points with normals and colours, and the triangles.
+pub(super) fn write_ply(writer: &mut dyn Write, points: &Points) -> io::Result<()> {
+    let mesh = Mesh::new(points)?;
+    write_vertices(writer, points, &mesh, Some(&mesh.triangles))
+}
+
+/// Writes PLY, binary: the points with normals and colours.
+pub(super) fn write_cloud(writer: &mut dyn Write, points: &Points) -> io::Result<()> {
+    write_vertices(writer, points, &Mesh::new(points)?, None)
+}
+
+fn write_vertices(
+    writer: &mut dyn Write,
+    points: &Points,
+    mesh: &Mesh,
+    triangles: Option<&[[u32; 3]]>,
+) -> io::Result<()> {
     writeln!(writer, "ply\nformat binary_little_endian 1.0")?;
     writeln!(writer, "comment parfocal {}", env!("CARGO_PKG_VERSION"))?;
     writeln!(writer, "comment unit: {}; x right, y up, z towards the camera", one_line(&points.unit))?;
@@ -107,8 +120,8 @@ pub(super) fn write_ply(writer: &mut dyn Write, points: &Points, model: Model) -
     for name in ["red", "green", "blue"] {
         writeln!(writer, "property uchar {name}")?;
     }
-    if with_triangles {
-        writeln!(writer, "element face {}\nproperty list uchar int vertex_indices", mesh.triangles.len())?;
+    if let Some(triangles) = triangles {
+        writeln!(writer, "element face {}\nproperty list uchar int vertex_indices", triangles.len())?;
     }
     writeln!(writer, "end_header")?;
     for (&i, normal) in mesh.vertices.iter().zip(&mesh.normals) {
@@ -118,7 +131,7 @@ pub(super) fn write_ply(writer: &mut dyn Write, points: &Points, model: Model) -
         vertex[24..].copy_from_slice(&points.colors[i]);
         writer.write_all(&vertex)?;
     }
-    for corners in mesh.triangles.iter().filter(|_| with_triangles) {
+    for corners in triangles.unwrap_or_default() {
         let mut face = [3; 13];
         face[1..].chunks_exact_mut(4).zip(corners).for_each(|(bytes, n)| bytes.copy_from_slice(&n.to_le_bytes()));
         writer.write_all(&face)?;

@@ -42,8 +42,8 @@ impl Points {
             Model::Glb => "surface.glb",
         };
         let write = move |w: &mut dyn Write| match model {
-            Model::Ply => formats::write_ply(w, &mesh(), model),
-            Model::Cloud => formats::write_ply(w, self, model),
+            Model::Ply => formats::write_ply(w, &mesh()),
+            Model::Cloud => formats::write_cloud(w, self),
             Model::Stl => formats::write_stl(w, &mesh()),
             Model::Obj => formats::write_obj(w, &mesh()),
             Model::Glb => formats::write_glb(w, &mesh(), &preview(texture)),
@@ -119,9 +119,9 @@ mod tests {
         }
     }
 
-    fn ply(points: &Points, model: Model) -> Ply {
+    fn ply(points: &Points) -> Ply {
         let mut bytes = Vec::new();
-        formats::write_ply(&mut bytes, points, model).unwrap();
+        formats::write_ply(&mut bytes, points).unwrap();
         read_ply(&bytes)
     }
 
@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn a_mesh_covers_the_whole_plane() {
         let (points, _) = plane(false);
-        let found = ply(&points, Model::Ply);
+        let found = ply(&points);
         assert_eq!((found.vertices.len(), found.faces.len()), (30, 2 * 20));
         assert_eq!(found.vertices[8], ([2.0, -1.0, 2.0 * 0.75], found.vertices[8].1, [20, 20, 7]));
         assert_normals(&found.vertices.iter().map(|v| v.1).collect::<Vec<_>>());
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn no_triangle_crosses_a_hole() {
         let (points, _) = plane(true);
-        let found = ply(&points, Model::Ply);
+        let found = ply(&points);
         // Each of the four squares around the hole keeps one triangle.
         assert_eq!((found.vertices.len(), found.faces.len()), (29, 2 * 16 + 4));
         assert_normals(&found.vertices.iter().map(|v| v.1).collect::<Vec<_>>());
@@ -162,7 +162,9 @@ mod tests {
             ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs() / 2.0
         };
         assert!(found.faces.iter().all(|f| area(f) == 0.5));
-        let cloud = ply(&points, Model::Cloud);
+        let mut bytes = Vec::new();
+        formats::write_cloud(&mut bytes, &points).unwrap();
+        let cloud = read_ply(&bytes);
         assert_eq!((cloud.vertices, cloud.faces.len()), (found.vertices, 0));
     }
 
@@ -187,7 +189,7 @@ mod tests {
         assert_eq!(points.reduced(6).positions.len(), 30);
         let mut empty = points.clone();
         empty.positions.iter_mut().for_each(|p| p[2] = f32::NAN);
-        let found = ply(&empty.reduced(3), Model::Ply);
+        let found = ply(&empty.reduced(3));
         assert_eq!((found.vertices.len(), found.faces.len()), (0, 0));
     }
 
