@@ -20,6 +20,8 @@ mod progress;
 pub(crate) mod record;
 #[cfg(any(test, debug_assertions, feature = "reference"))]
 pub mod reference;
+#[cfg(test)]
+mod replay;
 mod script;
 mod shaders;
 pub(crate) mod slot;

@@ -17,7 +17,11 @@ pub(crate) fn run<'a, N: Executable>(
     for entry in entries {
         proceed(entry)?;
         match &entry.action {
-            Action::Dispatch(dispatch) if runs(dispatch, memory) => N::run(dispatch, memory),
+            Action::Dispatch(dispatch) if runs(dispatch, memory) => {
+                #[cfg(test)]
+                observer::show(dispatch, memory);
+                N::run(dispatch, memory);
+            }
             Action::Dispatch(_) => {}
             Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
             Action::Clear { image, size, layers } => memory.clear(*image, *size, layers.clone()),
@@ -31,6 +35,38 @@ pub(crate) fn run<'a, N: Executable>(
 /// Whether a dispatch has any workgroups.
 fn runs<N: Number>(dispatch: &Dispatch, memory: &Memory<N>) -> bool {
     dispatch.grid.word().is_none_or(|word| memory.runs(word))
+}
+
+/// What a test does with each dispatch that its thread runs.
+#[cfg(test)]
+pub(super) mod observer {
+    use std::cell::RefCell;
+
+    use super::*;
+    use crate::engine::slot::Slot;
+
+    /// Gets a dispatch before it runs, and a function that copies what it can read.
+    type Observer = Box<dyn FnMut(&Dispatch, &dyn Fn() -> Memory<f64>)>;
+
+    thread_local! {
+        static OBSERVER: RefCell<Option<Observer>> = const { RefCell::new(None) };
+    }
+
+    /// Runs a function whose dispatches are observed.
+    pub(in crate::engine) fn observing<T>(observer: Observer, run: impl FnOnce() -> T) -> T {
+        OBSERVER.set(Some(observer));
+        let result = run();
+        OBSERVER.set(None);
+        result
+    }
+
+    pub(super) fn show<N: Number>(dispatch: &Dispatch, memory: &Memory<N>) {
+        OBSERVER.with_borrow_mut(|observer| {
+            if let Some(observer) = observer {
+                observer(dispatch, &|| memory.part(&[&dispatch.slots[..], &[Slot::State, Slot::Arguments]].concat()));
+            }
+        });
+    }
 }
 
 #[cfg(test)]

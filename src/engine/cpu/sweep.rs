@@ -45,6 +45,9 @@ impl CpuSweep {
         deadline: Deadline,
     ) -> Result<(), Error> {
         self.memory.clear_numbers(Slot::Partials, floats);
+        // CPU references run over all tiles.
+        #[cfg(test)]
+        self.memory.write_words(Slot::Tiles, &script.tiles);
         let name = &self.device.info.name;
         let mut proceed = |_: &_| deadline.check(name).and_then(|()| cancel.check());
         run(script.entries(), &mut self.memory, &mut proceed)

@@ -52,33 +52,3 @@ fn cpu_reference<N: Number>(reused: Raster<N>, c: &Constants, spline: &Raster<N>
         },
     )
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::harness::{Input, Trial, random_field};
-    use super::super::state::Registration;
-    use super::*;
-    use crate::base::{Photometric, Similarity};
-    use crate::engine::stages::NO_VARIANT;
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height) in [(37u32, 21u32), (64, 16), (5, 3)] {
-            let spline = [random_field(width as usize, height as usize, 1)];
-            let t = Similarity::new(1.3, -0.8, 1.0, 1.02);
-            let registration = Registration::new(t, &Photometric { gain: 1.1, offset: -0.05 });
-            let c = Constants {
-                width,
-                height,
-                layer: 1,
-                factor: 2.0,
-                centre: [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0],
-                registration: (&registration).into(),
-                shading: std::array::from_fn(|n| 0.05 * (1.7 * n as f32).sin()),
-            };
-            let inputs = [Input::Image(&spline), Input::Unread];
-            // Single precision, with coefficients up to 1 and a factor of at most 4.
-            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups([width, height])).assert_within(2e-5);
-        }
-    }
-}

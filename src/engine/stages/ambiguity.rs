@@ -161,41 +161,19 @@ fn cpu_reference<N: Number>(
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Input, Trial, build_stack, random_field};
+    use super::super::harness::build_stack;
     use super::super::noise::Noise;
-    use super::super::sampled_pair::SampledPair;
     use super::super::stack::{self, Slopes};
     use super::super::state::Registration;
     use super::super::uncertainty::WINDOW_PIXELS;
     use super::*;
-    use crate::base::{Frame, Kernel, Mask, Photometric, Similarity};
+    use crate::base::{Kernel, Photometric, Similarity};
 
     /// The constants of an image of 96 x 64 px.
     fn constants() -> Constants {
         let (limit, eta, pixels, noise) = (9.0, 0.01, WINDOW_PIXELS, Noise::new(0));
         let ([width, height], centre, mean) = ([96, 64], [47.5, 31.5], [0.0; 2]);
         Constants { width, height, nodes: 0, second_stack: 0, centre, mean, limit, eta, pixels, noise }
-    }
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        SampledPair::for_each(9.0, |pair, warped| {
-            let (size @ [width, height], &SampledPair { nodes, second_stack, centre, mean, .. }) = (pair.size(), pair);
-            let half = uncertainty_terms::size(size).map(|side| side as usize);
-            let mut terms = [4, 5, 6, 7, 8].map(|seed| random_field(half[0], half[1], seed));
-            // No residual at some pixels, and curvatures below and above that of noise.
-            terms[4].data.iter_mut().step_by(5).for_each(|square| *square = 0.0);
-            terms[0].data.iter_mut().for_each(|curvature| *curvature *= 10.0);
-            let picture = (0..width * height).map(|i| f32::from(i % 7 != 0)).collect();
-            let mask = Mask::from_image(&Frame::gray(width, height, picture).unwrap());
-            let others = [Input::Image(&terms), Input::State(&pair.state), Input::Mask(&mask)];
-            let inputs = [&pair.inputs()[..], &others].concat();
-            let c = Constants { width, height, nodes, second_stack, centre, mean, ..constants() };
-            for variant in pair.variants(warped, width % 2 == 1) {
-                // Of up to 10: 1e-5 of quotients of sums of 64 squares.
-                Trial::run::<Bindings>(&inputs, &c, variant, tiles(size)).assert_within(1e-4);
-            }
-        });
     }
 
     /// Waves in closed form, the second photograph blurred by 4 px².

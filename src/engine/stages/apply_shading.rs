@@ -25,25 +25,3 @@ pub fn cpu_reference<N: Number>(c: &Constants, shading: &Shading, i2: &Raster<N>
     let factor = |x: usize, y: usize| shading.at(from_centre([x as f64, y as f64], centre));
     Raster::from_fn(i2.width, i2.height, |x, y| factor(x, y) * i2.get(x, y))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::harness::{Input, Trial, random_field};
-    use super::super::state::{DoubleState, State};
-    use super::*;
-    use crate::engine::stages::NO_VARIANT;
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height) in [(37u32, 21u32), (64, 16), (2, 3)] {
-            let i2 = [random_field(width as usize, height as usize, 1)];
-            let mut state = State::new(&DoubleState::default().registration);
-            state.shading = std::array::from_fn(|n| 0.2 * (1.7 * n as f32).sin());
-            let centre = [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0];
-            let c = Constants { width, height, layer: 1, centre };
-            let inputs = [Input::Image(&i2), Input::Unread, Input::State(&state)];
-            // Single precision, with a factor of at most 4.
-            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups([width, height])).assert_within(1e-5);
-        }
-    }
-}

@@ -255,12 +255,6 @@ pub(super) mod testing {
         layers
     }
 
-    /// The words of a level with these edges, and their list.
-    pub(in super::super) fn arguments(edges: &Field, size: [u32; 2]) -> [Vec<u32>; 2] {
-        let list = listed(edges, size);
-        [words(list.len() as u32, [0; 2]).to_vec(), list]
-    }
-
     /// The number of cells with an edge.
     pub(in super::super) fn count(edges: &Field) -> usize {
         all_cells([edges.width as u32, edges.height as u32]).filter(|&cell| Edge::found(edges, cell).is_some()).count()

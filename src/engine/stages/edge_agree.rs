@@ -47,27 +47,3 @@ pub(crate) fn cpu_reference<N: Number>(c: &Constants, edges: &Raster<N>, decisio
     }
     averaged
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::edge::testing::{arguments, layers};
-    use super::super::harness::{Input, Trial};
-    use super::*;
-    use crate::engine::stages::NO_VARIANT;
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (size, levels) in [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0])] {
-            let results = layers(size, levels, DECISIONS);
-            for n in 0..PASSES {
-                let [width, height] = size;
-                let c = Constants { width, height, from: place(n), to: place(n + 1), argument_place: 0 };
-                let [words, list] = arguments(&results[EDGES], size);
-                let inputs = [Input::Image(&results), Input::Words(&words), Input::Words(&list)];
-                let groups = [list.len() as u32, 1, 1];
-                // Means of differences of up to 1000.
-                Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, groups).assert_within(2e-3);
-            }
-        }
-    }
-}

@@ -181,54 +181,13 @@ fn in_front<N: Number>(outlines: &Raster<N>, cell: [usize; 2], inside: f64) -> f
 
 #[cfg(test)]
 mod tests {
-    use super::super::Field;
+
     use super::super::edge::testing::{layers, solved};
-    use super::super::harness::{Input, Trial};
-    use super::super::state::{DoubleState, State};
+
     use super::*;
-    use crate::engine::stages::NO_VARIANT;
 
     const CONSTANTS: Constants =
         Constants { width: 0, height: 0, decided: 0, spread: 4.0, least_saving: 0.0, coarse: 0 };
-
-    /// The results with other decisions: outlines of an order are accepted in most rows of cells.
-    fn decided(size: [u32; 2], levels: [f64; 2], order: usize) -> Vec<Field> {
-        let mut results = layers(size, levels, DECISIONS);
-        // On a coarser level they are written where V changes only.
-        [COARSE_FAR, COARSE_SHARE, COARSE_NEAR, COARSE_TOWARDS_NEAR]
-            .into_iter()
-            .for_each(|n| results[n].data.fill(0.0));
-        for cell in edge::all_cells(size) {
-            let numbers = match (cell[1] % 6, order) {
-                (5, _) => [9.0, 9.0, 3.0, 3.0, 5.0, 9.0],
-                (_, 0) => [9.0, 0.0, 2.5, 9.0, 5.0, 9.0],
-                _ => [0.0, 9.0, 9.0, 2.5, -5.0, 9.0],
-            };
-            edge::set(&mut results[DECISIONS], cell, 0, &numbers);
-        }
-        results
-    }
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (size @ [width, height], levels) in
-            [([67, 41], [4.0, -3.0]), ([96, 60], [9.0, 2.0]), ([130, 39], [2.0, -2.0])]
-        {
-            let [v, _] = solved(width as usize, height as usize, levels);
-            for (coarse, order) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-                let results = decided(size, levels, order);
-                let c = Constants { width, height, coarse, ..CONSTANTS };
-                let state = State { correlated: 0.4, ..State::new(&DoubleState::default().registration) };
-                let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Image(&results), Input::State(&state)];
-                let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(size));
-                // √(p (1 - p)) of p within 6e-8 of 1, times a jump of up to 7 px².
-                trial.assert_within(5e-3);
-                let after = trial.layers(0)[0].data.iter();
-                let changed = after.zip(&v.data).filter(|(a, b)| (*a - *b).abs() > 0.1).count();
-                assert!(changed > 20, "{changed}");
-            }
-        }
-    }
 
     /// Whether V changes if the cells below `rows` have these decisions, and others have no evidence.
     fn changes(rows: usize, decisions: [f64; 6], correlated: f64) -> bool {

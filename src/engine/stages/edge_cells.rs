@@ -248,47 +248,9 @@ fn level<N: Number>(
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::edge::testing::{count, solved};
-    use super::super::harness::{Input, Trial, random_field};
-    use super::*;
-    use crate::engine::stages::NO_VARIANT;
+    use super::super::edge::testing::count;
 
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height) in [(67usize, 41usize), (96, 32), (19, 22)] {
-            let size = [width as u32, height as u32];
-            let [step, deviation] = solved(width, height, [4.0, -3.0]);
-            let flat = Field::zeros(width, height);
-            for (v, is_edge) in [(step, true), (random_field(width, height, 1), false), (flat, false)] {
-                let mut layers = vec![Field::zeros(width, height); edge::LAYERS as usize];
-                layers[1] = deviation.clone();
-                layers[edge::COARSE_DEVIATION] = Field::from_fn(width, height, |x, _| 0.1 + 0.01 * (x % 4) as f64);
-                let pair = Constants::of_pair(0, size, 0, size);
-                let shown = [0.3 * width as f32, 3.5, 0.9 * width as f32, height as f32 - 9.0];
-                let sweep = Constants { deviation_layer: 1, ..Constants::of_sweep(2, size, 0.4, shown) };
-                let sweep = Constants { uncertain: 0.005, ..sweep };
-                let coarse = Constants::of_pair(1, size, 0, size);
-                for c in [pair, coarse, sweep] {
-                    let c = Constants { argument_place: 1, pixels: [7, 8], fused_place: 9, fused: [2, 1], ..c };
-                    let (words, list) = ([&[9][..], &[0; 7], &[9; 5]].concat(), [9; 700]);
-                    let images = [std::slice::from_ref(&v), &layers].map(Input::Image).into_iter();
-                    let inputs: Vec<_> = images.chain([&words[..], &list].map(Input::Words)).collect();
-                    let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(edge::cells(size)));
-                    // Places are up to 96 px, in single precision, from a quotient by the slope.
-                    trial.assert_within(1e-4);
-                    let found = count(&trial.layers(1)[EDGES]);
-                    assert_eq!(found > 0, is_edge, "{width} x {height}");
-                    let n = found as u32;
-                    let set = if is_edge { vec![9, n, 1, 1, 7, 8, 1, n, 9, 2, 1, 1, 9] } else { words };
-                    assert_eq!(trial.words(2), [set.clone(), set]);
-                    // A device lists the cells as it finds them.
-                    let [mut actual, expected] = trial.words(3);
-                    actual[..found].sort();
-                    assert_eq!([&actual[..found], &actual[found..]], [&expected[..], &list[found..]]);
-                }
-            }
-        }
-    }
+    use super::*;
 
     #[test]
     fn the_level_of_a_narrow_bar_is_that_of_its_middle() {

@@ -79,28 +79,8 @@ pub(crate) fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, deviation: 
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::edge::LAYERS;
-    use super::super::harness::{Input, Trial, random_field};
-    use super::*;
-    use crate::engine::stages::NO_VARIANT;
 
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (index, width, height) in [(1, 37, 21), (2, 37, 22), (2, 3, 2)] {
-            let level = Level::new(index, width, height, 16.0);
-            let [v, deviation] = [1, 2].map(|seed| random_field(width as usize, height as usize, seed));
-            let excluded = |x: usize, y: usize| x > 8 && y < 14;
-            let deviation = Field::from_fn(deviation.width, deviation.height, |x, y| {
-                if excluded(x, y) { f64::NAN } else { deviation.get(x, y) }
-            });
-            let mut layers = vec![Field::zeros(v.width, v.height); LAYERS as usize];
-            layers[1] = deviation;
-            let of = if index == 1 { Constants::of_sweep } else { Constants::of_pair };
-            let c = of(&level, [width, height]);
-            let inputs = [Input::Image(std::slice::from_ref(&v)), Input::Unread, Input::Image(&layers)];
-            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(level.size)).assert_within(1e-6);
-        }
-    }
+    use super::*;
 
     #[test]
     fn a_plane_is_the_same_on_a_coarser_level_and_nan_does_not_spread() {

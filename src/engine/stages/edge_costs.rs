@@ -513,73 +513,13 @@ pub(super) mod testing {
 mod tests {
     use super::super::Field;
     use super::super::edge::BEFORE;
-    use super::super::edge::testing::{arguments, count, layers};
-    use super::super::harness::{Input, Trial, random_field, smooth_field};
-    use super::super::state::{Registration, State};
+
+    use super::super::harness::random_field;
+
     use super::testing::{constants, of_pair};
     use super::*;
-    use crate::base::{Photometric, Similarity};
-    use crate::engine::stages::{NO_VARIANT, edge_cells, edge_straighten, separable};
 
-    #[test]
-    fn matches_the_cpu_reference() {
-        let photometric = Photometric { gain: 0.9, offset: 0.02 };
-        let mut state = State::new(&Registration::new(Similarity::new(5.6, -3.2, 0.5, 1.01), &photometric));
-        state.applied_shading[0] = 0.1;
-        // Fronts in focus in I1 and in I2, backs of the same and of the other sign, wide and narrow blur.
-        for (n, levels) in [[4.0, -3.0], [9.0, 2.0], [-1.0, -7.0], [1.2, -1.0]].into_iter().enumerate() {
-            let [width, height] = [[67, 41], [96, 40], [70, 35], [64, 48]][n];
-            let size = [width as u32, height as u32];
-            let results = layers(size, levels, 0);
-            assert!(count(&results[EDGES]) > 4, "{levels:?}");
-            let texture = [1, 2].map(|seed| [smooth_field(width, height, seed)]);
-            let noise = [3, 4].map(|seed| [random_field(width, height, seed)]);
-            let v = [results[0].clone()];
-            for [i1, i2] in [texture, noise] {
-                let [words, list] = arguments(&results[EDGES], size);
-                let others = [Input::State(&state), Input::Words(&words), Input::Words(&list)];
-                let inputs = [&i1[..], &i2, &v, &results].map(Input::Image).into_iter().chain(others);
-                // The second and the fourth are on the level of a quarter of the size.
-                let index = n % 2 * 2;
-                let level = Level::new(index, size[0] << index, size[1] << index, 576.0);
-                let c = Constants { argument_place: 0, ..Constants::of_pair(&level, 0) };
-                let groups = [list.len() as u32, 1, 1];
-                let trial = Trial::run::<Bindings>(&inputs.collect::<Vec<_>>(), &c, NO_VARIANT, groups);
-                // Sums of 232 costs of up to 8, whose logarithms are in single precision.
-                trial.assert_within(0.02);
-                assert!(trial.layers(3)[COSTS].data.iter().any(|&cost| cost > 1.0));
-            }
-        }
-    }
-
-    /// Two frames of a sweep add their share to the costs of others, and none where they do not fit.
-    #[test]
-    fn frames_of_a_sweep_match_the_cpu_reference() {
-        let size @ [width, height] = [67usize, 41];
-        let image = size.map(|side| side as u32);
-        let mut results = layers(image, [2.0, -1.5], 0);
-        let before = [5, 6].map(|seed| random_field(width, height, seed));
-        [results[COSTS], results[REVERSED_COSTS]] = before.clone();
-        for cell in edge::all_cells(image).filter(|[x, y]| (x + y) % 2 == 0) {
-            edge::add(&mut results[EDGES], cell, TOTAL, 0.7);
-        }
-        let frames = [1, 2, 3].map(|seed| smooth_field(width, height, seed));
-        let u = [results[0].clone()];
-        let state = State::new(&Registration::new(Similarity::new(0.0, 0.0, 0.0, 1.0), &Photometric::IDENTITY));
-        // The frames near both sides; the same in the wrong order; frames that are too far apart.
-        for (settings, adds) in [([2.5, -1.0], true), ([-1.0, 2.5], false), ([9.0, -8.0], false)] {
-            let c = Constants { rate: 0.8, settings, layers: [2, 0], argument_place: 0, ..constants(image) };
-            let [words, list] = arguments(&results[EDGES], image);
-            let others = [Input::State(&state), Input::Words(&words), Input::Words(&list)];
-            let inputs = [&frames[..], &frames, &u, &results].map(Input::Image).into_iter();
-            let inputs: Vec<_> = inputs.chain(others).collect();
-            let trial = Trial::run::<Bindings>(&inputs, &c, SWEEP, [list.len() as u32, 1, 1]);
-            trial.assert_within(0.02);
-            let changed = [COSTS, REVERSED_COSTS].map(|layer| trial.layers(3)[layer] != before[layer - COSTS]);
-            assert_eq!(trial.layers(3)[EDGES] != results[EDGES], adds);
-            assert_eq!(changed, [adds; 2], "{settings:?}");
-        }
-    }
+    use crate::engine::stages::{edge_cells, edge_straighten, separable};
 
     /// A textured front over a textured back under Gaussian blur: the costs are least at the true outline, in the true
     /// order, and less than that of V as it is.

@@ -87,35 +87,8 @@ pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], costs: [&Raster<N>; 2], e
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::edge::testing::{arguments, count, layers};
-    use super::super::harness::{Input, Trial};
-    use super::*;
-    use crate::engine::stages::NO_VARIANT;
 
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (size, levels) in [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0]), ([64, 48], [-1.0, -7.0])] {
-            let mut results = layers(size, levels, COSTS + 1);
-            assert!(count(&results[EDGES]) > 4);
-            // In a sweep frames have different shares in the cells, and none in some.
-            for cell @ [x, y] in edge::all_cells(size) {
-                let total = [1.0, 0.7, 1.9, 0.0][(x + 2 * y) % 4];
-                edge::set(&mut results[EDGES], cell, TOTAL, &[total]);
-            }
-            let c = Constants { width: size[0], height: size[1], argument_place: 0 };
-            let [words, list] = arguments(&results[EDGES], size);
-            let inputs = [Input::Image(&results), Input::Words(&words), Input::Words(&list)];
-            let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, [list.len() as u32, 2, 1]);
-            // Costs of some 1000 in single precision, whose differences are divided by a temperature of 1.5.
-            trial.assert_within(2e-3);
-            let shown = |&cell: &_| edge::number(&results[EDGES], cell, TOTAL) > 0.0;
-            let mut cells = edge::all_cells(size).filter(shown);
-            let cell = cells.find(|&cell| Edge::of(&results[EDGES], cell).is_some()).unwrap();
-            for layer in OUTLINES {
-                assert!((edge::number(&trial.layers(0)[layer], cell, DISPLACEMENTS - 1) - 1.0).abs() < 1e-9);
-            }
-        }
-    }
+    use super::*;
 
     #[test]
     fn the_variance_of_the_displacement_is_that_of_its_distribution() {

@@ -85,46 +85,15 @@ pub(crate) fn cpu_reference<N: Number>(
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Input, Trial, random_field};
-    use super::super::state::State;
+
     use super::*;
     use crate::base::{Photometric, Similarity};
-    use crate::engine::stages::NO_VARIANT;
-    use crate::engine::stages::edge::LAYERS;
 
     const LAYER: usize = 3;
 
     fn constants([width, height]: [u32; 2]) -> Constants {
         let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
         Constants { width, height, layer: LAYER as u32, centre }
-    }
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (size, variances) in [([37u32, 21u32], [5.0, 1.3]), ([64, 16], [5.0, 1.3]), ([130, 59], [40.0, 200.0])] {
-            let [columns, rows] = size.map(|side| side as usize);
-            // A front left of a curve, of two values of |V|, and what is behind within 11 px of it. V has either sign
-            // behind.
-            let sides = Field::from_fn(columns, rows, |x, y| {
-                let behind = x as f64 - 0.4 * columns as f64 - 3.0 * (y as f64 / 7.0).sin();
-                let variance = variances[usize::from(y >= rows / 2)];
-                let side = if behind < 0.0 { 1.0 } else { -1.0 };
-                if behind < 11.0 { side * variance } else { 0.0 }
-            });
-            let [channel1, spline2, fused] = [1, 2, 4].map(|seed| random_field(columns, rows, seed));
-            let v = Field::from_fn(columns, rows, |_, y| if y % 9 < 5 { 2.0 } else { -2.0 });
-            let mut results = vec![Field::zeros(columns, rows); LAYERS as usize];
-            (results[SIDES], results[LAYER]) = (sides, fused);
-            let photometric = Photometric { gain: 0.9, offset: 0.02 };
-            let mut state = State::new(&Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &photometric));
-            (state.applied_shading[0], state.unit) = (0.1, 2.0);
-            let [channel1, spline2, v] =
-                [&channel1, &spline2, &v].map(|field| Input::Image(std::slice::from_ref(field)));
-            let inputs = [channel1, spline2, v, Input::Image(&results), Input::State(&state)];
-            let trial = Trial::run::<Bindings>(&inputs, &constants(size), NO_VARIANT, STAGE.groups(size));
-            // Light of up to 1 over a share of at least ½.
-            trial.assert_within(2e-5);
-        }
     }
 
     /// The fused image before and after: a front of 0.9 left of column 25, as in I1, and the ground of 0.1 of J with

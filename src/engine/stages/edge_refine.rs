@@ -82,53 +82,11 @@ pub(crate) fn cpu_reference<N: Number>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::edge::LAYERS;
-    use super::super::harness::{Input, Trial, random_field};
+
+    use super::super::harness::random_field;
     use super::super::{Field, prolong};
     use super::*;
     use crate::engine::plan::Level;
-    use crate::engine::stages::NO_VARIANT;
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (index, width, height) in [(1, 37, 21), (2, 57, 42), (1, 16, 9)] {
-            let level = Level::new(index, width, height, 16.0);
-            let ([columns, rows], [width, height]) =
-                (level.size.map(|side| side as usize), [width, height].map(|side| side as usize));
-            let random = |seed| random_field(width, height, seed);
-            let [v, near, far] = [1, 2, 3].map(random);
-            let is_changed = |x: usize, y: usize| x > columns / 3 && y > 1 && x + 2 < columns;
-            // The far side is in front in the lower half.
-            let changed = |x: usize, y: usize| f64::from(u8::from(is_changed(x, y))) * random(4).get(x, y).abs();
-            let share = Field::from_fn(width, height, |x, y| if y > rows / 2 { -changed(x, y) } else { changed(x, y) });
-            let of_changed = |seed, least: f64, most: f64| {
-                Field::from_fn(width, height, |x, y| {
-                    if is_changed(x, y) { least + (most - least) * random(seed).get(x, y) } else { f64::NAN }
-                })
-            };
-            // Unknown where nothing changes, on some pixels and not on others.
-            let unknown = |x: usize, y: usize| !is_changed(x, y) && y < rows / 2;
-            let mut layers = vec![Field::zeros(width, height); LAYERS as usize];
-            let known = random(6);
-            let coarse_deviation = |x, y| if unknown(x, y) { f64::NAN } else { known.get(x, y) };
-            layers[COARSE_DEVIATION] = Field::from_fn(width, height, coarse_deviation);
-            layers[1] = Field::from_fn(width, height, |x, _| if x + 5 > width { f64::NAN } else { 1.0 });
-            (layers[0], layers[SIDES]) = (v.clone(), random(5));
-            layers[COARSE_FAR] =
-                Field::from_fn(width, height, |x, y| if unknown(x, y) { f64::NAN } else { -far.get(x, y) });
-            (layers[COARSE_SHARE], layers[COARSE_NEAR]) = (share, of_changed(7, 0.0, 1.0));
-            layers[COARSE_TOWARDS_NEAR] = of_changed(8, -14.0, 14.0);
-            let of = if index == 1 { Constants::of_sweep } else { Constants::of_pair };
-            let c = of(&level, [width as u32, height as u32]);
-            let [coarse, fine] = [&near, &v].map(|field| Input::Image(std::slice::from_ref(field)));
-            let inputs = [coarse, fine, Input::Image(&layers)];
-            let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups(level.size));
-            // Where both sides are about as probable, their probability counts ten times, and V by ten times as much.
-            trial.assert_within(2e-4);
-            let changed = trial.layers(1)[0].data.iter().zip(&v.data).filter(|(a, b)| (*a - *b).abs() > 1e-3).count();
-            assert!(changed * 9 > v.data.len(), "{changed} of {}", v.data.len());
-        }
-    }
 
     #[test]
     fn where_all_pixels_show_the_near_side_it_is_prolonged() {

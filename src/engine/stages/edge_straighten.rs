@@ -65,27 +65,8 @@ pub(crate) fn cpu_reference<N: Number>(size: [u32; 2], edges: &Raster<N>) -> Ras
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::edge::testing::{arguments, count, layers};
-    use super::super::harness::{Input, Trial};
-    use super::*;
-    use crate::engine::stages::NO_VARIANT;
 
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (size, levels) in [([67, 41], [4.0, -3.0]), ([96, 40], [9.0, 2.0]), ([64, 48], [-1.0, -7.0])] {
-            let mut results = layers(size, levels, EDGES);
-            assert!(count(&results[EDGES]) > 4);
-            for cell in edge::all_cells(size) {
-                edge::set(&mut results[EDGES], cell, STRAIGHT, &[0.5; 6]);
-            }
-            let c = Constants { width: size[0], height: size[1], argument_place: 0 };
-            let [words, list] = arguments(&results[EDGES], size);
-            let inputs = [Input::Image(&results), Input::Words(&words), Input::Words(&list)];
-            let trial = Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, [list.len() as u32, 1, 1]);
-            // Places are up to 96 px, in single precision.
-            trial.assert_within(1e-4);
-        }
-    }
+    use super::*;
 
     #[test]
     fn cells_that_wind_around_a_line_come_to_lie_on_it() {

@@ -74,27 +74,3 @@ pub(super) fn photographs<N: Number>(
     let applied_shading = shading.at(from_centre(at, centre)) * spline::read(coefficients2, at[0], at[1]).value;
     [i1, r.gain * applied_shading + r.offset]
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::harness::{Input, Trial, random_field};
-    use super::super::state::State;
-    use super::*;
-    use crate::base::{Photometric, Similarity};
-    use crate::engine::stages::NO_VARIANT;
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height) in [(37u32, 21u32), (64, 16)] {
-            let fields = [1, 2, 3].map(|seed| [random_field(width as usize, height as usize, seed)]);
-            let photometric = Photometric { gain: 0.9, offset: 0.02 };
-            let mut state = State::new(&Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &photometric));
-            (state.applied_shading[0], state.unit) = (0.1, 2.0);
-            let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
-            let c = Constants { width, height, layer: 1, centre, epsilon: 0.1 };
-            let [channel1, spline2, v] = fields.each_ref().map(|field| Input::Image(field));
-            let inputs = [channel1, spline2, v, Input::Unread, Input::State(&state)];
-            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, STAGE.groups([width, height])).assert_within(2e-5);
-        }
-    }
-}

@@ -29,9 +29,11 @@ pub fn cpu_reference<N: Number>(fine: &Grid<N>) -> Grid<'static, N> {
 #[cfg(test)]
 mod tests {
     use super::super::grid::tests::random_grid;
-    use super::super::harness::{Input, Trial, assert_numbers};
+    use super::super::harness::{Rig, assert_numbers};
     use super::*;
+    use crate::engine::slot::Slot;
     use crate::engine::stages::NO_VARIANT;
+    use crate::engine::vulkan::Resource;
 
     #[test]
     fn matches_the_cpu_reference() {
@@ -41,10 +43,12 @@ mod tests {
             let c = Constants { width, height, first: 0, next: width * height };
             let mut numbers = grid.cells.as_flattened().to_vec();
             numbers.resize(numbers.len() + FLOATS * (columns * rows) as usize, f64::NAN);
-            let groups = STAGE.groups([columns, rows]);
-            let trial = Trial::run::<Bindings>(&[Input::Numbers(&numbers)], &c, NO_VARIANT, groups);
-            let (actual, expected) = trial.numbers(0);
-            assert_numbers(&actual, expected, 1e-5);
+            let (mut memory, rig) = (Memory::<f64>::new(), Rig::new());
+            memory.numbers.insert(Slot::GridEquations, numbers.clone());
+            Bindings::on(0).run(&c, NO_VARIANT, &mut memory);
+            let buffer = rig.numbers(numbers);
+            rig.run_groups(&STAGE, &[Resource::Buffer(&buffer)], &c, STAGE.groups([columns, rows]));
+            assert_numbers(&rig.floats(&buffer), &memory.numbers[&Slot::GridEquations], 1e-5);
         }
     }
 }

@@ -5,15 +5,11 @@ use std::sync::{Arc, LazyLock, Mutex};
 
 use half::f16;
 
-use super::pass::{Memory, Pass};
-use super::stack::{self, Layer, Sampling, Slopes, White, layer};
-use super::state::{DoubleState, Registration, State};
-use super::sums::{Layout, Sums};
+use super::stack::{Layer, Sampling, Slopes, White, layer};
 use super::{Field, NO_VARIANT, separable, subdivide};
-use crate::base::{Channels, Frame, Kernel, Mask, Samples};
-use crate::engine::slot::Slot;
+use crate::base::{Frame, Kernel};
 use crate::engine::vulkan::{
-    Access, Buffer, Clock, Device, Image, Kind, Pipeline, Recorder, Resource, Stage, Texel, Variant, Workgroups,
+    Buffer, Clock, Device, Image, Pipeline, Recorder, Resource, Stage, Texel, Variant, Workgroups,
 };
 use crate::engine::{EngineOptions, filter};
 
@@ -210,9 +206,21 @@ impl Rig {
         constants: &C,
         groups: [u32; 3],
     ) {
+        self.run_bytes(stage, variant, resources, bytemuck::bytes_of(constants), groups);
+    }
+
+    /// The same with push constants as bytes.
+    pub(crate) fn run_bytes(
+        &self,
+        stage: &Stage,
+        variant: Variant,
+        resources: &[Resource<'_>],
+        constants: &[u8],
+        groups: [u32; 3],
+    ) {
         let pipeline = self.pipeline(stage, variant);
         self.record(|recorder, _| {
-            recorder.dispatch(&pipeline, resources, bytemuck::bytes_of(constants), Workgroups::Direct(groups)).unwrap();
+            recorder.dispatch(&pipeline, resources, constants, Workgroups::Direct(groups)).unwrap();
         });
     }
 
@@ -283,179 +291,12 @@ impl Drop for Rig {
     }
 }
 
-/// What a slot holds before a pass.
-#[derive(Clone)]
-pub(crate) enum Input<'a> {
-    /// An image that the pass does not read.
-    Unread,
-    /// Layers of an image.
-    Image(&'a [Field]),
-    /// Partial sums, energies or filter weights.
-    Numbers(&'a [f64]),
-    /// Arguments, lists of tiles or bits of pixels.
-    Words(&'a [u32]),
-    State(&'a State),
-    /// Samples of a photograph.
-    Photograph(&'a Frame),
-    /// A byte per pixel of I1.
-    Mask(&'a Mask),
-}
-
-/// The slots after a pass, by its CPU reference and on a device, numbered as the shader binds them.
-pub(crate) struct Trial {
-    rig: Rig,
-    stage: &'static Stage,
-    /// White of packed blur stacks.
-    white: Option<White>,
-    expected: Memory<f64>,
-    images: BTreeMap<usize, Arc<Image>>,
-    buffers: BTreeMap<usize, Arc<Buffer>>,
-}
-
-fn slot(n: usize) -> Slot {
-    Slot::Frames { level: n }
-}
-
-impl Trial {
-    /// Runs a pass on slots with these contents, in the shader's order: `groups` workgroups on the device. Bindings of
-    /// words are blur stacks; a variant for packed ones packs them.
-    pub(crate) fn run<P: Pass>(
-        inputs: &[Input<'_>],
-        constants: &P::Constants,
-        variant: Variant,
-        groups: [u32; 3],
-    ) -> Self {
-        let (mut memory, bindings) = (Memory::new(), P::STAGE.bindings);
-        let states =
-            || inputs.iter().filter_map(|input| if let Input::State(state) = input { Some(*state) } else { None });
-        let white = White::of(variant, states().next().map_or(0.0, |state| state.white.into()));
-        let packs = |n: usize| white.filter(|_| bindings[n].kind == Kind::Words);
-        for (n, input) in inputs.iter().enumerate() {
-            match input {
-                Input::Unread => {}
-                Input::Image(layers) => {
-                    let layers = layers.iter().map(|layer| stack::stored(layer.clone(), packs(n)));
-                    memory.layers.insert(slot(n), layers.collect());
-                }
-                Input::Numbers(numbers) => drop(memory.numbers.insert(slot(n), numbers.to_vec())),
-                Input::Words(words) => drop(memory.words.insert(slot(n), words.to_vec())),
-                Input::State(state) => {
-                    for slot in [slot(n), Slot::State] {
-                        memory.states.insert(slot, (*state).into());
-                    }
-                }
-                Input::Photograph(frame) => {
-                    [0, 1].iter().for_each(|&image| memory.upload_photograph(image, (*frame).clone()))
-                }
-                Input::Mask(mask) => memory.upload_mask(Some((*mask).clone())),
-            }
-        }
-        let slots: Vec<Slot> = (0..inputs.len()).map(slot).collect();
-        P::of(&slots).run(constants, variant, &mut memory);
-
-        let (rig, stage) = (Rig::new(), P::STAGE);
-        let (mut images, mut buffers) = (BTreeMap::new(), BTreeMap::new());
-        for (n, input) in inputs.iter().enumerate() {
-            let mut image = |layers: &[Field]| drop(images.insert(n, rig.image(layers)));
-            let mut buffer = |bytes: &[u8]| drop(buffers.insert(n, rig.upload(bytes)));
-            match input {
-                Input::Unread => image(&blank(memory.layers.get(&slot(n)))),
-                Input::Image(layers) => match packs(n) {
-                    Some(white) => drop(images.insert(n, rig.packed(layers, white))),
-                    None => image(layers),
-                },
-                Input::Numbers(numbers) => drop(buffers.insert(n, rig.numbers(numbers.iter().copied()))),
-                Input::Words(words) => buffer(bytemuck::cast_slice(words)),
-                Input::State(state) => buffer(bytemuck::bytes_of(*state)),
-                Input::Photograph(frame) => buffer(frame.bytes()),
-                Input::Mask(mask) => buffer(mask.bytes()),
-            }
-        }
-        let resources = stage.bindings.iter().enumerate().map(|(n, binding)| match binding.kind {
-            Kind::Image | Kind::Words => Resource::Image(&images[&n]),
-            Kind::Buffer => Resource::Buffer(&buffers[&n]),
-            Kind::Uniform => Resource::Uniform(&buffers[&n]),
-        });
-        rig.run_variant(stage, variant, &resources.collect::<Vec<_>>(), constants, groups);
-        Self { rig, stage, white, expected: memory, images, buffers }
-    }
-
-    /// Asserts that the images and states that the pass writes are within `tolerance` of those of the CPU reference.
-    #[track_caller]
-    pub(crate) fn assert_within(&self, tolerance: f64) {
-        for n in (0..self.stage.bindings.len()).filter(|&n| self.stage.bindings[n].access != Access::Read) {
-            if let Some(image) = self.images.get(&n) {
-                let blank = Field::zeros(image.width as usize, image.height as usize);
-                let written = |layer: &Field| if layer.data.is_empty() { blank.clone() } else { layer.clone() };
-                let mut expected: Vec<Field> = self.layers(n).iter().map(written).collect();
-                if let Some(white) = self.white.filter(|_| self.stage.bindings[n].kind == Kind::Words) {
-                    assert_all_close(&self.rig.unpacked(image, white), &expected, tolerance);
-                    continue;
-                }
-                expected.resize(image.layers as usize, blank.clone());
-                self.rig.assert_close(image, &expected, tolerance);
-            } else if self.expected.states.contains_key(&slot(n)) {
-                let [actual, expected] = self.states(n).map(|state| {
-                    let of = |r: &Registration| [&r.transform.matrix().concat()[..], &[r.gain, r.offset]].concat();
-                    let own = vec![
-                        state.correlation,
-                        state.alpha,
-                        state.kernel_shape,
-                        state.spread,
-                        state.scale_deviation,
-                        state.correlated,
-                        state.unit,
-                        state.white,
-                    ];
-                    let shading = [state.shading, state.applied_shading].map(|s| s.coefficients.to_vec()).concat();
-                    [of(&state.registration), of(&state.warped), own, shading].concat()
-                });
-                let close = actual.iter().zip(&expected).all(|(a, e)| (a - e).abs() <= tolerance);
-                assert!(close, "{actual:?}, not {expected:?} ± {tolerance}");
-            }
-        }
-    }
-
-    /// The state on the device, and by the CPU reference.
-    pub(crate) fn states(&self, n: usize) -> [DoubleState; 2] {
-        [(&self.rig.value::<State>(&self.buffers[&n])).into(), self.expected.states[&slot(n)].clone()]
-    }
-
-    /// Numbers on the device, and by the CPU reference.
-    pub(crate) fn numbers(&self, n: usize) -> (Vec<f32>, &[f64]) {
-        (self.rig.floats(&self.buffers[&n]), &self.expected.numbers[&slot(n)])
-    }
-
-    /// Words on the device, and by the CPU reference.
-    pub(crate) fn words(&self, n: usize) -> [Vec<u32>; 2] {
-        [self.rig.words(&self.buffers[&n]), self.expected.words[&slot(n)].clone()]
-    }
-
-    /// The sums of the registration on the device, and by the CPU reference.
-    pub(crate) fn sums(&self, n: usize, layout: Layout) -> [Sums; 2] {
-        let (actual, expected) = self.numbers(n);
-        [Sums::from_partials(&actual, layout), Sums::from_partials(expected, layout)]
-    }
-
-    /// Layers of an image by the CPU reference.
-    pub(crate) fn layers(&self, n: usize) -> &[Field] {
-        &self.expected.layers[&slot(n)]
-    }
-}
-
 /// Asserts that each number is within `tolerance` of the expected one, or both are NaN.
 #[track_caller]
 pub(crate) fn assert_numbers(actual: &[f32], expected: &[f64], tolerance: f64) {
     for (n, (f, e)) in actual.iter().map(|&f| f64::from(f)).zip(expected).enumerate() {
         assert!((f - e).abs() <= tolerance || (f.is_nan() && e.is_nan()), "{n}: {f}, not {e} ± {tolerance}");
     }
-}
-
-/// Zeros in the shape of an image that the CPU reference wrote.
-fn blank(written: Option<&Vec<Field>>) -> Vec<Field> {
-    let layers = written.map_or(&[][..], Vec::as_slice);
-    let [width, height] = layers.last().map_or([1, 1], |last| [last.width, last.height]);
-    vec![Field::zeros(width, height); layers.len().max(1)]
 }
 
 /// The layers of an image's [blur stack](super::stack), by direct filters: spline coefficients first.
@@ -510,23 +351,6 @@ pub(crate) fn random(count: usize, seed: u64) -> Vec<f64> {
     })
     .take(count)
     .collect()
-}
-
-/// Frames of each number of channels and depth, in some odd sizes.
-pub(crate) fn frames() -> Vec<Frame> {
-    let mut frames = Vec::new();
-    for (width, height) in [(37, 19), (16, 16), (33, 8)] {
-        for channels in [Channels::Gray, Channels::Rgb] {
-            let values = random((width * height * channels.count()) as usize, 3);
-            let samples = [
-                Samples::U8(values.iter().map(|v| (v * 255.0) as u8).collect()),
-                Samples::U16(values.iter().map(|v| (v * 65535.0) as u16).collect()),
-                Samples::F32(values.iter().map(|&v| v as f32).collect()),
-            ];
-            frames.extend(samples.map(|samples| Frame::new(width, height, channels, samples).unwrap()));
-        }
-    }
-    frames
 }
 
 /// White noise in [0, 1).

@@ -114,48 +114,11 @@ fn from_share<R: Real>(share: R) -> R {
     (R::of(25.0) * share - R::of(24.0)).max(R::default()).min(R::of(1.0))
 }
 
-/// Averaged masks for tests, with shares from 0 to 1.
-#[cfg(test)]
-pub(super) fn shares(width: usize, height: usize, seed: u64) -> super::Field {
-    let mut shares = super::harness::random_field(width, height, seed);
-    shares.data.iter_mut().for_each(|share| *share = 0.95 + 0.05 * *share);
-    shares
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Input, Trial, frames};
-    use super::super::state::{DoubleState, State};
+
     use super::*;
-    use crate::base::Mask;
-    use crate::engine::stages::NO_VARIANT;
-
-    fn check(frame: &Frame, clipped: [f32; 2]) {
-        let [width, height] = [frame.width(), frame.height()];
-        let picture = (0..width * height).map(|i| if i % 5 == 1 { 0.0 } else { 1.0 }).collect();
-        let mask = Mask::from_image(&Frame::gray(width, height, picture).unwrap());
-        let (channels, bytes) = (frame.format().channels.count(), frame.format().depth.bytes());
-        let state = State::new(&DoubleState::default().registration);
-        let inputs = [Input::Photograph(frame), Input::Mask(&mask), Input::Unread, Input::State(&state)];
-        for second in [0, 1] {
-            let constants = Constants { width, height, channels, bytes, second, clipped };
-            let trial = Trial::run::<Bindings>(&inputs, &constants, NO_VARIANT, STAGE.groups([width, height]));
-            trial.assert_within(0.0);
-            let has_zeros = trial.layers(2)[second as usize].data.contains(&0.0);
-            assert_eq!(has_zeros, second == 0 || clipped[1].is_finite());
-            let [counted, expected] = trial.states(3).map(|state| state.clipped);
-            assert!(counted == expected && (counted[second as usize] > 0) == clipped[1].is_finite(), "{counted:?}");
-        }
-    }
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for frame in frames() {
-            check(&frame, [0.2013, 0.9007]);
-            check(&frame, [f32::NEG_INFINITY, f32::INFINITY]);
-        }
-    }
 
     #[test]
     fn the_mask_of_i2_is_read_at_the_displaced_pixel() {

@@ -1,4 +1,4 @@
-//! The passes of the method: for each shader its push constants, bindings, CPU reference and test.
+//! The passes of the method: for each shader its push constants, bindings and CPU reference.
 //!
 //! A CPU reference is the shader in plain Rust, a pure function over [`Raster`]s. Those of double precision
 //! ([`Field`]s) are for tests of the shaders and for the [reference solver](crate::internals::reference); those of
@@ -45,10 +45,8 @@ pub mod relax_grid_tiles;
 pub mod relax_tiles;
 pub mod residual;
 mod rows;
-#[cfg(test)]
-mod sampled_pair;
 pub mod scale_deviation;
-mod segments;
+pub(crate) mod segments;
 pub mod separable;
 pub mod shape;
 pub mod shape_median;

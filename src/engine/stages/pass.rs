@@ -10,6 +10,8 @@ use super::state::DoubleState;
 use super::sums::{Layout, Sums};
 use super::{Number, Raster, pixels};
 use crate::base::{Frame, Mask};
+#[cfg(test)]
+use crate::engine::arguments::Grid;
 use crate::engine::slot::{Readable, Slot, Writable};
 use crate::engine::vulkan::{Access, Binding, Kind, Stage, Variant};
 
@@ -210,6 +212,44 @@ impl<N: Number> Memory<N> {
     /// The words in a buffer, mutably.
     pub(crate) fn words_mut(&mut self, to: impl Writable) -> &mut Vec<u32> {
         self.words.entry(to.slot()).or_default()
+    }
+}
+
+/// For tests of all devices on the same inputs.
+#[cfg(test)]
+impl<N: Number> Memory<N> {
+    /// A copy of the photographs, of the mask and of some slots, in another precision.
+    pub(crate) fn part<M: Number>(&self, slots: &[Slot]) -> Memory<M> {
+        let converted = |numbers: &[N]| numbers.iter().map(|&number| M::of(number.into())).collect::<Vec<M>>();
+        let raster = |r: &Raster<N>| Raster { width: r.width, height: r.height, data: converted(&r.data) };
+        let mut part = Memory { photographs: self.photographs.clone(), mask: self.mask.clone(), ..Memory::new() };
+        for &slot in slots {
+            if let Some(layers) = self.layers.get(&slot) {
+                part.layers.insert(slot, layers.iter().map(raster).collect());
+            }
+            if let Some(numbers) = self.numbers.get(&slot) {
+                part.numbers.insert(slot, converted(numbers));
+            }
+            part.states.extend(self.states.get(&slot).map(|state| (slot, state.clone())));
+            part.words.extend(self.words.get(&slot).map(|words| (slot, words.clone())));
+        }
+        part
+    }
+
+    /// The layers of an image; none if it was never written.
+    pub(crate) fn layers_in(&self, slot: Slot) -> &[Raster<N>] {
+        self.layers.get(&slot).map_or(&[], Vec::as_slice)
+    }
+
+    /// The workgroups of a dispatch.
+    pub(crate) fn groups(&self, grid: Grid) -> [u32; 3] {
+        match (grid, grid.word()) {
+            (Grid::Direct(groups), _) => groups,
+            (_, word) => {
+                let first = word.unwrap_or_default();
+                std::array::from_fn(|n| self.words[&Slot::Arguments][first + n])
+            }
+        }
     }
 }
 

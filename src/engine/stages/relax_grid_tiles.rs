@@ -43,8 +43,8 @@ impl Pass for Bindings {
 mod tests {
     use super::super::cascade::{Start, covers, fits};
     use super::super::grid::tests::random_grid;
-    use super::super::grid::{Place, grids, halved};
-    use super::super::harness::{Rig, assert_numbers, random_field};
+    use super::super::grid::{Place, grids};
+    use super::super::harness::{Rig, assert_numbers};
     use super::*;
     use crate::engine::slot::Slot;
     use crate::engine::vulkan::Resource;
@@ -68,53 +68,11 @@ mod tests {
         }
     }
 
-    /// The grid starts from the coarser grid, from zero, or from its own dV. In the last case it takes fewer sweeps
-    /// than the halo is for.
-    #[test]
-    fn matches_the_cpu_reference_from_stored_steps() {
-        for ([width, height], sweeps) in
-            [([137, 121], 3), ([64, 16], 3), ([17, 18], 1), ([2, 2], 3), ([200, 53], 8), ([53, 104], 3), ([105, 52], 2)]
-        {
-            let (grid, [columns, rows], own) =
-                (random_grid([width, height], 2), halved([width, height]), width * height);
-            let [coarse, before] =
-                [[columns, rows], [width, height]].map(|[w, h]| random_field(w as usize, h as usize, 7).data);
-            let steps = [vec![f64::NAN; own as usize], coarse, before].concat();
-            let c = |to, sweeps: u32, start: Start| {
-                let (halo, coarser) = (sweeps.max(2), start.constants());
-                Constants { width, height, first: 0, to, sweeps, halo, over_relaxation: 1.3, coarser }
-            };
-            for (start, to) in
-                [(Start::Coarser(own), 0), (Start::Zero, own + columns * rows), (Start::Own(own + columns * rows), 0)]
-            {
-                let sweeps = if let Start::Own(_) = start { 1 } else { sweeps };
-                check(&c(to, sweeps, start), start.variant(), grid.cells.as_flattened().to_vec(), steps.clone());
-            }
-        }
-    }
-
     /// Grids of one and of many tiles, with none to four grids before the small ones: odd, narrow and tiny ones. The
     /// buffer of dV holds no numbers before, and cells before the grid stay as they are.
     #[test]
     fn matches_the_cpu_reference_with_all_coarser_grids() {
-        for (size, sweeps) in [
-            ([250, 250], 3),
-            ([500, 301], 3),
-            ([137, 121], 4),
-            ([131, 118], 1),
-            ([64, 64], 3),
-            ([63, 59], 2),
-            ([74, 43], 3),
-            ([128, 32], 3),
-            ([120, 17], 3),
-            ([17, 18], 3),
-            ([400, 36], 4),
-            ([9, 8], 3),
-            ([3, 2], 3),
-            ([64, 64], 6),
-            ([30, 128], 8),
-            ([821, 777], 3),
-        ] {
+        for (size, sweeps) in [([250, 250], 3), ([9, 8], 3), ([821, 777], 3)] {
             let [width, height] = size;
             let (first, mut places) = (5, grids(size));
             places.iter_mut().for_each(|place| place.first += first + width * height);

@@ -42,24 +42,3 @@ fn cpu_reference<N: Number>(c: &Constants, samples: &Samples<N>, v: &Raster<N>) 
     });
     squared
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::harness::{Input, Trial};
-    use super::super::sampled_pair::SampledPair;
-    use super::*;
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        SampledPair::for_each(6.0, |pair, warped| {
-            let ([width, height], &SampledPair { nodes, second_stack, centre, mean, .. }) = (pair.size(), pair);
-            let c = Constants { width, height, layer: 1, nodes, second_stack, centre, mean, epsilon: 0.1 };
-            let inputs = [&pair.inputs()[..], &[Input::Unread, Input::State(&pair.state)]].concat();
-            let groups = STAGE.groups(uncertainty_terms::size([width, height]));
-            for variant in pair.variants(warped, false) {
-                // 2e-5: a residual of up to 1, squared in single precision.
-                Trial::run::<Bindings>(&inputs, &c, variant, groups).assert_within(2e-5);
-            }
-        });
-    }
-}

@@ -92,28 +92,8 @@ pub(crate) fn without_scale(deviation: f32, by_scale: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Input, Trial, random_field};
-    use super::super::state::{DoubleState, State};
-    use super::*;
-    use crate::engine::stages::NO_VARIANT;
 
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height, shape) in [(37, 21, 0.0), (200, 150, 1.3), (1, 2, 0.5)] {
-            let v = [random_field(width, height, 1)];
-            let size = [width, height].map(|side| side as u32);
-            let half = uncertainty_terms::size(size).map(|side| side as usize);
-            let mut terms = [2, 3, 4, 5].map(|seed| random_field(half[0], half[1], seed));
-            terms[3].data.iter_mut().for_each(|b| *b *= 3.0);
-            // No data at some pixels.
-            terms[1].data.iter_mut().step_by(5).for_each(|b2| *b2 = 0.0);
-            let c = Constants { at_limit: 0.8, ..Constants::new(size, &Settings::default()) };
-            let state = State { kernel_shape: shape, ..State::new(&DoubleState::default().registration) };
-            let inputs = [Input::Image(&v), Input::Image(&terms), Input::State(&state)];
-            // Sums of 4096 quotients.
-            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, [1; 3]).assert_within(1e-5);
-        }
-    }
+    use super::*;
 
     #[test]
     fn noise_adds_nothing_and_a_shape_adds_its_share() {

@@ -17,7 +17,7 @@ pub(super) type Segment<N> = [N; SEGMENT];
 #[inline]
 pub(super) fn vectorised<T>(compute: impl FnOnce() -> T) -> T {
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-    if let Some(avx512) = LEVEL.as_avx512() {
+    if let Some(avx512) = LEVEL.as_avx512().filter(|_| allows(512)) {
         return fearless_simd::Simd::vectorize(avx512, compute);
     }
     streamed(compute)
@@ -28,7 +28,7 @@ pub(super) fn vectorised<T>(compute: impl FnOnce() -> T) -> T {
 #[inline]
 pub(super) fn streamed<T>(compute: impl FnOnce() -> T) -> T {
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-    if let Some(avx2) = LEVEL.as_avx2() {
+    if let Some(avx2) = LEVEL.as_avx2().filter(|_| allows(256)) {
         return fearless_simd::Simd::vectorize(avx2, compute);
     }
     compute()
@@ -37,6 +37,22 @@ pub(super) fn streamed<T>(compute: impl FnOnce() -> T) -> T {
 /// The instructions of the processor. To look for them takes as long as a short row.
 #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
 static LEVEL: LazyLock<fearless_simd::Level> = LazyLock::new(fearless_simd::Level::new);
+
+/// Whether vectors may have this many bits. Tests restrict their thread.
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+#[inline(always)]
+fn allows(_bits: u32) -> bool {
+    #[cfg(test)]
+    return _bits <= WIDEST.get();
+    #[cfg(not(test))]
+    true
+}
+
+#[cfg(test)]
+thread_local! {
+    /// The most bits of a vector on this thread.
+    pub(crate) static WIDEST: std::cell::Cell<u32> = const { std::cell::Cell::new(512) };
+}
 
 /// The first numbers of a slice, with zeros where it has fewer.
 #[inline(always)]

@@ -58,36 +58,11 @@ pub fn cpu_reference<N: Number>(shape: f64, nodes: &[Raster<N>]) -> Vec<Raster<N
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Input, Trial, build_stack, random_field};
-    use super::super::stack::{Slopes, White, node_count};
-    use super::super::state::{DoubleState, State};
+    use super::super::harness::build_stack;
+    use super::super::stack::{Slopes, node_count};
+
     use super::*;
     use crate::base::Kernel;
-    use crate::engine::stages::NO_VARIANT;
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height) in [(67, 21), (32, 17), (3, 2)] {
-            for shape in [0.0, 0.7, 1.3] {
-                let images = [random_field(width, height, 1), Field::from_fn(width, height, |_, _| 0.5)];
-                let count = node_count(9.0);
-                let stacks = images.map(|image| build_stack(&image, &Kernel::Gaussian, count)).concat();
-                let [width, height] = [width as u32, height as u32];
-                let nodes = count as u32;
-                let c = Constants { width, height, nodes, first: 0, step: nodes, planes: 2 };
-                let state =
-                    State { kernel_shape: shape, white: 1.3, ..State::new(&DoubleState::default().registration) };
-                let inputs = [Input::Image(&stacks), Input::State(&state)];
-                // Single precision, with coefficients of a few and differences times 4 at most.
-                Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, groups([width, height], 2)).assert_within(2e-5);
-                // A step, where one rounds up and the other down.
-                let packed = stack::packed(NO_VARIANT, true);
-                let step = White::of(packed, 1.3).unwrap().step(1.5);
-                let trial = Trial::run::<Bindings>(&inputs, &c, packed, groups([width, height], 1));
-                trial.assert_within(1.1 * step);
-            }
-        }
-    }
 
     #[test]
     fn a_shape_of_one_is_a_disk() {

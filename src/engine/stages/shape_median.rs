@@ -64,28 +64,13 @@ pub fn cpu_reference(so_far: f64, windows: &[Window]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Input, Trial, random};
-    use super::super::state::{DoubleState, State};
+    use super::super::harness::random;
+
     use super::*;
-    use crate::engine::stages::NO_VARIANT;
 
     fn windows(count: usize, middle: f64, spread: f64) -> Vec<Window> {
         let numbers = random(2 * count, 3);
         numbers.chunks(2).map(|w| Window { shape: middle + spread * (w[0] - 0.5), weight: 0.1 + w[1] }).collect()
-    }
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        let cases = [(256, 0.7, 0.4), (37, 0.2, 3.0), (5, 1.0, 0.1), (64, 2.0, 0.1), (100, -0.3, 0.1), (0, 0.0, 0.0)];
-        for (count, middle, spread) in cases {
-            let windows = windows(count, middle, spread);
-            let numbers: Vec<f64> = windows.iter().flat_map(|w| [w.shape, w.weight]).chain([0.0; 2]).collect();
-            let state = State { kernel_shape: 0.25, ..State::new(&DoubleState::default().registration) };
-            let inputs = [Input::Numbers(&numbers), Input::State(&state)];
-            let c = Constants { windows: count as u32 };
-            // A window's shape in single precision.
-            Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, [1; 3]).assert_within(1e-6);
-        }
     }
 
     #[test]

@@ -192,12 +192,6 @@ impl White {
         let root = f64::from(root) / FIXED_STEPS;
         self.0 * FIXED_MOST * root * root.abs()
     }
-
-    /// The largest step of coefficients up to some magnitude.
-    #[cfg(test)]
-    pub(crate) fn step(self, most: f64) -> f64 {
-        2.0 * (self.0 * FIXED_MOST * most).sqrt() / FIXED_STEPS
-    }
 }
 
 /// Coefficients as the stacks store them: rounded if they are packed.

@@ -90,53 +90,10 @@ fn refined<N: Number>(mut fine: Raster<N>, coarse: &Raster<N>) -> Raster<N> {
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Rig, assert_all_close, random_field};
+    use super::super::harness::random_field;
     use super::super::spline;
-    use super::super::stack::White;
+
     use super::*;
-    use crate::engine::vulkan::Resource;
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height) in [(37u32, 22u32), (141, 25), (16, 8), (2, 3), (1, 1)] {
-            let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
-            let expected = cpu_reference([width as usize, height as usize], &coarse);
-            let rig = Rig::new();
-            let negative = |field: &Field| Field { data: field.data.iter().map(|value| -value).collect(), ..*field };
-            let (from, to) = (rig.image(&[coarse.clone(), negative(&coarse)]), rig.empty([width, height], 4));
-            let constants =
-                Constants { width, height, from_layer: 0, from_step: 1, layer: 1, step: 2, planes: 2, listed: 1 };
-            let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 | 1 << 16]));
-            let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];
-            let zeros = Field::zeros(width as usize, height as usize);
-            // The first tile, and the one below it to the right.
-            rig.run_variant(&STAGE, variant(true, false), &resources, &constants, [2, 1, 2]);
-            let some = Field::from_fn(width as usize, height as usize, |x, y| {
-                if (x / 128, y / 8) == (0, 0) || (x / 128, y / 8) == (1, 1) { expected.get(x, y) } else { 0.0 }
-            });
-            // 1e-6: nine products of single precision.
-            let layers = |fine: &Field| [zeros.clone(), fine.clone(), zeros.clone(), negative(fine)];
-            rig.assert_close(&to, &layers(&some), 1e-6);
-            rig.run_groups(&STAGE, &resources, &constants, groups([width.div_ceil(2), height.div_ceil(2)], 2));
-            rig.assert_close(&to, &layers(&expected), 1e-6);
-
-            // Packed, from layer 1 into layer 2.
-            let white = White::of(variant(false, true), 1.0).unwrap();
-            let [coarse, other] = [coarse.clone(), negative(&coarse)].map(|layer| stack::stored(layer, Some(white)));
-            let expected = [&coarse, &other].map(|coarse| cpu_reference([width as usize, height as usize], coarse));
-            let blank = Field::zeros(coarse.width, coarse.height);
-            let from = rig.packed(&[blank.clone(), coarse, blank, other], white);
-            let to = rig.packed(&vec![zeros.clone(); 6], white);
-            let constants = Constants { from_layer: 1, layer: 2, ..constants };
-            let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];
-            let groups = groups([width.div_ceil(2), height.div_ceil(2)], 1);
-            rig.run_variant(&STAGE, variant(false, true), &resources, &constants, groups);
-            let [first, second] = expected.map(|fine| [zeros.clone(), zeros.clone(), fine]);
-            // Half a step.
-            let tolerance = 0.51 * white.step(1.0);
-            assert_all_close(&rig.unpacked(&to, white), &[&first[..], &second].concat(), tolerance);
-        }
-    }
 
     #[test]
     fn coarse_and_fine_are_the_same_spline() {

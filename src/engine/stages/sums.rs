@@ -184,23 +184,6 @@ impl Sums {
     }
 }
 
-/// Asserts that sums of the device are those of the CPU reference, to `tolerance` times the largest of N.
-#[cfg(test)]
-#[track_caller]
-pub(crate) fn assert_close(actual: &Sums, expected: &Sums, layout: Layout, tolerance: f64) {
-    let largest = expected.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
-    let close = |a: f64, e: f64, what: &str| assert!((a - e).abs() < tolerance * largest, "{what}: {a}, not {e}");
-    for i in 0..layout.unknowns {
-        close(actual.gradient[i], expected.gradient[i], "g");
-        (0..layout.unknowns).for_each(|j| close(actual.normal[i][j], expected.normal[i][j], "N"));
-    }
-    close(actual.energy, expected.energy, "energy");
-    close(actual.valid, expected.valid, "valid");
-    close(actual.spread, expected.spread, "spread");
-    close(actual.variance[0], expected.variance[0], "b²");
-    close(actual.variance[1], expected.variance[1], "D");
-}
-
 /// A row of partial sums of residuals of weight 1: ∇J, S and place.
 #[cfg(test)]
 pub(crate) fn row(residuals: &[([f64; 2], f64, [f64; 2])], layout: Layout) -> Vec<f32> {

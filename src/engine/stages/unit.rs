@@ -75,34 +75,15 @@ fn octave(magnitude: f64) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Input, Trial, frames, random};
-    use super::super::state::{Registration, State};
+    use super::super::harness::random;
+
     use super::*;
     use crate::base::color::LUMINANCE;
-    use crate::base::{Homography, Photometric};
 
     /// The unit of a grey photograph, by the CPU reference.
     fn unit_of(width: u32, samples: Vec<f32>) -> f64 {
         let frame = Frame::gray(width, samples.len() as u32 / width, samples).unwrap();
         cpu_reference([&frame; 2], Decode::None, LUMINANCE)
-    }
-
-    #[test]
-    fn matches_the_cpu_reference_for_every_format() {
-        for frame in frames() {
-            for (decode, weights) in [(Decode::None, LUMINANCE), (Decode::Srgb, [0.0, 1.0, 0.0])] {
-                let start = Registration::new(Homography::IDENTITY, &Photometric { gain: 1.0, offset: 0.25 });
-                let state = State::new(&start);
-                let size = [frame.width(), frame.height()];
-                let constants = Constants::new(size, [frame.format(); 2], weights);
-                let photograph = Input::Photograph(&frame);
-                let inputs = [photograph.clone(), photograph, Input::State(&state)];
-                let trial = Trial::run::<Bindings>(&inputs, &constants, variant(decode), [1; 3]);
-                trial.assert_within(0.0);
-                let state = &trial.states(2)[0];
-                assert_eq!(state.registration.offset * state.unit, 0.25);
-            }
-        }
     }
 
     #[test]

@@ -380,22 +380,6 @@ mod tests {
     }
 
     #[test]
-    fn matches_the_cpu_reference() {
-        for (rows, variant) in
-            [(1, NO_VARIANT), (7, Variant::PROJECTIVE), (8, NO_VARIANT), (100, Variant::PROJECTIVE), (100, NO_VARIANT)]
-        {
-            let layout = Layout::of_variant(variant);
-            let partials = partials(rows, 40, layout);
-            for unknowns in (0..=layout.unknowns as u32).step_by(2) {
-                for descends in [0, DESCENDS] {
-                    let c = with(constants(rows as u32), unknowns, MAY_SETTLE | descends);
-                    check_warped(c, &partials, 0.1, [0.0; 2], variant);
-                }
-            }
-        }
-    }
-
-    #[test]
     fn alpha_follows_the_data_and_the_steepness_of_v() {
         let layout = Layout::of_variant(NO_VARIANT);
         for (root, steep) in [(0.03, 0.03), (0.2, 1.0), (1e-4, 0.03), (0.06, 1e-6), (0.0294, 0.04)] {

@@ -130,33 +130,10 @@ pub(super) fn factors<N: Number>(
 #[cfg(test)]
 mod tests {
     use super::super::Field;
-    use super::super::harness::{Input, Trial, build_stack, smooth_field};
-    use super::super::state::State;
+    use super::super::harness::build_stack;
+
     use super::*;
     use crate::base::{Photometric, Similarity};
-    use crate::engine::stages::NO_VARIANT;
-
-    #[test]
-    fn matches_the_cpu_reference() {
-        for (width, height) in [(37u32, 21u32), (64, 16), (16, 17)] {
-            for transform in [
-                Similarity::new(2.2, -1.0, 0.5, 1.03),
-                Similarity::new(-9.0, 12.0, 3.0, 0.9),
-                Similarity::new(1e4, 0.0, 0.0, 1.0),
-                Similarity::new(-1e4, -30.0, 0.0, 1.0),
-            ] {
-                let spline2 = [smooth_field(width as usize, height as usize, 1)];
-                let photometric = Photometric { gain: 0.9, offset: 0.1 };
-                let mut state = State::new(&Registration::new(transform, &photometric));
-                state.shading[1..4].copy_from_slice(&[0.1, -0.05, 0.03]);
-                let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
-                let c = Constants { width, height, layer: 1, factor: 2.0, centre };
-                let inputs = [Input::Image(&spline2), Input::Unread, Input::State(&state)];
-                // Places are known to 2e-6 px here, and the gradient of the noise is below 1 per pixel.
-                Trial::run::<Bindings>(&inputs, &c, NO_VARIANT, tiles([width, height])).assert_within(1e-5);
-            }
-        }
-    }
 
     #[test]
     fn a_wave_is_displaced_as_in_closed_form() {
