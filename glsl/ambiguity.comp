@@ -3,26 +3,25 @@
 // reference: src/engine/stages/ambiguity.rs.
 
 layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
-// The stack of I2 is of I2 as warped onto I1's pixels, and of a Gaussian.
+// The stack of I2 is of I2 as warped onto I1's pixels, and of a kernel without a mean.
 layout(constant_id = 3) const bool WARPED = false;
 layout(constant_id = 4) const bool MASKED = false;
 
 #include "blur.glsl"
 #include "noise.glsl"
 
-layout(binding = 0, r32f) uniform readonly image2DArray image1;
-layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 2, r32ui) uniform readonly uimage2DArray stacks;   // of I1, then of I2
+layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 1, r32ui) uniform readonly uimage2DArray stacks;   // of I1, then of I2
 // Half as wide and high: means of C, b², (∇²V)², b Σb and of the squared residual.
-layout(binding = 3, r32f) uniform image2DArray terms;
-layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
-layout(binding = 5, std430) readonly buffer Mask { uint mask[]; };     // a byte per pixel: 0 where there are no results
+layout(binding = 2, r32f) uniform image2DArray terms;
+layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 4, std430) readonly buffer Mask { uint mask[]; };     // a byte per pixel: 0 where there are no results
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
     int second_stack;                // its first layer
     float centre[2];
-    float mean[2];                   // of the kernel at V = 1
+    float mean[2];                   // of the kernel at variance 1
     float limit;                     // largest |V|, px²
     float eta;                       // of the data term
     float pixels;                    // pixels of a window
@@ -56,20 +55,25 @@ shared vec2 best[BLOCKS];
 float energy(ivec2 x, float v) {
     Registration r = state.registration;
     vec2 d = displacement(r, x, 1.0, vec2(centre[0], centre[1]));
-    if (!inside(x, d, ivec2(width, height), v, scale_of(r))) return -1.0;
-    PairSample both = sample_pair(x, d, v);
-    float s = v > 0.0 ? both.b1.value - (r.gain * both.j.value + r.offset)
-                      : r.gain * both.b2.value + r.offset - both.i1;
-    return s * s / (1.0 + blurred_power(noise, abs(v), 1.0).value);
+    Variances of = variances_at(v, state.separation);
+    if (!inside(x, d, ivec2(width, height), of, scale_of(r))) return -1.0;
+    float s = residual_of(sample_pair(x, d, of, 1.0));
+    return s * s / (blurred_power(noise, of.first, 1.0).value + blurred_power(noise, of.second, 1.0).value);
 }
 
-// What noise alone adds to the curvature at |V| = v, if the residuals are noise.
-float curvature_of_noise(float v, float square) {
-    Power power = blurred_power(noise, v, 1.0);
-    float along = noise.fall + 2.0 * noise.reach * v, n = 1.0 + power.value;
-    float cube = power.value * power.value * power.value;
+// The noise of an image that is blurred by `variance`, and the first and second derivatives of it by V.
+vec3 noise_by_v(float variance, float by_v) {
+    Power power = blurred_power(noise, variance, 1.0);
+    float along = noise.fall + 2.0 * noise.reach * variance, cube = power.value * power.value * power.value;
     float bend = (0.75 * along * along * power.value * power.value - noise.reach) * cube;
-    return 0.25 * (bend - power.slope * power.slope / n) * square / (n * sqrt(eta * eta + 1.57 * square));
+    return vec3(power.value, power.slope * by_v, bend * by_v * by_v);
+}
+
+// What noise alone adds to the curvature at V, if the residuals are noise.
+float curvature_of_noise(float v, float square) {
+    Variances of = variances_at(v, state.separation);
+    vec3 n = noise_by_v(of.first, of.first_by_v) + noise_by_v(of.second, of.second_by_v);
+    return 0.25 * (n.z - n.y * n.y / n.x) * square / (n.x * sqrt(eta * eta + 1.57 * square));
 }
 
 void main() {
@@ -108,7 +112,7 @@ void main() {
         // The curvature at which σ_V is the distance.
         float reaching = sqrt(imageLoad(terms, ivec3(x / 2, B2)).r / pixels) / max(abs(v - best[block].x), 1e-9);
         if (curvature <= reaching) continue;
-        if (curvature < BY_NOISE * curvature_of_noise(abs(v), imageLoad(terms, ivec3(x / 2, SQUARE)).r)) {
+        if (curvature < BY_NOISE * curvature_of_noise(v, imageLoad(terms, ivec3(x / 2, SQUARE)).r)) {
             curvature = 0.0;
         } else if (best[block].y < BETTER) {
             curvature = reaching;

@@ -38,7 +38,7 @@ void accumulate(Registration r, ivec2 x, inout Sums sums) {
     ivec2 size = ivec2(width, height), i;
     vec2 centre = vec2(centre[0], centre[1]), f;
     vec2 d = displacement(r, x, factor, centre);
-    if (!inside(x, d, size, 0.0, 1.0)) return;
+    if (!is_seen_by_both(x, d, size)) return;
     float share = counts(x, d, size);
     place(x, d, size, i, f);
     Jet i2 = spline_at(2, 0, size, i, f);

@@ -15,7 +15,6 @@ layout(push_constant) uniform Constants {
     int width, height;
     int layer;                       // target
     float centre[2];
-    float epsilon;
 };
 
 #include "fuse.glsl"
@@ -24,6 +23,6 @@ void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
     if (x.x >= width || x.y >= height) return;
     vec2 photographs = photographs_at(x);
-    float v = imageLoad(relative_blur, ivec3(x, 0)).r, first = clamp(0.5 + atan(v / epsilon) / 3.14159265358979, 0.0, 1.0);
+    float v = imageLoad(relative_blur, ivec3(x, 0)).r, first = variances_at(v, 0.0).first_by_v;
     imageStore(result, ivec3(x, layer), vec4(mix(photographs.y, photographs.x, first)));
 }

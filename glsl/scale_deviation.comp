@@ -1,5 +1,5 @@
 #version 460
-// The standard deviation of the scale of V, by the shape of the kernel and the correlation of neighbouring residuals.
+// The standard deviation of the scale of V, by the law and the correlation of neighbouring residuals.
 // One workgroup. CPU reference: src/engine/stages/scale_deviation.rs.
 
 #include "state.glsl"
@@ -11,13 +11,13 @@ layout(binding = 2, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;               // of the terms
     float at_limit;                  // |V| from which V is only a bound, px²
-    float shape;                     // assumed for a stated disk; 0 for other kernels
+    uint is_disk;                    // a disk is stated
 };
 
 // Samples along x and y.
 const int SIDE = 64;
-// σ of the scale by the excess of the shape over a disk's, and if all residuals are correlated with their neighbours.
-const float OF_SHAPE = 0.15, OF_RESIDUALS = 0.2;
+// σ of the scale if a disk blurs by the relative law, and if all residuals are correlated with their neighbours.
+const float OF_LAW = 0.06, OF_RESIDUALS = 0.2;
 // The variance of a window's ratio by chance.
 const float CHANCE = 1.75;
 shared vec2 sums[gl_WorkGroupSize.x * gl_WorkGroupSize.y];   // of ratios, samples
@@ -36,7 +36,7 @@ void main() {
     if (first != 0) return;
     for (int n = 1; n < step; n++) sum += sums[n];
     float excess = max(sum.x / max(sum.y, 1.0) - 1.0, 0.0), share = excess / (1.0 + excess);
-    float beyond_disk = max(max(state.kernel_shape, shape) - 1.0, 0.0);
-    state.scale_deviation = length(vec2(OF_SHAPE * beyond_disk, OF_RESIDUALS * share));
+    bool is_relative = is_disk != 0u || state.kernel_shape != 0.0 && state.separation == 0.0;
+    state.scale_deviation = length(vec2(is_relative ? OF_LAW : 0.0, OF_RESIDUALS * share));
     state.correlated = excess * excess / (excess * excess + CHANCE);
 }

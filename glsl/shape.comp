@@ -1,6 +1,6 @@
 #version 460
-// Applies the kernel's shape to the nodes of Gaussians' blur stacks, in place; each workgroup along z to one, or
-// to both if they are packed. CPU reference: src/engine/stages/shape.rs.
+// Turns the nodes of Gaussians' blur stacks into those of disks, in place; each workgroup along z one, or both if they
+// are packed. CPU reference: src/engine/stages/shape.rs.
 
 #include "state.glsl"
 #include "nodes.glsl"
@@ -14,6 +14,7 @@ layout(push_constant) uniform Constants {
     int nodes;
     int first, step;                 // layer of the first stack, and from a stack to the next
     int planes;                      // stacks: workgroups along z, unless they are packed
+    uint is_anew;                    // 1: the stacks are Gaussians', to be shaped if the kernel is a disk; 0: if it has just become one
 };
 
 ivec3 place(ivec2 x, int k) { return ivec3(x, first + int(gl_WorkGroupID.z) * step + k); }
@@ -26,20 +27,16 @@ vec2 node(ivec2 x, int k) {
 
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
-    float shape = state.kernel_shape;
-    if (x.x >= width || x.y >= height || shape == 0.0) return;
-    vec3 variances = vec3(node_variance(0), node_variance(1), node_variance(2));
-    mat3x2 values = mat3x2(node(x, 0), node(x, 1), node(x, 2));
+    bool is_shaped = is_anew != 0u ? state.kernel_shape != 0.0 : state.becomes_disk != 0u;
+    if (x.x >= width || x.y >= height || !is_shaped) return;
+    // Nodes k - 2 to k + 2. What is beyond the first and the last one has no weight.
+    vec2 values[DEPARTURE_NODES] = vec2[](vec2(0.0), vec2(0.0), node(x, 0), node(x, 1), node(x, 2));
     for (int k = 1; k < nodes; k++) {
-        if (k > 1 && k + 1 < nodes) {
-            variances = vec3(variances.yz, node_variance(k + 1));
-            values = mat3x2(values[1], values[2], node(x, k + 1));
-        }
-        bool last = k + 1 == nodes;
-        float v = last ? variances.z : variances.y;
-        vec2 value = last ? values[2] : values[1];
-        mat2x3 of = transpose(values);
-        value += shape * vec2(departure(v, variances, of[0]), departure(v, variances, of[1]));
+        for (int n = 0; n + 1 < DEPARTURE_NODES; n++) values[n] = values[n + 1];
+        if (k + 2 < nodes) values[4] = node(x, k + 2);
+        vec2 value = values[2];
+        int row = departure_row(k, nodes);
+        for (int n = 0; n < DEPARTURE_NODES; n++) value += DEPARTURES[row + n] * values[n];
         uint texel = PACKED ? packed_texel(value.x, value.y) : floatBitsToUint(value.x);
         imageStore(stacks, place(x, k), uvec4(texel));
     }

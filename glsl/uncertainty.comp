@@ -18,6 +18,7 @@ layout(push_constant) uniform Constants {
     float bending;                   // weight of (∇²V)² relative to the data's variance
     float largest;                   // standard deviation, px²
     float at_limit;                  // |V| from which V is only a bound, px²
+    float widest;                    // variance that the blur stacks reach, px²
     float eta;                       // of the data term
     float features;                  // independent samples of what is not noise in a window
 };
@@ -36,7 +37,8 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r;
     Registration r = state.registration;
-    bool valid = inside(x, displacement(r, x, 1.0, vec2(centre[0], centre[1])), size, v, scale_of(r));
+    Variances of = variances_at(v, state.separation);
+    bool valid = inside(x, displacement(r, x, 1.0, vec2(centre[0], centre[1])), size, of, scale_of(r));
     uint pixel = x.y * width + x.x;
     if (MASKED) valid = valid && (mask[pixel / 4] >> 8 * (pixel & 3) & 0xffu) != 0u;
     vec4 mean = vec4(term(0, x, size), term(1, x, size), term(2, x, size), term(4, x, size));
@@ -44,7 +46,7 @@ void main() {
     // The mean squared slope of S follows from b² = S² slope²/ψ².
     float spread = max(state.spread, eta / BROAD), noise = NOISE * spread, beyond = max(mean.w - noise * noise, 0.0);
     float unexplained = beyond * mean.w / (mean.y * (mean.w + eta * eta));
-    bool measured = mean.x > 0.0 && abs(v) < at_limit;
+    bool measured = mean.x > 0.0 && abs(v) < at_limit && max(of.first, of.second) < widest;
     float deviation = measured ? min(sqrt(data + bending * mean.z + unexplained / features), largest) : largest;
     float other = UNEXPLAINED * spread;
     if (mean.w > other * other && deviation > CERTAIN) deviation = largest;

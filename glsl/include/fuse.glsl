@@ -12,7 +12,7 @@ vec2 photographs_at(ivec2 x) {
     Registration r = state.registration;
     vec2 centre = vec2(centre[0], centre[1]), d = displacement(r, x, 1.0, centre), f;
     float first = imageLoad(channel1, ivec3(x, 0)).r;
-    if (!inside(x, d, size, 0.0, 1.0)) return vec2(first);
+    if (!is_seen_by_both(x, d, size)) return vec2(first);
     place(x, d, size, i, f);
     float shading = shading_at(state.applied_shading, (vec2(x) + d - centre) / centre);
     return vec2(first, r.gain * shading * spline_at(2, 0, size, i, f).value + state.unit * r.offset);

@@ -1,11 +1,10 @@
 // The noise that remains in an image after a blur. CPU reference: src/engine/stages/noise.rs.
 
 struct Noise {
-    float fall, reach;               // of the power under a blur, by V and by V²
-    float sharpened;                 // rise of the power of a sharpened image, by V²
+    float fall, reach;               // of the power under a blur, by its variance and the square of it
 };
 
-// Power relative to that of the image itself, and its derivative by V.
+// Power relative to that of the image itself, and its derivative by the variance.
 struct Power {
     float value, slope;
 };
@@ -22,10 +21,4 @@ Power blurred_power(Noise n, float v, float before) {
     float fall = n.fall / before;
     float value = inversesqrt(1.0 / (before * before) + (fall + n.reach * v) * v);
     return Power(value, -(0.5 * fall + n.reach * v) * value * value * value);
-}
-
-// The power of an image that is extrapolated linearly through V = 0, at v >= 0 beyond; constant from `most` on.
-Power beyond_power(Noise n, float v, float before, float most) {
-    float rise = 0.5 * n.fall * before, bend = n.sharpened * rise * rise, u = min(v, most);
-    return Power(before * (1.0 + (rise + bend * u) * u), v < most ? before * (rise + 2.0 * bend * u) : 0.0);
 }

@@ -1,5 +1,6 @@
 // The state of a solve, and the displacement of a pixel by T. CPU reference: src/engine/stages/state.rs.
 
+#include "law.glsl"
 #include "shading.glsl"
 
 const int MAX_LEVELS = 12;
@@ -28,6 +29,8 @@ struct State {
     uint degenerate;   // the last step had unknowns that the images do not determine
     float alpha;       // of the current level
     float kernel_shape; // 0: a Gaussian, 1: a disk
+    uint becomes_disk; // the kernel of the current level was found to be a disk since its stacks were made
+    float separation;  // of the two focus settings, p, px²; 0: the sharper photograph alone is blurred
     float spread;      // σ of noise in S, from adjacent pixels
     float scale_deviation; // of V, as a share of it
     float correlated;  // by how much the correlation of neighbouring residuals in a window counts, 0 to 1
@@ -110,10 +113,15 @@ void place(ivec2 x, vec2 d, ivec2 size, out ivec2 i, out vec2 f) {
     f = d - whole;
 }
 
-// Whether the window of three σ lies inside both images: at x in I1, at x + d in I2, where it is `scale` times as wide.
-bool inside(ivec2 x, vec2 d, ivec2 size, float v, float scale) {
-    float reach = 3.0 * sqrt(abs(v));
+// Whether windows of three σ of the blurs of I1 and I2 lie inside both images: at x in I1, at x + d in I2, where pixels
+// are `scale` times as wide.
+bool inside(ivec2 x, vec2 d, ivec2 size, Variances of, float scale) {
     vec2 low = vec2(x), high = vec2(size - 1 - x);
-    return all(greaterThanEqual(min(low, high), vec2(reach)))
-        && all(greaterThanEqual(min(low + d, high - d), vec2(reach * scale)));
+    return all(greaterThanEqual(min(low, high), vec2(3.0 * sqrt(of.first))))
+        && all(greaterThanEqual(min(low + d, high - d), vec2(3.0 * scale * sqrt(of.second))));
+}
+
+// Whether x lies inside I1, and x + d inside I2.
+bool is_seen_by_both(ivec2 x, vec2 d, ivec2 size) {
+    return inside(x, d, size, Variances(0.0, 0.0, 0.0, 0.0), 1.0);
 }

@@ -348,7 +348,7 @@ settings! {
     /// Red-black relaxation sweeps in each outer iteration, on each grid but the coarsest.
     relaxation_sweeps: u32 = 3, 1 to 100, flag "Relative blur V" "N";
     /// Shape of the blur.
-    /// auto finds where it lies between a Gaussian and a disk.
+    /// auto finds whether it is a Gaussian or a disk, and how far the focus settings are apart.
     kernel: Kernel = Kernel::Auto;
     /// Whether depth edges are as sharp as the scene's.
     /// Where two layers explain the photographs better, V passes from one depth to the other at their outline, instead
@@ -370,8 +370,6 @@ settings! {
     data_eta: f64 = 0.01, 1e-4 to 1 "units of intensity", flag "Fine tuning" "E";
     /// η of the smoothness term's modified L1 norm.
     smoothness_eta: f64 = 0.1, 1e-4 to 100 "px² per pixel", flag "Fine tuning" "E";
-    /// ε of the smooth Heaviside function.
-    heaviside_epsilon: f64 = 0.1, 1e-3 to 10 "px²", flag "Fine tuning" "E";
     /// Largest change of V in one outer iteration, in px² of the level.
     largest_step: f64 = 1.0, 0.01 to 100 "px²", flag "Fine tuning" "PX2";
     /// Stored value from which a sample is clipped at white.

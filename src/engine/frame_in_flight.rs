@@ -29,6 +29,7 @@ pub(super) struct Start {
     pub(super) photometric: Photometric,
     pub(super) shading: Shading,
     pub(super) kernel_shape: f64,
+    pub(super) separation: f64,
 }
 
 /// The memory of a pair by kind of device.
@@ -170,6 +171,7 @@ impl FrameInFlight {
         let mut state = State::new(&Registration::new(start.transform, &start.photometric));
         state.shading = start.shading.coefficients.map(|c| c as f32);
         state.kernel_shape = start.kernel_shape as f32;
+        state.separation = start.separation as f32;
         state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
         self.memory.pair_mut().prepare(&state, pixels)?;
         self.phases.end("start");
@@ -238,6 +240,15 @@ impl FrameInFlight {
         Ok(Profile { dispatches, ends_ms, phases: self.phases.clone() })
     }
 
+    /// σ of the noise in S, units: that of the last step of T; or, where T moved too far for it to be measured, of all
+    /// that is left of S.
+    fn noise(&self, state: &State) -> f64 {
+        let eta = self.shared.plan.settings.data_eta;
+        let left = || (f64::from(state.levels[0].energy).powi(2) - eta * eta).max(0.0).sqrt();
+        let spread = if state.spread > 0.0 { state.spread.into() } else { left() };
+        spread.max(eta / linearise::BROAD)
+    }
+
     /// The results, borrowed from the pair's memory. The device is done with the pair.
     pub(super) fn solution(&mut self) -> Result<SolutionRef<'_>, Error> {
         self.cancel.check()?;
@@ -256,10 +267,11 @@ impl FrameInFlight {
             solved: Region { x: 0, y: 0, width, height },
             regularization: state.alpha.into(),
             kernel_shape: (settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
+            separation: (state.separation > 0.0).then(|| state.separation.into()),
             scale_deviation: state.scale_deviation.into(),
             levels: self.levels(&state, Slot::EndEnergies)?,
             unsettled_fraction: f64::from(state.levels[0].moving.min(1.0)),
-            noise: unit * f64::from(state.spread).max(settings.data_eta / linearise::BROAD),
+            noise: unit * self.noise(&state),
             timings: self.timings()?,
             ..Findings::default()
         };

@@ -229,7 +229,8 @@ pub(crate) fn solve_pair(
         let (gain, shading) = shading_of_region(whole.photometric.gain, &whole.shading, region, size);
         let photometric = Photometric { gain, ..whole.photometric };
         let kernel_shape = whole.kernel_shape.unwrap_or(0.0);
-        let start = Some(Start { transform, photometric, shading, kernel_shape });
+        let separation = whole.separation.unwrap_or(0.0);
+        let start = Some(Start { transform, photometric, shading, kernel_shape, separation });
         let mask = options.mask.map(|mask| mask.cropped(part.solved));
         let cropped = |frame: &Frame, region| frame.cropped(region).map_err(Error::Region);
         let (a, b) = (cropped(i1, part.solved)?, cropped(i2, region)?);
@@ -319,6 +320,7 @@ fn solve_at_half_size(
         solution.transform = doubled_transform(&solution.transform, size);
         (solution.photometric.gain, solution.shading) =
             doubled_shading(solution.photometric.gain, &solution.shading, size);
+        solution.separation = solution.separation.map(|separation| 4.0 * separation);
         solution.transform_deviation.iter_mut().for_each(|deviation| deviation.corner_px *= 2.0);
         solution.other_motion.iter_mut().for_each(|other| other.corner_px *= 2.0);
     }

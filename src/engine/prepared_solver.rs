@@ -226,7 +226,13 @@ impl PreparedSolver {
             (Method::Sift, ..) => return Err(Error::NoKeyPoints),
             _ => settings.start,
         };
-        Ok(Start { transform, photometric: settings.start_photometric, shading: Shading::NONE, kernel_shape: 0.0 })
+        Ok(Start {
+            transform,
+            photometric: settings.start_photometric,
+            shading: Shading::NONE,
+            kernel_shape: 0.0,
+            separation: 0.0,
+        })
     }
 }
 
@@ -442,7 +448,7 @@ mod tests {
         let frames = [0, 3].map(|shift| {
             let noise = testing::random(160 * 136, shift as u64);
             let value =
-                |i: usize| (texture.data[(i / 160 + shift) * 170 + i % 160 + 2 * shift] + 0.2 * noise[i]) as f32;
+                |i: usize| (texture.data[(i / 160 + shift) * 170 + i % 160 + 2 * shift] + 0.4 * noise[i]) as f32;
             Frame::gray(160, 136, (0..160 * 136).map(value).collect()).unwrap()
         });
         let solve = || {

@@ -53,7 +53,7 @@ impl Costs {
             "warp" | "mask" => 2.6,
             "linearise" => 3.8,
             "blur_matched_pair" => 5.0,
-            "shape_windows" => 6.0,
+            "lens_windows" => 6.0,
             "residual" | "edge_fuse" => 7.0,
             "ambiguity" => 8.0,
             "edge_cells" => 8.5,

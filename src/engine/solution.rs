@@ -30,8 +30,11 @@ pub struct Findings {
     pub solved: Region,
     /// α of the finest level, stated or found.
     pub regularization: f64,
-    /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk, up to 4.
+    /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk.
     pub kernel_shape: Option<f64>,
+    /// How far the two focus settings are apart, if it was found: the variance of the blur in one photograph of what is
+    /// in focus in the other, px². `None` if the blur is Gaussian, which does not show it.
+    pub separation: Option<f64>,
     /// The standard deviation of the scale of V, as a share of V. A kernel that does not describe the blur makes all of
     /// V too large or too small. [`Solution::uncertainty`] includes it. Results of one lens and setup share it.
     pub scale_deviation: f64,

@@ -24,7 +24,7 @@ fn configuration_errors_name_file_and_line() {
         ("\nregularisation = 0.1\n", "c.toml:2: there is no option 'regularisation'; did you mean 'regularization'?"),
         ("relaxation-sweeps = 'many'\n", "c.toml:1: relaxation-sweeps must be a number, and is a string"),
         ("\n\nrelaxation-sweeps = 0\n", "c.toml:3: --relaxation-sweeps is 0, and must be 1 to 100"),
-        ("heaviside_epsilon = 99\n", "c.toml:1: --heaviside-epsilon is 99"),
+        ("smoothness_eta = 999\n", "c.toml:1: --smoothness-eta is 999"),
         ("kernel = 'none.png'\n", "none.png"),
     ] {
         desk.write("c.toml", text);
@@ -40,7 +40,7 @@ fn the_printed_defaults_are_valid_toml() {
     let output = Desk::new().run(&["config"]);
     let text = String::from_utf8(output.stdout).unwrap();
     let table: toml::Table = toml::from_str(&text).unwrap();
-    for name in ["over-relaxation", "continuation", "data-eta", "smoothness-eta", "heaviside-epsilon", "largest-step"] {
+    for name in ["over-relaxation", "continuation", "data-eta", "smoothness-eta", "largest-step"] {
         assert!(table[name].is_float() || table[name].is_integer(), "{name}");
     }
 }

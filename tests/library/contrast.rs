@@ -35,8 +35,10 @@ fn photographs_of_one_focus_setting_show_no_difference_whichever_is_noisy() {
             let solution = solve(&engine, size, |_| [0.3, 0.3], noisy(noise), seed);
             let said = solution.warnings.join("\n");
             assert!(said.contains("no difference of blur"), "{size:?}, noise {noise:?}: {said}");
-            // Equal noise does not make V wrong.
-            assert_eq!(solution.converged, noise[0] == noise[1], "{size:?}, noise {noise:?}: {said}");
+            // Equal noise does not make V wrong. Unequal noise may.
+            let most = solution.relative_blur.iter().fold(0.0_f32, |most, v| most.max(v.abs()));
+            let is_wrong = !solution.converged && noise[0] != noise[1];
+            assert!(is_wrong || solution.converged && most < 0.3, "{size:?}, noise {noise:?}, {most} px²: {said}");
         }
     }
 }

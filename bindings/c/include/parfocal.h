@@ -230,8 +230,6 @@ typedef struct {
   double data_eta;
   // Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
   double smoothness_eta;
-  // Width of the smooth Heaviside function, px², 1e-3 to 10.
-  double heaviside_epsilon;
   // Limit of |V|, px², 1 to 256.
   double max_relative_blur;
   // Limit of the change of V per step, px² of the level, 0.01 to 100; a quarter of |V| where that is more.

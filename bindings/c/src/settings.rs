@@ -106,8 +106,6 @@ pub struct parfocal_settings {
     pub data_eta: f64,
     /// Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
     pub smoothness_eta: f64,
-    /// Width of the smooth Heaviside function, px², 1e-3 to 10.
-    pub heaviside_epsilon: f64,
     /// Limit of |V|, px², 1 to 256.
     pub max_relative_blur: f64,
     /// Limit of the change of V per step, px² of the level, 0.01 to 100; a quarter of |V| where that is more.
@@ -152,7 +150,6 @@ unsafe impl Versioned for parfocal_settings {
             continuation: s.continuation,
             data_eta: s.data_eta,
             smoothness_eta: s.smoothness_eta,
-            heaviside_epsilon: s.heaviside_epsilon,
             max_relative_blur: s.max_relative_blur,
             largest_step: s.largest_step,
             black_level: f64::NAN,
@@ -219,7 +216,6 @@ fn settings(stated: &parfocal_settings) -> Result<Settings, Fault> {
         continuation: stated.continuation,
         data_eta: stated.data_eta,
         smoothness_eta: stated.smoothness_eta,
-        heaviside_epsilon: stated.heaviside_epsilon,
         max_relative_blur: stated.max_relative_blur,
         largest_step: stated.largest_step,
         kernel: one_of("kernel", stated.kernel, &Kernel::NAMED)?,

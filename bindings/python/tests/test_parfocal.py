@@ -191,7 +191,6 @@ def test_every_setting_is_a_keyword_argument(engine, result):
         continuation=10,
         data_eta=0.01,
         smoothness_eta=0.1,
-        heaviside_epsilon=0.1,
         max_relative_blur=144.0,
         largest_step=1,
         kernel="auto",

@@ -52,7 +52,7 @@ pub(crate) struct SettingsArguments {
     offset: Option<f64>,
     /// Shape of the blur: auto, gaussian, pillbox, half-gaussian, or a picture
     ///
-    /// auto finds where it lies between a Gaussian and a disk. A picture can be that of a coded aperture.
+    /// auto finds whether it is a Gaussian or a disk, and how far the focus settings are apart. A picture can be that of a coded aperture.
     #[arg(long, value_name = "K|FILE", help_heading = BLUR, default_value = "auto")]
     kernel: KernelChoice,
 }

@@ -17,7 +17,7 @@ type Row = (&'static str, String);
 /// The summary of a solve, without a newline at the end.
 pub(crate) fn summary(report: &Report, palette: Palette, out: &Path) -> String {
     let mut rows = found(report);
-    rows.extend(report.kernel_shape.map(|shape| ("blur", kernel(shape))));
+    rows.extend(report.kernel_shape.map(|shape| ("blur", kernel(shape, report.separation))));
     let scale = |deviation: f64| format!("V as a whole may be off by {:.0} % (σ)", 100.0 * deviation);
     // Below half a per cent it says nothing that V's digits do not.
     rows.extend(
@@ -90,11 +90,14 @@ fn registration(frame: &FrameReport) -> [Row; 2] {
     [("transform", transform), ("exposure", format!("gain {gain:.4}, offset {}{shading}", signed(offset, 4)))]
 }
 
-/// The estimated shape of the kernel.
-fn kernel(shape: f64) -> String {
-    match shape {
-        0.0 => "a Gaussian, found".to_string(),
-        _ => format!("{shape:.2} of the way from a Gaussian to a disk, found"),
+/// The kernel and the separation of the focus settings that were found.
+fn kernel(shape: f64, separation: Option<f64>) -> String {
+    match separation {
+        _ if shape == 0.0 => "Gaussian, found".to_string(),
+        Some(p) => {
+            format!("a disk, found; what is in focus in one photograph is {:.1} px wide in the other", 4.0 * p.sqrt())
+        }
+        None => "a disk, found, of the photograph that is less sharp".to_string(),
     }
 }
 
@@ -191,7 +194,8 @@ mod tests {
             photometric: Photometric { gain: 1.02, offset: -0.01 },
             shading: Shading { coefficients: std::array::from_fn(|n| if n == 0 { -0.06 } else { 0.0 }) },
             regularization: 0.00314,
-            kernel_shape: Some(0.74),
+            kernel_shape: Some(1.0),
+            separation: Some(9.0),
             scale_deviation: 0.123,
             warnings: vec!["something to know".to_string()],
             valid_fraction: 0.5,
@@ -215,7 +219,7 @@ mod tests {
             "+1.250 px right",
             "gain 1.0200, offset -0.0100, shading -6 to +6 %",
             "α 0.0031, found",
-            "0.74 of the way from a Gaussian to a disk",
+            "a disk, found; what is in focus in one photograph is 12.0 px wide in the other",
             "-1.50 to +4.00 px²",
             "50.0 %",
             "2.0 % of the pixels of I1, 0.0 % of I2",

@@ -9,7 +9,7 @@ use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::{self, Slopes, node_count};
 use crate::engine::stages::state::MAX_LEVELS;
 use crate::engine::stages::{
-    self, cascade, edge, grid, linearise, relax_tiles, separable, shape_windows, uncertainty_terms,
+    self, cascade, edge, grid, lens_windows, linearise, relax_tiles, separable, uncertainty_terms,
 };
 
 mod layout;
@@ -42,7 +42,7 @@ const ITERATIONS_A_CHECK: usize = 2;
 /// The number of coarsest levels on which T may still move far. I2 is read at T x there; on finer levels it is warped
 /// onto I1's pixels first.
 const UNWARPED_LEVELS: usize = 2;
-/// The stack of I2 is read at s² V: a fifth above the limit leaves room for s up to 1.095.
+/// The stack of I2 is read at s² V₁: a fifth above the limit leaves room for s up to 1.095.
 const READ_BEYOND: f64 = 1.2;
 
 /// Everything about a solve that does not depend on the pixels.
@@ -231,9 +231,14 @@ impl Plan {
         self.warps(level) && moves && k.is_power_of_two()
     }
 
-    /// Whether the kernel's shape is estimated on a level, before its first iteration: where I2 is warped.
-    pub(crate) fn finds_shape(&self, level: &Level) -> bool {
-        self.settings.kernel == Kernel::Auto && self.warps(level) && shape_windows::fits(level.size)
+    /// Whether law and kernel are found on a level, before its first iteration: where I2 is warped.
+    pub(crate) fn finds_lens(&self, level: &Level) -> bool {
+        self.settings.kernel == Kernel::Auto && self.warps(level) && lens_windows::fits(level.size)
+    }
+
+    /// Whether they are found again before iteration k of a level: V depends on them, and they on V.
+    pub(crate) fn finds_lens_again(&self, level: &Level, k: u32) -> bool {
+        self.finds_lens(level) && k == 2
     }
 
     /// Layers of the results: V, its standard deviation, the residual, and the channels of the fused image if there is
@@ -421,7 +426,8 @@ impl Level {
             centre: centre(width, height).map(|c| c / factor),
             length: f64::from(size[0]).hypot(size[1].into()) / 4.0,
             limit,
-            nodes: node_count(READ_BEYOND * limit),
+            // One more, because a lens blurs both photographs, one of them by more than |V|.
+            nodes: node_count(READ_BEYOND * limit) + 1,
             // The tiles of the finest level also state the deviation of T, which is not to depend on the device.
             rows: if index == 0 { linearise::rows_on_processor(size) } else { linearise::rows_on_gpu(size) },
             noise: Noise::new(index),
@@ -568,7 +574,7 @@ mod tests {
             let bytes = |plan: &Plan| plan.bytes().0 as f64 / f64::from(width * height);
             let packed = plan(width, height);
             let [packed, floats] = [&packed, &Plan { may_pack: false, ..packed.clone() }].map(bytes);
-            assert!(floats < 166.5 && packed < 120.0, "{width}x{height}: {floats}, {packed}");
+            assert!(floats < 172.0 && packed < 120.0, "{width}x{height}: {floats}, {packed}");
         }
     }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::{Action, CountedPixels, CpuReference, Dispatch, Entry, Hazards, Part, Script};
+use super::{Action, CountedPixels, CpuReference, Dispatch, Entry, Hazards, Part, Script, Stacks};
 use crate::engine::arguments::{self, Grid, Indirect, Over, Place};
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
@@ -323,13 +323,16 @@ impl<'a> Composer<'a> {
                 filtered = 0;
             }
         }
-        if plan.finds_shape(level) {
-            self.find_shape(level);
+        if plan.finds_lens(level) {
+            self.find_lens(level, Stacks::Anew);
         }
         for k in 0..plan.settings.outer_iterations {
             self.begin_iteration(level, k, |k| plan.may_settle(level, k));
             if plan.warps_again(level, k) {
                 self.warp_again(level);
+            }
+            if plan.finds_lens_again(level, k) {
+                self.find_lens(level, Stacks::AsTheyWere);
             }
             if plan.matches_before(level, k) {
                 self.exposure(level, plan.adopts(level), Slot::Stacks);

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::Stacks;
 use super::compose::Composer;
 use crate::engine::arguments::{Grid, Indirect, Place};
 use crate::engine::plan::{FilterRange, Level, StackLayer};
@@ -206,8 +207,8 @@ impl Composer<'_> {
         for layer in 1..self.plan.layers_of(level) {
             self.stack_layer(level, images.clone(), layer);
         }
-        if self.plan.finds_shape(level) {
-            self.shape(level, images);
+        if self.plan.finds_lens(level) {
+            self.shape(level, images, Stacks::Anew);
         }
         self.warping_again = None;
     }

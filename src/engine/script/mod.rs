@@ -34,6 +34,15 @@ pub(crate) struct Script {
     pub(crate) tiles: Vec<u32>,
 }
 
+/// What the blur stacks of a level hold.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Stacks {
+    /// Gaussians, just computed.
+    Anew,
+    /// The kernel that was found so far.
+    AsTheyWere,
+}
+
 /// Which pixels of a pair count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum CountedPixels {

@@ -28,7 +28,6 @@ impl Composer<'_> {
             second_stack: plan.second_stack(finest),
             centre: single(finest.centre),
             mean: single(s.kernel.mean()),
-            epsilon: s.heaviside_epsilon as f32,
         };
         let variant = linearise::variant(plan.slopes(), plan.warps(finest), false, false);
         let variant = stack::packed(variant, plan.packs(finest));
@@ -56,7 +55,8 @@ impl Composer<'_> {
     /// correlation of neighbouring residuals and the deviation of V's scale, into the state.
     pub(super) fn uncertainty(&mut self) {
         let (plan, variant) = (self.plan, Variant::MASKED.when(self.masked));
-        let constants = uncertainty::Constants::new(plan.size, plan.pyramid[0].centre, &plan.settings);
+        let constants =
+            uncertainty::Constants::new(plan.size, plan.pyramid[0].centre, plan.pyramid[0].nodes, &plan.settings);
         self.over(plan.size, uncertainty::Bindings::on(0), &constants, variant);
         let constants = scale_deviation::Constants::new(plan.size, &plan.settings);
         self.dispatch(scale_deviation::Bindings::on(0), &constants, NO_VARIANT, Grid::Direct([1; 3]));
@@ -81,7 +81,6 @@ impl Composer<'_> {
             height: plan.size[1],
             layer: MAP_LAYERS + channel,
             centre: single(finest.centre),
-            epsilon: plan.settings.heaviside_epsilon as f32,
         };
         self.over(plan.size, fuse::Bindings::on(0), &constants, NO_VARIANT);
         if plan.settings.edges {

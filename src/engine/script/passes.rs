@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::Stacks;
 use super::compose::Composer;
 use super::filters::Layers;
 use crate::base::color::LUMINANCE;
@@ -13,9 +14,9 @@ use crate::engine::stages::cascade::Start;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::{
-    NO_VARIANT, appearance, blur_matched_pair, cascade, exposure, grid, halve_grid, ingest, linearise, mask,
-    pair_samples, prolong, relax, relax_grid_tiles, relax_tiles, shape, shape_median, shape_windows, system,
-    system_tiles, uncertainty_terms, unit, unpack, update, update_transform,
+    NO_VARIANT, appearance, blur_matched_pair, cascade, exposure, grid, halve_grid, ingest, lens, lens_windows,
+    linearise, mask, pair_samples, prolong, relax, relax_grid_tiles, relax_tiles, shape, system, system_tiles,
+    uncertainty_terms, unit, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -146,34 +147,37 @@ impl Composer<'_> {
         );
     }
 
-    /// Estimates the kernel's shape from windows, and applies it to both blur stacks.
-    pub(super) fn find_shape(&mut self, level: &Level) {
-        let grid @ [columns, rows] = shape_windows::grid(level.size);
-        let constants = shape_windows::Constants {
+    /// Finds the law and the kernel from windows, and turns both blur stacks into those of disks if they are found.
+    pub(super) fn find_lens(&mut self, level: &Level, stacks: Stacks) {
+        let grid @ [columns, rows] = lens_windows::grid(level.size);
+        let is_anew = u32::from(stacks == Stacks::Anew);
+        let constants = lens_windows::Constants {
             width: level.size[0],
             height: level.size[1],
             nodes: level.nodes as u32,
             second_stack: self.plan.second_stack(level),
             grid,
+            level: level.index as u32,
             factor: level.factor as f32,
             centre: single(level.centre),
-            noise: level.noise,
+            is_anew,
         };
         let variant = Variant::MASKED.when(self.masked) | Variant::PACKED.when(self.plan.packs(level));
-        let bindings = shape_windows::Bindings::on(level.index);
+        let bindings = lens_windows::Bindings::on(level.index);
         self.dispatch(bindings, &constants, variant, Grid::Direct([columns, rows, 1]));
-        let constants = shape_median::Constants { windows: columns * rows };
-        self.dispatch(shape_median::Bindings::on(0), &constants, NO_VARIANT, Grid::Direct([1; 3]));
-        self.shape(level, 0..2);
+        let constants = lens::Constants { windows: columns * rows, level: level.index as u32, is_anew };
+        self.dispatch(lens::Bindings::on(0), &constants, NO_VARIANT, Grid::Direct([1; 3]));
+        self.shape(level, 0..2, stacks);
     }
 
-    /// Applies the kernel's shape to the blur stacks of some images.
-    pub(super) fn shape(&mut self, level: &Level, images: Range<usize>) {
+    /// Turns the blur stacks of some images into those of disks: if the kernel is a disk, or if they were not and it has
+    /// become one.
+    pub(super) fn shape(&mut self, level: &Level, images: Range<usize>, stacks: Stacks) {
         let [width, height] = level.size;
-        let nodes = level.nodes as u32;
+        let (nodes, is_anew) = (level.nodes as u32, u32::from(stacks == Stacks::Anew));
         let stacks @ Layers { first, step, count: planes, is_packed, .. } = self.stacks(level, images, 0);
         let grid = self.grid(shape::groups(level.size, stacks.groups()));
-        let constants = shape::Constants { width, height, nodes, first, step, planes };
+        let constants = shape::Constants { width, height, nodes, first, step, planes, is_anew };
         self.dispatch(shape::Bindings::on(level.index), &constants, Variant::PACKED.when(is_packed), grid);
     }
 }
@@ -212,7 +216,6 @@ impl Composer<'_> {
             continuation: plan.continued(level, k) as f32,
             eta: s.data_eta as f32,
             smoothness_eta: s.smoothness_eta as f32,
-            epsilon: s.heaviside_epsilon as f32,
             // Gradient descent does not eliminate dV: this smoothness keeps V of every pixel in place.
             elimination: if descends(plan) { 1e20 } else { linearise::ELIMINATION },
             mean: single(s.kernel.mean()),

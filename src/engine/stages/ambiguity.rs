@@ -14,7 +14,8 @@
 //!
 //! Section 7 of `docs/method.md`.
 
-use super::blur::{Sample, Samples, Stacks};
+use super::blur::{Sample, Samples};
+use super::law::Variances;
 use super::pass::{Memory, Pass};
 use super::segments::SEGMENT;
 use super::{Number, Raster, pixels, uncertainty_terms};
@@ -55,23 +56,21 @@ pub(crate) fn tiles(size: [u32; 2]) -> [u32; 3] {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: at each sample I1, J, and two nodes for each V read; on every fourth pixel V and three terms
+    /// Compulsory traffic: at each sample two nodes of either stack for each V read; on every fourth pixel V and three terms
     /// read and the curvature written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
         let samples = pixels(c.width, c.height) / (STEP * STEP) as u64;
-        (8 + 8 * (OTHERS as u64 + 1)) * samples + 20 * pixels(width, height)
+        16 * (OTHERS as u64 + 1) * samples + 20 * pixels(width, height)
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
-        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant.has(Variant::ANY_KERNEL));
-        let (warped, r) = (variant.has(Variant::WARPED).then_some(&state.warped), &state.registration);
-        let (i1, lens) = (memory.layer(self.image1, 0), (c.mean, 1.0, c.centre));
+        let layers = memory.layers(self.stacks);
+        let samples = Samples::of(state, layers, [c.second_stack, c.nodes], (c.mean, 1.0, c.centre), variant);
         let terms = memory.layers(self.terms);
         let terms = [&terms[0], &terms[1], &terms[uncertainty_terms::RESIDUAL]];
         let mask = memory.mask_bytes().filter(|_| variant.has(Variant::MASKED));
-        let samples = Samples { lens, r, warped, i1, stacks };
         let curvature = cpu_reference(c, &samples, memory.layer(self.relative_blur, 0), terms, mask);
         memory.set_layer(self.terms, 0, curvature);
     }
@@ -94,10 +93,8 @@ fn cpu_reference<N: Number>(
     mask: Option<&[u8]>,
 ) -> Raster<N> {
     let ([width, height], r, limit) = ([c.width, c.height].map(|side| side as usize), samples.r, f64::from(c.limit));
-    let residual = |Sample { v, sharp: [i1, j], blurred: [b1, b2], .. }: &Sample| {
-        if *v > 0.0 { b1 - (r.gain * j + r.offset) } else { r.gain * b2 + r.offset - i1 }
-    };
-    let by_noise = |v: f64| 1.0 + c.noise.blurred(v.abs(), 1.0).value;
+    let residual = |Sample { blurred: [b1, b2], .. }: &Sample| b1 - (r.gain * b2 + r.offset);
+    let by_noise = |v: f64| c.noise.of_both(&Variances::new(v, samples.separation));
     let columns = width.div_ceil(BLOCK);
     let others: [f64; OTHERS] = std::array::from_fn(|n| other(n, limit));
     let others = others.map(|v| ([N::of(v); SEGMENT], by_noise(v)));
@@ -143,7 +140,7 @@ fn cpu_reference<N: Number>(
     Raster::from_fn(curvature.width, curvature.height, |x, y| {
         let [other, share] = found[2 * y / BLOCK * columns + 2 * x / BLOCK];
         let (v, curvature) = (v.get(2 * x, 2 * y), curvature.get(x, y));
-        let of_noise = c.noise.curvature(v.abs(), square.get(x, y), c.eta.into());
+        let of_noise = c.noise.curvature(&Variances::new(v, samples.separation), square.get(x, y), c.eta.into());
         // The curvature at which σ_V is the distance.
         let reaching = (b2.get(x, y) / f64::from(c.pixels)).sqrt() / (v - other).abs().max(1e-9);
         if share >= NO_WORSE || curvature <= reaching {
@@ -161,6 +158,7 @@ fn cpu_reference<N: Number>(
 #[cfg(test)]
 mod tests {
     use super::super::Field;
+    use super::super::blur::Stacks;
     use super::super::harness::build_stack;
     use super::super::noise::Noise;
     use super::super::stack::{self, Slopes};
@@ -191,7 +189,7 @@ mod tests {
         let (curvature, b2, square) = (flat(30.0), flat(f64::from(WINDOW_PIXELS)), flat(1e-4));
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
         let c = constants();
-        let samples = Samples { lens: (c.mean, 1.0, c.centre), r: &r, warped: None, i1: &i1, stacks };
+        let samples = Samples { lens: (c.mean, 1.0, c.centre), r: &r, warped: None, separation: 0.0, stacks };
         let found = |v: &Field, terms| cpu_reference(&c, &samples, v, terms, None).get(20, 20);
         for (v, certain) in [(4.0, 30.0), (0.0, 0.25), (-1.0, 0.2)] {
             let v = Field::from_fn(size[0], size[1], |_, _| v);

@@ -47,7 +47,7 @@ pub fn cpu_reference<N: Number>(
         let mut line = Line::default();
         for x in 0..i1.width {
             let d = r.displacement(x, y, c.factor.into(), centre);
-            if !inside([x, y], d, [i1.width, i1.height], 0.0, 1.0) {
+            if !inside([x, y], d, [i1.width, i1.height], [0.0; 2], 1.0) {
                 continue;
             }
             let i2 = spline::read(spline2, x as f64 + d[0], y as f64 + d[1]);

@@ -1,17 +1,19 @@
-//! Both images blurred by the kernel of variance V, Î1 and Î2, and their derivatives by V.
+//! Both images blurred until they look alike, Î1 and Î2, and their derivatives by V.
 //!
-//! The CPU reference of `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
+//! The CPU reference of `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, sections 2 and 3 of
+//! `docs/method.md`.
 
-use super::segments::{SEGMENT, Segment, first_repeated, place, range, vectorised};
-use super::spline::{self, Jet};
+use super::law::Variances;
+use super::segments::{SEGMENT, Segment, first_repeated, place, vectorised};
+use super::spline;
 use super::stack::{self, Blurred, Slopes};
-use super::state::{Registration, margin};
-use super::{Number, Raster, Real};
+use super::state::{DoubleState, Registration, margin};
+use super::{Number, Raster};
 use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
-/// Beyond V = 0 a blurred image is extrapolated linearly for this many px².
-pub const NEAR: f64 = shaders::blur::NEAR;
-/// Below this |V|, px², the kernel's mean moves linearly, so that its derivative stays finite.
+/// Below this variance, px², the kernel's mean moves linearly, so that its derivative stays finite. The derivative jumps
+/// there. At V = 0 the relative law has variances of 0.05, so 0.04 keeps rounding from choosing the side.
 const LEAST_ROOT: f64 = shaders::blur::LEAST_ROOT;
 
 /// The blur stacks of I1 and I2.
@@ -34,8 +36,8 @@ impl<'a, N: Number> Stacks<'a, N> {
 }
 
 /// Î1 and Î2 at pixel (x, y), which T maps to (x, y) + d, before gain and offset, with their derivatives by V. `mean`
-/// is that of the kernel at V = 1: the stacks hold centred kernels, and are read where the mean moves the pixel to.
-/// Gradients are per pixel of I1.
+/// is that of the kernel at variance 1: the stacks hold centred kernels, and are read where the mean moves the pixel
+/// to. Gradients are per pixel of I1.
 pub fn read<N: Number>(
     &Stacks { first, second, slopes }: &Stacks<N>,
     r: &Registration,
@@ -43,148 +45,76 @@ pub fn read<N: Number>(
     [x, y]: [f64; 2],
     d: [f64; 2],
     v: f64,
+    separation: f64,
 ) -> [Blurred; 2] {
     let scale2 = r.scale().powi(2);
     let [[xx, xy], [yx, yy]] = r.transform.jacobian();
-    let (mean, by_v) = mean_at(mean, r, v);
-    let ahead = [xx * mean[0] + xy * mean[1], yx * mean[0] + yy * mean[1]];
-    let (p, q) = ([x - mean[0], y - mean[1]], [x + d[0] + ahead[0], y + d[1] + ahead[1]]);
-    // The image that is not blurred is extrapolated linearly through V = 0.
-    let beyond = |stack: &[Raster<N>], [x, y]: [f64; 2], factor: f64| {
-        let (jet, slope) = stack::node(stack, slopes, 0, x, y);
-        let slope = factor * slope;
-        let still = if v.abs() < NEAR { slope } else { 0.0 };
-        Blurred { value: jet.value + slope * v.clamp(-NEAR, NEAR), slope: still, dx: jet.dx, dy: jet.dy }
-    };
-    let (mut b1, mut b2);
-    if v >= 0.0 {
-        b1 = stack::read(first, slopes, v, p[0], p[1]);
-        b2 = beyond(second, q, -scale2);
-    } else {
-        b1 = beyond(first, p, 1.0);
-        b2 = stack::read(second, slopes, -v * scale2, q[0], q[1]);
-        b2.slope *= -scale2;
-    }
-    b1.slope -= b1.dx * by_v[0] + b1.dy * by_v[1];
+    let variances = Variances::new(v, separation);
+    // The kernel rotates with the sensor of the blurred image: that of I1's blur is I2's.
+    let (sin, cos) = r.transform.rotation().sin_cos();
+    let turned = [cos * mean[0] + sin * mean[1], cos * mean[1] - sin * mean[0]];
+    let [(mean1, by1), (mean2, by2)] = [mean_at(turned, variances.first), mean_at(mean, variances.second)];
+    let ahead = [xx * mean2[0] + xy * mean2[1], yx * mean2[0] + yy * mean2[1]];
+    let mut b1 = stack::read(first, slopes, variances.first, x - mean1[0], y - mean1[1]);
+    let mut b2 = stack::read(second, slopes, scale2 * variances.second, x + d[0] - ahead[0], y + d[1] - ahead[1]);
     [b2.dx, b2.dy] = r.in_first([b2.dx, b2.dy]);
-    b2.slope += b2.dx * by_v[0] + b2.dy * by_v[1];
+    b1.slope = variances.first_by_v * (b1.slope - b1.dx * by1[0] - b1.dy * by1[1]);
+    b2.slope = variances.second_by_v * (scale2 * b2.slope - b2.dx * by2[0] - b2.dy * by2[1]);
     [b1, b2]
 }
 
-/// The image that is not blurred, extrapolated linearly through V = 0. `factor`: the slope over the Laplacian.
-#[inline(always)]
-fn beyond<R: Real>(jet: Jet<R>, v: R, factor: f64) -> Blurred<R> {
-    let (slope, near) = (R::of(factor) * jet.laplacian, R::of(NEAR));
-    let still = (v.abs() - near).choose(R::default(), slope);
-    Blurred { value: jet.value + slope * v.max(-near).min(near), slope: still, dx: jet.dx, dy: jet.dy }
+/// The mean of a kernel of this variance, and its derivative by the variance.
+fn mean_at(mean: [f64; 2], variance: f64) -> ([f64; 2], [f64; 2]) {
+    let root = variance.max(LEAST_ROOT).sqrt();
+    let by_variance = if variance > LEAST_ROOT { 0.5 / root } else { 1.0 / root };
+    (mean.map(|m| variance / root * m), mean.map(|m| by_variance * m))
 }
 
-/// The mean of the kernel at V, and its derivative by V, in I1's pixels. The kernel rotates with the sensor of the
-/// blurred image, which is I2 for V > 0: by the rotation nearest to T's Jacobian.
-fn mean_at(mut mean: [f64; 2], r: &Registration, v: f64) -> ([f64; 2], [f64; 2]) {
-    if v > 0.0 {
-        let (sin, cos) = r.transform.rotation().sin_cos();
-        mean = [cos * mean[0] + sin * mean[1], cos * mean[1] - sin * mean[0]];
-    }
-    let root = v.abs().max(LEAST_ROOT).sqrt();
-    let by_v = if v.abs() > LEAST_ROOT { 0.5 / root } else { 1.0 / root };
-    (mean.map(|m| v / root * m), mean.map(|m| by_v * m))
-}
+/// The numbers of the pixels of a segment: Î1 and its slope by V, Î2, its slope and its gradient, before gain and
+/// offset. Gradients are per pixel of I1.
+pub(super) type PairSegment<N> = [Segment<N>; 6];
 
-/// Smooth Heaviside, equation 35.
-#[inline(always)]
-pub fn heaviside<R: Real>(v: R, epsilon: f64) -> R {
-    R::of(0.5) + (v / R::of(epsilon)).atan() * R::of(std::f64::consts::FRAC_1_PI)
-}
-
-/// Both images at a pixel: I1, J before gain and offset, Î1 and Î2. Gradients are per pixel of I1.
-pub(super) struct PairSample {
-    pub(super) i1: f64,
-    pub(super) i2: Jet,
-    pub(super) blurred: [Blurred; 2],
-}
-
-impl PairSample {
-    /// I1, J and its gradient, Î1 and its slope, Î2, its slope and its gradient.
-    #[inline(always)]
-    pub(super) fn numbers(self) -> [f64; 10] {
-        let (j, [b1, b2]) = (self.i2, self.blurred);
-        [self.i1, j.value, j.dx, j.dy, b1.value, b1.slope, b2.value, b2.slope, b2.dx, b2.dy]
-    }
-}
-
-/// The [numbers](PairSample::numbers) of the pixels of the segment from (x, y) to the right, which T has moved by
-/// `shift` since I2 was warped. For a Gaussian.
+/// The pixels of the segment from (x, y) to the right, which T has moved by `shift` since I2 was warped. For
+/// kernels without a mean.
 #[inline(always)]
 pub(super) fn sample_segment<N: Number>(
     stacks: &Stacks<N>,
+    separation: f64,
     at: [usize; 2],
     shift: [&Segment<N>; 2],
     v: &Segment<N>,
-) -> [Segment<N>; 10] {
-    let (none, [least, most]) = (N::default(), range(v));
-    let mut samples = [[none; SEGMENT]; 10];
-    let [i1, j, dx, dy, b1, slope1, b2, slope2, dx2, dy2] = &mut samples;
-    spline::near_segment(
-        &stacks.first[0],
-        at,
+) -> PairSegment<N> {
+    let none = [N::default(); SEGMENT];
+    let [mut first, mut second, mut first_by_v, mut second_by_v] = [none; 4];
+    for n in 0..SEGMENT {
+        let variances = Variances::new(v[n], separation);
+        (first[n], second[n]) = (variances.first, variances.second);
+        (first_by_v[n], second_by_v[n]) = (variances.first_by_v, variances.second_by_v);
+    }
+    let [b1, mut slope1, ..] = stack::between_segment(
+        &first,
+        stacks.first.len(),
         #[inline(always)]
-        |n, jet| {
-            let beyond = beyond(jet, v[n], 0.5);
-            (i1[n], b1[n], slope1[n]) = (jet.value, beyond.value, beyond.slope);
+        |k, [value, slope, ..]| {
+            spline::near_segment(
+                &stacks.first[k],
+                at,
+                #[inline(always)]
+                |n, jet| (value[n], slope[n]) = (jet.value, jet.node().1),
+            );
         },
     );
-    spline::near_segment(
-        &stacks.second[0],
-        at,
+    let [b2, mut slope2, dx2, dy2] = stack::between_segment(
+        &second,
+        stacks.second.len(),
         #[inline(always)]
-        |n, jet| {
-            let jet = jet.moved([shift[0][n], shift[1][n]]);
-            let beyond = beyond(jet, v[n], -0.5);
-            (j[n], dx[n], dy[n]) = (jet.value, jet.dx, jet.dy);
-            (b2[n], slope2[n], dx2[n], dy2[n]) = (beyond.value, beyond.slope, jet.dx, jet.dy);
-        },
+        |k, node| stack::node_segment(&stacks.second[k], at, shift, node),
     );
-    let mut size = [none; SEGMENT];
-    if most >= 0.0 {
-        for n in 0..SEGMENT {
-            size[n] = v[n].max(none);
-        }
-        let [value, slope, ..] = stack::between_segment(
-            &size,
-            stacks.first.len(),
-            #[inline(always)]
-            |k, [value, slope, ..]| {
-                spline::near_segment(
-                    &stacks.first[k],
-                    at,
-                    #[inline(always)]
-                    |n, jet| (value[n], slope[n]) = (jet.value, jet.node().1),
-                );
-            },
-        );
-        for n in 0..SEGMENT {
-            (b1[n], slope1[n]) = (v[n].choose(value[n], b1[n]), v[n].choose(slope[n], slope1[n]));
-        }
+    for n in 0..SEGMENT {
+        slope1[n] = first_by_v[n] * slope1[n];
+        slope2[n] = second_by_v[n] * slope2[n];
     }
-    if least < 0.0 {
-        for n in 0..SEGMENT {
-            size[n] = (-v[n]).max(none);
-        }
-        let blurred = stack::between_segment(
-            &size,
-            stacks.second.len(),
-            #[inline(always)]
-            |k, node| stack::node_segment(&stacks.second[k], at, shift, node),
-        );
-        for n in 0..SEGMENT {
-            b2[n] = v[n].choose(b2[n], blurred[0][n]);
-            slope2[n] = v[n].choose(slope2[n], -blurred[1][n]);
-            dx2[n] = v[n].choose(dx2[n], blurred[2][n]);
-            dy2[n] = v[n].choose(dy2[n], blurred[3][n]);
-        }
-    }
-    samples
+    [b1, slope1, b2, slope2, dx2, dy2]
 }
 
 /// Both photographs and their blur stacks, for passes over some of the pixels of a level.
@@ -194,7 +124,8 @@ pub(super) struct Samples<'a, N> {
     pub(super) r: &'a Registration,
     /// T when I2 was warped onto I1's pixels, if it was.
     pub(super) warped: Option<&'a Registration>,
-    pub(super) i1: &'a Raster<N>,
+    /// Of the focus settings, px² of the level.
+    pub(super) separation: f64,
     pub(super) stacks: Stacks<'a, N>,
 }
 
@@ -204,13 +135,28 @@ pub(super) struct Sample {
     /// Its displacement by T, px.
     pub(super) d: [f64; 2],
     pub(super) v: f64,
-    /// I1, and J before gain and offset.
-    pub(super) sharp: [f64; 2],
     /// Î1, and Î2 before gain and offset.
     pub(super) blurred: [f64; 2],
 }
 
-impl<N: Number> Samples<'_, N> {
+impl<'a, N: Number> Samples<'a, N> {
+    /// Samples of the stacks in `layers`: that of I2 begins at the layer `second`, and each has `nodes` nodes.
+    pub(super) fn of(
+        state: &'a DoubleState,
+        layers: &'a [Raster<N>],
+        [second, nodes]: [u32; 2],
+        lens @ (_, factor, _): ([f32; 2], f32, [f32; 2]),
+        variant: Variant,
+    ) -> Self {
+        Self {
+            lens,
+            r: &state.registration,
+            warped: variant.has(Variant::WARPED).then_some(&state.warped),
+            separation: state.separation_on(factor),
+            stacks: Stacks::of(layers, second, nodes, variant.has(Variant::ANY_KERNEL)),
+        }
+    }
+
     /// Calls `visit` with every `step`-th pixel of row y whose blur is inside both photographs. `v` returns the V of the
     /// pixels from the first of a segment on.
     #[inline(always)]
@@ -221,7 +167,8 @@ impl<N: Number> Samples<'_, N> {
         v: impl Fn(usize) -> &'v [N],
         mut visit: impl FnMut(Sample),
     ) {
-        let ((_, factor, centre), r, size) = (self.lens, self.r, [self.i1.width, self.i1.height]);
+        let ((mean, factor, centre), r, size) =
+            (self.lens, self.r, [self.stacks.first[0].width, self.stacks.first[0].height]);
         let (factor, centre, moved) = (factor.into(), centre.map(f64::from), self.warped.map(|t| r.moved_since(t)));
         let [mut d, mut shift] = [[[N::default(); SEGMENT]; 2]; 2];
         for first in (0..size[0]).step_by(SEGMENT) {
@@ -234,46 +181,29 @@ impl<N: Number> Samples<'_, N> {
                     let ([dx, dy], row) = (&mut d, N::of(y as f64));
                     r.displacements([first, y], factor, centre, [dx, dy]);
                     for n in 0..SEGMENT {
-                        margins[n] = margin([place(first, n), row], [dx[n], dy[n]], size, v[n], r.scale());
+                        let variances = Variances::new(v[n], self.separation);
+                        margins[n] = margin([place(first, n), row], [dx[n], dy[n]], size, variances.both(), r.scale());
                     }
                     let [dx, dy] = &mut shift;
                     let moved = moved.as_ref()?;
                     moved.displacements([first, y], factor, centre, [dx, dy]);
-                    let [i1, j, _, _, b1, _, b2, ..] = sample_segment(&self.stacks, [first, y], [dx, dy], &v);
-                    Some([i1, j, b1, b2])
+                    let [b1, _, b2, ..] = sample_segment(&self.stacks, self.separation, [first, y], [dx, dy], &v);
+                    Some([b1, b2])
                 },
             );
             for n in (0..SEGMENT.min(size[0] - first)).step_by(step).filter(|&n| margins[n] >= N::default()) {
                 let (x, v, d) = (first + n, v[n].into(), d.map(|d| d[n].into()));
-                let [i1, j, b1, b2] = match &numbers {
+                let blurred = match &numbers {
                     Some(numbers) => numbers.each_ref().map(|numbers| numbers[n].into()),
                     None => {
-                        let sample = sample_pair(self.lens, r, [x, y], self.i1, v, &self.stacks);
-                        let [b1, b2] = sample.blurred;
-                        [sample.i1, sample.i2.value, b1.value, b2.value]
+                        let (mean, at) = (mean.map(f64::from), [x as f64, y as f64]);
+                        read(&self.stacks, r, mean, at, d, v, self.separation).map(|image| image.value)
                     }
                 };
-                visit(Sample { x, d, v, sharp: [i1, j], blurred: [b1, b2] });
+                visit(Sample { x, d, v, blurred });
             }
         }
     }
-}
-
-/// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1.
-#[inline(always)]
-pub(super) fn sample_pair<N: Number>(
-    (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
-    r: &Registration,
-    [x, y]: [usize; 2],
-    i1: &Raster<N>,
-    v: f64,
-    stacks: &Stacks<N>,
-) -> PairSample {
-    let (factor, centre) = (factor.into(), centre.map(f64::from));
-    let (p, d) = ([x as f64, y as f64], r.displacement(x, y, factor, centre));
-    let mut i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
-    [i2.dx, i2.dy] = r.in_first([i2.dx, i2.dy]);
-    PairSample { i1: i1.get(x, y), i2, blurred: read(stacks, r, mean.map(f64::from), p, d, v) }
 }
 
 #[cfg(test)]
@@ -309,10 +239,12 @@ mod tests {
         for v in [0.3, 1.0, 2.25, 6.25, 9.0] {
             // Far from the borders, where the wave is mirrored.
             for x in [50.0, 57.0, 63.0] {
-                let [b1, _] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], v);
-                let [_, b2] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], -v);
-                let expected = blurred_wave(k, v, x);
-                let slope = (blurred_wave(k, v + 1e-3, x) - blurred_wave(k, v - 1e-3, x)) / 2e-3;
+                let [b1, _] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], v, 0.0);
+                let [_, b2] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], -v, 0.0);
+                // Both images are blurred by as much more as the other one is.
+                let Variances { first, first_by_v, .. } = Variances::new(v, 0.0);
+                let wave = |variance: f64| blurred_wave(k, variance, x);
+                let (expected, slope) = (wave(first), first_by_v * (wave(first + 1e-3) - wave(first - 1e-3)) / 2e-3);
                 // 3e-3 of the contrast: the error of the cubic between the nodes.
                 assert!((b1.value - expected).abs() < 3e-3, "v {v}, x {x}: {} {expected}", b1.value);
                 assert!((b2.value - expected).abs() < 3e-3, "v {v}, x {x}: {} {expected}", b2.value);

@@ -1,10 +1,10 @@
-//! Blurs the sharper image by V so that both look alike, for gain, offset and shading.
+//! Blurs both images until they look alike, for gain, offset and shading.
 //!
 //! Where V is right the two differ only by exposure and noise. Means and deviations then measure the exposure,
 //! unaffected by the blur. Every other pixel is computed; the [window](super::uncertainty_terms::window()) then
 //! averages the noise.
 
-use super::blur::{Sample, Samples, Stacks};
+use super::blur::{Sample, Samples};
 use super::mask::{self, Masks};
 use super::pass::{Memory, Pass};
 use super::rows::{self, Rows};
@@ -19,8 +19,7 @@ pub use super::interface::blur_matched_pair::*;
 pub const LAYERS: u32 = 3;
 
 impl Pass for Bindings {
-    /// Compulsory traffic: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image
-    /// read, three values written.
+    /// Compulsory traffic: on every fourth pixel V and two nodes of either stack read, three values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
         32 * pixels(width, height)
@@ -31,13 +30,12 @@ impl Pass for Bindings {
         let masks = mask::of(memory, self.masks, variant);
         let [i1, v] = [memory.layer(self.image1, 0), memory.layer(self.relative_blur, 0)];
         let layers = memory.layers(self.stacks);
-        let (r, lens) = (&state.registration, (c.mean, c.factor, c.centre));
         let pair = if c.nodes == 0 {
-            before_stacks(c, r, [i1, &layers[0]], masks)
+            before_stacks(c, &state.registration, [i1, &layers[0]], masks)
         } else {
-            let stacks = Stacks::of(layers, c.second_stack, c.nodes, variant.has(Variant::ANY_KERNEL));
-            let warped = variant.has(Variant::WARPED).then_some(&state.warped);
-            cpu_reference(c, &Samples { lens, r, warped, i1, stacks }, v, masks)
+            let lens = (c.mean, c.factor, c.centre);
+            let samples = Samples::of(state, layers, [c.second_stack, c.nodes], lens, variant);
+            cpu_reference(c, &samples, v, masks)
         };
         pair.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.pair, n, field));
     }
@@ -54,9 +52,8 @@ fn cpu_reference<N: Number>(
     let mut pair = [(); LAYERS as usize].map(|()| Raster::zeros(size[0], size[1]));
     rows::map(pair.each_mut().map(Rows::from), |y, mut rows| {
         let of_pixel = |x: usize| &v.row(2 * y)[x..];
-        samples.visit_row(2 * y, 2, of_pixel, |Sample { x, d, v, sharp: [_, j], blurred: [b1, b2] }| {
+        samples.visit_row(2 * y, 2, of_pixel, |Sample { x, d, blurred: [first, second], .. }| {
             let share = mask::counts(masks, [x, 2 * y], d);
-            let [first, second] = if v >= 0.0 { [b1, j] } else { [samples.i1.get(x, 2 * y), b2] };
             let numbers = [share * first, share * second, share];
             rows.iter_mut().zip(numbers).for_each(|(row, number)| row[x / 2] = N::of(number));
         });
@@ -75,7 +72,7 @@ fn before_stacks<N: Number>(
     Raster::several(size, |x, y| {
         let x = [2 * x, 2 * y];
         let d = r.displacement(x[0], x[1], c.factor.into(), c.centre.map(f64::from));
-        if !inside(x, d, [c.width as usize, c.height as usize], 0.0, r.scale()) {
+        if !inside(x, d, [c.width as usize, c.height as usize], [0.0; 2], r.scale()) {
             return [0.0; 3];
         }
         let share = mask::counts(masks, x, d);

@@ -3,7 +3,7 @@
 //! It is the sharper image at each pixel. J includes gain, offset and shading, which avoids seams. Where I2 does not
 //! reach, the result is I1.
 
-use super::blur::heaviside;
+use super::law::share_of_first;
 use super::pass::{Memory, Pass};
 use super::segments::{SEGMENT, place, segment};
 use super::state::{Registration, from_centre, inside, margin};
@@ -48,8 +48,8 @@ fn cpu_reference<N: Number>(
             let mut fused = warp::resampled(shading, centre, coefficients2, at, d);
             let [gain, offset, one, row] = N::all([r.gain, r.offset, 1.0, y as f64]);
             for n in 0..SEGMENT {
-                let (h, j) = (heaviside(v[n], c.epsilon.into()), gain * fused[n] + offset);
-                let inside = margin([place(x, n), row], [d[0][n], d[1][n]], size, N::default(), 1.0);
+                let (h, j) = (share_of_first(v[n]), gain * fused[n] + offset);
+                let inside = margin([place(x, n), row], [d[0][n], d[1][n]], size, [N::default(); 2], 1.0);
                 fused[n] = inside.choose(h * i1[n] + (one - h) * j, i1[n]);
             }
             fused
@@ -67,7 +67,7 @@ pub(super) fn photographs<N: Number>(
 ) -> [f64; 2] {
     let (size, centre) = ([channel1.width, channel1.height], centre.map(f64::from));
     let (i1, d) = (channel1.get(x, y), r.displacement(x, y, 1.0, centre));
-    if !inside([x, y], d, size, 0.0, 1.0) {
+    if !inside([x, y], d, size, [0.0; 2], 1.0) {
         return [i1; 2];
     }
     let at = [x as f64 + d[0], y as f64 + d[1]];

@@ -4,11 +4,9 @@
 //! 5 of `docs/method.md`:
 //!
 //! ```text
-//! S1 = G(V) * I1 - J,  S2 = G(-V) * J - I1,  w1 = H ψ'(S1²),  w2 = (1-H) ψ'(S2²)
-//! Î1v less S1 n1'/2n1, Î2v less S2 n2'/2n2: without the part of noise (noise.rs)
-//! D = w1 Î1v² + w2 Î2v²,  b = -(w1 S1 Î1v + w2 S2 Î2v),  a_n = α (φ + φ_n)/2
-//! r = b + Σ a_n (V_n - V)
-//! N = Σ w j jᵀ - q qᵀ/(D + λ Σa),  g = Σ w j S + q r/(D + λ Σa),  q = w1 Î1v j1 + w2 Î2v j2,  j = ∂S/∂ζ
+//! S = h(V₂) * I1 - h(V₁) * J,  w = ψ'(S²),  Sv = ∂S/∂V less S n'/2n: without the part of noise (noise.rs)
+//! D = w Sv²,  b = -w S Sv,  a_n = α (φ + φ_n)/2,  r = b + Σ a_n (V_n - V)
+//! N = Σ w j jᵀ - q qᵀ/(D + λ Σa),  g = Σ w j S + q r/(D + λ Σa),  q = w Sv j,  j = ∂S/∂ζ
 //! ```
 //!
 //! The terms in q eliminate each pixel's dV from the registration step (Schur complement), so that T steps as if V had
@@ -16,7 +14,8 @@
 //! accounts for that. On the slanted plane with 15 iterations per level, V rms was 0.032 px² without elimination, 0.026
 //! with λ = 1 and 0.007 with 0.1; but with 0.1, black and white dots under a half-Gaussian do not settle.
 
-use super::blur::{NEAR, Stacks, heaviside, sample_pair, sample_segment};
+use super::blur::{self, Stacks, sample_segment};
+use super::law::Variances;
 use super::links::Links;
 use super::mask::{self, Masks};
 use super::noise;
@@ -24,7 +23,7 @@ use super::pass::{Bindings as _, Memory, Pass};
 use super::rows::{self, Rows};
 use super::segments::{SEGMENT, segment, vectorised};
 use super::stack::Slopes;
-use super::state::{Registration, margin};
+use super::state::{DoubleState, Registration, margin};
 use super::sums::{Layout, Line};
 use super::update_transform;
 use super::{Number, Raster, Real, WORKGROUP, pixels};
@@ -78,12 +77,12 @@ pub(crate) fn variant(slopes: Slopes, warped: bool, masked: bool, projective: bo
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: I1, V, the two nodes of the stacks about V and the other image, read once per pixel; D, b
-    /// and a row of sums per workgroup written.
+    /// Compulsory traffic: V, and of either stack the two nodes about its variance, read once per pixel; D, b and a row
+    /// of sums per workgroup written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let slopes = if variant.has(Variant::ANY_KERNEL) { Slopes::Layers } else { Slopes::Laplacian };
-        let layers = 3 * slopes.layers() as u64;
-        (8 + 4 * layers + 8) * pixels(c.width, c.height)
+        let layers = 4 * slopes.layers() as u64;
+        (4 + 4 * layers + 8) * pixels(c.width, c.height)
             + row_bytes([c.width, c.height], c.rows, Layout::of_variant(variant))
     }
 
@@ -93,11 +92,9 @@ impl Pass for Bindings {
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant.has(Variant::ANY_KERNEL));
         let warped = variant.has(Variant::WARPED).then_some(&state.warped);
         let masks = mask::of(memory, self.masks, variant);
-        let [i1, v] = [memory.layer(self.image1, 0), memory.layer(self.relative_blur, 0)];
+        let v = memory.layer(self.relative_blur, 0);
         let layout = Layout::of_variant(variant);
-        let state = (&state.registration, state.alpha, state.spread);
-        let Linearised { equations, partials } =
-            cpu_reference(reused, c, layout, state, warped, [i1, v], (&stacks, masks));
+        let Linearised { equations, partials } = cpu_reference(reused, c, layout, state, warped, v, (&stacks, masks));
         equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.normal_equations, n, field));
         memory.set_numbers(self.partials, &partials);
         if c.t_step.is(update_transform::STEPS) {
@@ -131,31 +128,23 @@ pub struct Linearised<N> {
     pub partials: Vec<f64>,
 }
 
-/// A residual: S, its derivative by V, its weight, and its derivatives by T's displacement in I1's pixels.
-#[derive(Clone, Copy)]
-struct Residual<R> {
-    s: R,
-    by_v: R,
-    weight: R,
-    by_place: [R; 2],
-}
-
-/// One pass over a level, with T, α and the spread of the previous iteration, in the memory of rasters. `warped` is T
+/// One pass over a level, with the state of the previous iteration, in the memory of rasters. `warped` is T
 /// when I2 was warped onto I1's pixels, if it was.
 fn cpu_reference<N: Number>(
     equations: [Raster<N>; LAYERS as usize],
     c: &Constants,
     layout: Layout,
-    (r, alpha, spread): (&Registration, f64, f64),
+    state: &DoubleState,
     warped: Option<&Registration>,
-    [i1, v]: [&Raster<N>; 2],
+    v: &Raster<N>,
     (stacks, masks): (&Stacks<N>, Option<&Masks<N>>),
 ) -> Linearised<N> {
-    let size @ [width, height] = [v.width, v.height];
+    let (r, alpha, size @ [width, height]) = (&state.registration, state.alpha, [v.width, v.height]);
     let moved = warped.map(|before| r.moved_since(before));
     let [eta, continuation] = [c.smoothness_eta, c.continuation].map(f64::from);
     let links = Links::new(v, [continuation * alpha, 1.0, eta], false);
-    let (scale, centre, spread) = (r.scale(), c.centre.map(f64::from), least_spread(c, spread));
+    let (scale, centre, spread) = (r.scale(), c.centre.map(f64::from), least_spread(c, state.spread));
+    let separation = state.separation_on(c.factor);
     let [columns, ..] = tiles([c.width, c.height], c.rows);
     let lines = (WORKGROUP[1] * c.rows) as usize;
     let mut equations = equations.map(|raster| raster.of_size(size));
@@ -177,7 +166,7 @@ fn cpu_reference<N: Number>(
                 phis[..count].copy_from_slice(&links.phi()[xs.clone()]);
                 pixels[V][..count].copy_from_slice(&v.row(y)[xs.clone()]);
                 pixels[V][count..].fill(v.row(y)[xs.end - 1]);
-                let level = Level { c, gain: r.gain, offset: r.offset, alpha, spread };
+                let level = Level { c, gain: r.gain, offset: r.offset, alpha, spread, separation };
                 let line = vectorised(
                     #[inline(always)]
                     || {
@@ -189,7 +178,8 @@ fn cpu_reference<N: Number>(
                             N::all([xs.start as f64, y as f64, centre[0], c.scale_length.into()]);
                         for n in 0..BLOCK {
                             let (x, d) = (first + steps[n], [dx[n], dy[n]]);
-                            pixels[SHARE][n] = margin([x, row], d, size, pixels[V][n], scale);
+                            let variances = Variances::new(pixels[V][n], separation);
+                            pixels[SHARE][n] = margin([x, row], d, size, variances.both(), scale);
                             pixels[BETWEEN][n] = noise::interpolated(d);
                             pixels[PLACE][n] = (x - middle) / length;
                         }
@@ -202,7 +192,8 @@ fn cpu_reference<N: Number>(
                             }
                             if moved.is_some() {
                                 let shift = [&segment(&shift_x[n..]), &segment(&shift_y[n..])];
-                                let samples = sample_segment(stacks, at, shift, &segment(&pixels[V][n..]));
+                                let v = segment(&pixels[V][n..]);
+                                let samples = sample_segment(stacks, separation, at, shift, &v);
                                 for k in 0..samples.len() {
                                     pixels[FIRST + k][n..n + SEGMENT].copy_from_slice(&samples[k]);
                                 }
@@ -215,8 +206,10 @@ fn cpu_reference<N: Number>(
                                 if pixels[SHARE][n] == N::default() {
                                     continue;
                                 }
-                                let (lens, at, v) = ((c.mean, c.factor, c.centre), [xs.start + n, y], pixels[V][n]);
-                                let numbers = sample_pair(lens, r, at, i1, v.into(), stacks).numbers();
+                                let (at, d) = ([(xs.start + n) as f64, y as f64], [dx[n].into(), dy[n].into()]);
+                                let (mean, v) = (c.mean.map(f64::from), pixels[V][n].into());
+                                let [b1, b2] = blur::read(stacks, r, mean, at, d, v, separation);
+                                let numbers = [b1.value, b1.slope, b2.value, b2.slope, b2.dx, b2.dy];
                                 for k in 0..numbers.len() {
                                     pixels[FIRST + k][n] = N::of(numbers[k]);
                                 }
@@ -237,12 +230,12 @@ fn cpu_reference<N: Number>(
 }
 
 /// The numbers of each pixel of a line, in the order in which they are gathered: V, share, noise of I2 between pixels,
-/// I1, I2 and its gradient, Î1 and its slope, Î2, its slope and its gradient, Σa, Σ a (V_n - V), φ, X.
-const PARTS: usize = 17;
+/// Î1 and its slope, Î2, its slope and its gradient, Σa, Σ a (V_n - V), φ, X.
+const PARTS: usize = 13;
 const V: usize = 0;
 const SHARE: usize = 1;
 const BETWEEN: usize = 2;
-/// I1, the first of the samples.
+/// Î1, the first of the samples.
 const FIRST: usize = 3;
 /// X, the last.
 const PLACE: usize = PARTS - 1;
@@ -290,6 +283,7 @@ struct Level<'a> {
     offset: f64,
     alpha: f64,
     spread: f64,
+    separation: f64,
 }
 
 impl Level<'_> {
@@ -331,74 +325,54 @@ impl Level<'_> {
     /// The terms of a pixel.
     #[inline(always)]
     fn terms<R: Real>(&self, pixel: &[R; PARTS]) -> [R; TERMS] {
-        let (&[_, share, .., smoothness, pull, phi, _], one, none) = (pixel, R::of(1.0), R::default());
+        let &[v, share, between, b1, slope1, b2, slope2, dx, dy, smoothness, pull, phi, _] = pixel;
+        let [one, none] = R::all([1.0, 0.0]);
         let [elimination, eta, alpha] = R::all([self.c.elimination.into(), self.c.smoothness_eta.into(), self.alpha]);
-        let ([mut first, mut second], psi, signed) = self.data_term(pixel);
-        (first.weight, second.weight) = (first.weight * share, second.weight * share);
-        let diagonal = first.weight * first.by_v * first.by_v + second.weight * second.by_v * second.by_v;
-        let b = -(first.weight * first.s * first.by_v + second.weight * second.s * second.by_v);
+        let [gain, offset, data_eta] = R::all([self.gain, self.offset, self.c.eta.into()]);
+        let s = b1 - (gain * b2 + offset);
+        let psi = (s * s + data_eta * data_eta).sqrt();
+        let (by_v, weight) = (slope1 - gain * slope2 - self.noise_slope(v, between) * s, share / psi);
+        let [x, y] = [-gain * dx, -gain * dy];
+        let (diagonal, b) = (weight * by_v * by_v, -(weight * s * by_v));
         let over = one / (diagonal + elimination * smoothness).max(R::of(1e-12));
-        let (n, g) = self.registration([first, second], (b + pull) * over, over, self.broadened(psi));
+        let (side, ratio) = ((b + pull) * over, self.broadened(psi));
+        let [qx, qy] = [weight * by_v * x, weight * by_v * y];
+        let g = [weight * s * x + qx * side, weight * s * y + qy * side];
+        let n = [weight * x * x - qx * qx * over, weight * x * y - qx * qy * over, weight * y * y - qy * qy * over];
         let steepness = one / phi;
         let energy = share * (psi + alpha * steepness);
         let rough = [b.abs(), (steepness * steepness - eta * eta).max(none)];
         let rough = [share * rough[0].sqrt(), share * rough[1].sqrt()];
-        [n[0], n[1], n[2], g[0], g[1], energy, rough[0], rough[1], diagonal, b, signed]
+        [
+            ratio * n[0],
+            ratio * n[1],
+            ratio * n[2],
+            ratio * g[0],
+            ratio * g[1],
+            energy,
+            rough[0],
+            rough[1],
+            diagonal,
+            b,
+            s,
+        ]
     }
 
-    /// S1 and S2 at a pixel, the energy of the data term, and the signed residual H S1 - (1 - H) S2.
+    /// Half the derivative by V of the logarithm of the noise of both images in S². `between` is the noise of I2
+    /// between pixels.
     #[inline(always)]
-    fn data_term<R: Real>(&self, pixel: &[R; PARTS]) -> ([Residual<R>; 2], R, R) {
-        let &[v, _, between, i1, i2, dx, dy, b1, slope1, b2, slope2, dx2, dy2, ..] = pixel;
-        let [gain, offset, eta, one] = R::all([self.gain, self.offset, self.c.eta.into(), 1.0]);
-        let (s1, s2) = (b1 - (gain * i2 + offset), gain * b2 + offset - i1);
-        let (psi1, psi2) = ((s1 * s1 + eta * eta).sqrt(), (s2 * s2 + eta * eta).sqrt());
-        let h = heaviside(v, self.c.epsilon.into());
-        let [along1, along2] = self.noise_slopes(v, between);
-        let residuals = [
-            Residual { s: s1, by_v: slope1 - along1 * s1, weight: h / psi1, by_place: [-gain * dx, -gain * dy] },
-            Residual {
-                s: s2,
-                by_v: gain * slope2 - along2 * s2,
-                weight: (one - h) / psi2,
-                by_place: [gain * dx2, gain * dy2],
-            },
-        ];
-        (residuals, h * psi1 + (one - h) * psi2, h * s1 - (one - h) * s2)
-    }
-
-    /// Half the derivative by V of the logarithm of the noise of both images in S1² and S2². `between` is the noise of
-    /// I2 between pixels.
-    #[inline(always)]
-    fn noise_slopes<R: Real>(&self, v: R, between: R) -> [R; 2] {
+    fn noise_slope<R: Real>(&self, v: R, between: R) -> R {
         let (one, square, noise) = (R::of(1.0), R::of(self.gain * self.gain), &self.c.noise);
-        let blurred = noise.blurred(v.abs(), v.choose(one, between));
-        let beyond = noise.beyond(v.abs(), v.choose(between, one), R::of(NEAR));
-        let pick = |blurred: R, beyond: R| [v.choose(blurred, beyond), v.choose(beyond, blurred)];
-        let ([n1, n2], [by1, by2]) = (pick(blurred.value, beyond.value), pick(blurred.slope, beyond.slope));
-        let sign = v.choose(R::of(0.5), R::of(-0.5));
-        [sign * by1 / (n1 + square * between), sign * square * by2 / (square * n2 + one)]
+        let of = Variances::new(v, self.separation);
+        let (n1, n2) = (noise.blurred(of.first, one), noise.blurred(of.second, between));
+        let slope = n1.slope * of.first_by_v + square * n2.slope * of.second_by_v;
+        R::of(0.5) * slope / (n1.value + square * n2.value)
     }
 
     /// The factor on a pixel's weight in T's step that broadens η to [`BROAD`] spreads.
     #[inline(always)]
     fn broadened<R: Real>(&self, psi: R) -> R {
         psi / (psi * psi + R::of((BROAD * self.spread).powi(2) - f64::from(self.c.eta).powi(2))).sqrt()
-    }
-
-    /// A pixel's part of N (xx, xy, yy) and g, with its dV eliminated, times `ratio`.
-    #[inline(always)]
-    fn registration<R: Real>(&self, [one, two]: [Residual<R>; 2], side: R, over: R, ratio: R) -> ([R; 3], [R; 2]) {
-        let ([x1, y1], [x2, y2]) = (one.by_place, two.by_place);
-        let sum = |first: R, second: R| one.weight * first + two.weight * second;
-        let [qx, qy] = [sum(one.by_v * x1, two.by_v * x2), sum(one.by_v * y1, two.by_v * y2)];
-        let g = [sum(one.s * x1, two.s * x2) + qx * side, sum(one.s * y1, two.s * y2) + qy * side];
-        let n = [
-            sum(x1 * x1, x2 * x2) - qx * qx * over,
-            sum(x1 * y1, x2 * y2) - qx * qy * over,
-            sum(y1 * y1, y2 * y2) - qy * qy * over,
-        ];
-        ([ratio * n[0], ratio * n[1], ratio * n[2]], [ratio * g[0], ratio * g[1]])
     }
 }
 

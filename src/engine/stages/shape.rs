@@ -1,8 +1,8 @@
-//! Applies the kernel's shape to the nodes of a Gaussian's blur stacks, in place.
+//! Turns the nodes of Gaussians' blur stacks into those of disks, in place.
 //!
-//! It adds the [estimated share](super::shape_median) of a disk's [departure](super::stack::departure) from a Gaussian.
-//! The slope at a node stays half the Laplacian, which is exact only for a Gaussian. Between nodes a disk's image is
-//! then off by a ninth of its difference from a Gaussian's, less than the departure itself leaves.
+//! It adds a disk's departure from a Gaussian where the [kernel that was found](super::lens) is a disk. The slope at a
+//! node stays half the Laplacian, which is exact only for a Gaussian. Between nodes a disk's image is then off by a
+//! ninth of its difference from a Gaussian's, less than the departure itself leaves.
 
 use super::pass::{Memory, Pass};
 use super::{Number, Raster, pixels, stack};
@@ -23,10 +23,11 @@ impl Pass for Bindings {
     }
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
-        let shape = memory.state(self.state).kernel_shape;
-        for plane in (0..c.planes).filter(|_| shape != 0.0) {
+        let state = memory.state(self.state);
+        let is_shaped = if c.is_anew != 0 { state.kernel_shape != 0.0 } else { state.becomes_disk != 0 };
+        for plane in (0..c.planes).filter(|_| is_shaped) {
             let first = (c.first + plane * c.step) as usize;
-            let shaped = cpu_reference(shape, &memory.layers(self.stacks)[first..first + c.nodes as usize]);
+            let shaped = cpu_reference(&memory.layers(self.stacks)[first..first + c.nodes as usize]);
             for (k, node) in shaped.into_iter().enumerate() {
                 memory.set_layer(self.stacks, first + k, stack::stored(node, memory.white(variant)));
             }
@@ -34,20 +35,18 @@ impl Pass for Bindings {
     }
 }
 
-/// The nodes with a share of a disk's departure added.
-pub fn cpu_reference<N: Number>(shape: f64, nodes: &[Raster<N>]) -> Vec<Raster<N>> {
+/// The nodes of a disk, from those of a Gaussian.
+pub fn cpu_reference<N: Number>(nodes: &[Raster<N>]) -> Vec<Raster<N>> {
     let node = |k: usize| {
-        // The departure is linear in the values of the three nodes.
-        let parts = [0, 1, 2].map(|n| (stack::departure_nodes(k, nodes.len())[n], n));
-        let weights = parts.map(|(_, n)| {
-            let unit = |at: usize| if at == parts[n].0 { 1.0 } else { 0.0 };
-            N::of(shape * stack::departure_of(k, nodes.len(), unit))
-        });
+        // The departure is linear in the values of the nodes.
+        let weight = |n: usize| {
+            N::of(stack::departure_of(k, nodes.len(), |at| f64::from(u8::from(at == n))) + f64::from(u8::from(k == n)))
+        };
+        let weights: Vec<_> = (k.saturating_sub(2)..nodes.len().min(k + 3)).map(|n| (n, weight(n))).collect();
         let mut shaped = Raster::zeros(nodes[k].width, nodes[k].height);
         shaped.fill_rows(|y, row| {
-            let (own, [a, b, c]) = (nodes[k].row(y), parts.map(|(at, _)| nodes[at].row(y)));
-            for (x, value) in row.iter_mut().enumerate() {
-                *value = own[x] + weights[0] * a[x] + weights[1] * b[x] + weights[2] * c[x];
+            for &(n, weight) in &weights {
+                row.iter_mut().zip(nodes[n].row(y)).for_each(|(value, own)| *value += weight * *own);
             }
         });
         shaped
@@ -71,7 +70,7 @@ mod tests {
             let k = std::f64::consts::PI * periods / (n - 1) as f64;
             let wave = Field::from_fn(n, 3, |x, _| (k * x as f64).cos());
             let gaussian = build_stack(&wave, &Kernel::Gaussian, node_count(36.0));
-            let disk = cpu_reference(1.0, &gaussian);
+            let disk = cpu_reference(&gaussian);
             for v in [1.0, 2.2, 4.0, 7.0, 12.0, 20.0] {
                 let w = k * f64::sqrt(v);
                 if w > 1.6 {

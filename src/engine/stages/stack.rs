@@ -86,34 +86,35 @@ pub fn node_sigma(k: usize) -> f64 {
     if k <= 3 { 0.5 * k as f64 } else { 1.5 * (4.0f64 / 3.0).powi(k as i32 - 3) }
 }
 
-/// The difference between the disk and the Gaussian of variance v, from Gaussians of three variances about v: `-0.55
-/// v²` times their second divided difference, to lowest order a fourth derivative of the image.
+/// The departure of a disk from a Gaussian of the same variance as a sum over the nodes k - 2 to k + 2: at node 1, 2, 3,
+/// 4, any later one, the last but one and the last.
 ///
-/// The fourth moments of a disk alone would give `-1/3 v²`. With `-0.55 v²`, V of a texture whose power falls as 1/f²
-/// is right under a disk, where a Gaussian makes it a quarter too large (0.60 for 1/f, 0.52 for 1/f³; a third of the
-/// difference between Gaussian and disk remains). Multiples of it model kernels between the two, and two images that
-/// are both blurred by disks, whose relative blur is flatter than a disk.
-#[inline(always)]
-pub fn departure<R: Real>(v: f64, variances: [f64; 3], values: [R; 3]) -> R {
-    let rise = |n: usize| (values[n + 1] - values[n]) / R::of(variances[n + 1] - variances[n]);
-    R::of(-0.55 * v * v / (variances[2] - variances[0])) * (rise(1) - rise(0))
-}
+/// A least-squares fit of the disk's transfer function `2 J1(2s)/(2s)`, s the frequency times √v, by those of the
+/// nodes. Sum and variance are exact. The weight is `(|2 J1(2s)/(2s)|^½ + 0.02)/√s`: S holds the
+/// product of the transfer functions of two disks, so that errors near their zeros do not count. With three nodes 35 % of the
+/// difference is left, and the separation found for disks 10.3 px² apart was 13 px² and V 4 % too small; with five 10.6
+/// and 1 %.
+const DEPARTURES: [[f64; 5]; 7] = [
+    [0.0, -0.0932, 0.0895, 0.0245, -0.0208],
+    [0.05, -0.5331, 0.891, -0.4994, 0.0916],
+    [0.1433, -1.5272, 2.8203, -1.7229, 0.2865],
+    [0.2179, -2.4981, 4.1224, -2.2063, 0.3641],
+    [0.3287, -2.6290, 4.1263, -2.1839, 0.3579],
+    [-0.4549, -0.0792, 0.9783, -0.4442, 0.0],
+    [-1.2787, 1.998, -0.7193, 0.0, 0.0],
+];
 
-/// The nodes that the departure of node k of `count` is computed from: the node and its two neighbours, or the first or
-/// last three.
-pub(super) fn departure_nodes(k: usize, count: usize) -> [usize; 3] {
-    debug_assert!(count > 2, "every limit of |V| has three nodes");
-    [0, 1, 2].map(|n| k.clamp(1, count - 2) - 1 + n)
-}
-
-/// The departure of node k of `count`. Node 0 has none.
+/// The departure of node k of `count` from the values of the nodes. Node 0 has none.
 #[inline(always)]
-pub fn departure_of<R: Real>(k: usize, count: usize, node: impl Fn(usize) -> R) -> R {
-    if k == 0 {
-        return R::default();
+pub(super) fn departure_of<R: Real>(k: usize, count: usize, node: impl Fn(usize) -> R) -> R {
+    let mut departure = R::default();
+    if k > 0 {
+        let row = if k + 2 < count { k.min(5) - 1 } else { DEPARTURES.len() + k - count };
+        for (n, &weight) in DEPARTURES[row].iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+            departure += R::of(weight) * node(k + n - 2);
+        }
     }
-    let three = departure_nodes(k, count);
-    departure(node_variance(k), three.map(node_variance), three.map(node))
+    departure
 }
 
 /// The most nodes of a stack.
@@ -237,7 +238,7 @@ pub fn read_near<N: Number>(stack: &[Raster<N>], v: f64, [x, y]: [usize; 2]) -> 
 
 /// Cubic Hermite interpolation between the two nodes around v >= 0.
 #[inline(always)]
-fn between(v: f64, count: usize, node: impl Fn(usize) -> (Jet, f64)) -> Blurred {
+pub(super) fn between(v: f64, count: usize, node: impl Fn(usize) -> (Jet, f64)) -> Blurred {
     let k = node_below(v, count);
     between_nodes(v, k, node(k), node(k + 1))
 }

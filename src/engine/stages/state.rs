@@ -100,6 +100,11 @@ impl Double for [LevelState; MAX_LEVELS] {
 }
 
 impl DoubleState {
+    /// The separation of the focus settings on a level whose pixels are `factor` wide, px² of the level.
+    pub(super) fn separation_on(&self, factor: f32) -> f64 {
+        self.separation / f64::from(factor * factor)
+    }
+
     /// Adds counts of pixels that a step moved, that it moved far, and that it left at the limit.
     pub(crate) fn count(&mut self, [moving, moving_far, at_limit]: [u32; 3]) {
         self.moving += moving;
@@ -235,20 +240,25 @@ pub fn from_centre(place: [f64; 2], centre: [f64; 2]) -> [f64; 2] {
     [0, 1].map(|i| (place[i] - centre[i]) / centre[i])
 }
 
-/// Whether the window of three σ lies inside both images: at (x, y) in I1, and at (x, y) + d in I2, where it is `scale`
-/// times as wide.
+/// Whether windows of three σ lie inside both images: at (x, y) in I1, and at (x, y) + d in I2, where pixels are
+/// `scale` times as wide. `variances`: of the blurs of I1 and I2.
 #[inline(always)]
-pub fn inside([x, y]: [usize; 2], d: [f64; 2], size: [usize; 2], v: f64, scale: f64) -> bool {
-    margin([x as f64, y as f64], d, size, v, scale) >= 0.0
+pub fn inside([x, y]: [usize; 2], d: [f64; 2], size: [usize; 2], variances: [f64; 2], scale: f64) -> bool {
+    margin([x as f64, y as f64], d, size, variances, scale) >= 0.0
 }
 
 /// How far the windows of [`inside`] are inside, pixels; negative if they are not.
 #[inline(always)]
-pub(super) fn margin<R: Real>([x, y]: [R; 2], d: [R; 2], [width, height]: [usize; 2], v: R, scale: f64) -> R {
-    let reach = R::of(3.0) * v.abs().sqrt();
+pub(super) fn margin<R: Real>(
+    [x, y]: [R; 2],
+    d: [R; 2],
+    [width, height]: [usize; 2],
+    variances: [R; 2],
+    scale: f64,
+) -> R {
+    let [reach1, reach2] = [R::of(3.0) * variances[0].sqrt(), R::of(3.0 * scale) * variances[1].sqrt()];
     let within = |p: R, size: usize, reach: R| p.min(R::of(size as f64 - 1.0) - p) - reach;
-    let reach2 = R::of(scale) * reach;
-    let first = within(x, width, reach).min(within(y, height, reach));
+    let first = within(x, width, reach1).min(within(y, height, reach1));
     first.min(within(x + d[0], width, reach2)).min(within(y + d[1], height, reach2))
 }
 

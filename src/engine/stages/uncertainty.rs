@@ -25,11 +25,12 @@
 //! Where V is at its limit, only a bound of it is known. σ there is that of a pixel that the photographs do not
 //! determine, so that no count, mask or measurement takes the bound for a measured value.
 
+use super::law::Variances;
 use super::pass::{Memory, Pass};
 use super::segments::{SEGMENT, segment};
 use super::state::{DoubleState, margin};
 use super::uncertainty_terms::{self, WINDOW, at_pixels};
-use super::{Number, Raster, pixels};
+use super::{Number, Raster, pixels, stack};
 use crate::base::Settings;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -57,7 +58,7 @@ pub const LARGEST: f32 = 1e3;
 
 impl Constants {
     /// The constants of an image.
-    pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2], settings: &Settings) -> Self {
+    pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2], nodes: usize, settings: &Settings) -> Self {
         let (centre, at_limit) = (centre.map(|c| c as f32), at_limit(settings.max_relative_blur));
         let (eta, features) = (settings.data_eta as f32, WINDOW_PIXELS / FEATURE);
         Self {
@@ -68,6 +69,7 @@ impl Constants {
             bending: BENDING,
             largest: LARGEST,
             at_limit,
+            widest: stack::node_sigma(nodes - 1).powi(2) as f32,
             eta,
             features,
         }
@@ -108,8 +110,8 @@ pub fn cpu_reference<N: Number>(
     let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
     let DoubleState { registration: r, spread, unit, .. } = state;
     let (spread, largest) = (spread.max(f64::from(c.eta) / BROAD), f64::from(c.largest));
-    let [eta, features, bending, pixels, at_limit] =
-        [c.eta, c.features, c.bending, c.pixels, c.at_limit].map(f64::from);
+    let [eta, features, bending, pixels, at_limit, widest] =
+        [c.eta, c.features, c.bending, c.pixels, c.at_limit, c.widest].map(f64::from);
     let [noise, unexplained_from] = [NOISE, UNEXPLAINED].map(|times| (times * spread).powi(2));
     let mut results = Raster::fill_segments(
         [(); 3].map(|()| Raster::zeros(v.width, v.height)),
@@ -121,13 +123,14 @@ pub fn cpu_reference<N: Number>(
             let mut numbers = [[N::default(); SEGMENT]; 3];
             for n in 0..SEGMENT {
                 let (curvature, b2, residual, v): (_, _, _, f64) = (curvature[n], b2[n], residual[n], v[n].into());
+                let blurs = Variances::new(v, state.separation).both();
                 let place = [x as f64 + f64::from(n as i32), y as f64];
-                let is_inside = margin(place, r.displacement_at(place, 1.0, centre), size, v, r.scale()) >= 0.0;
+                let is_inside = margin(place, r.displacement_at(place, 1.0, centre), size, blurs, r.scale()) >= 0.0;
                 let data = b2 / (pixels * curvature * curvature);
                 let unexplained = (residual - noise).max(0.0) * residual / (b2 * (residual + eta * eta));
                 let deviation = (data + bending * bend[n] + unexplained / features).sqrt();
                 let is_other = (residual > unexplained_from) & (deviation > CERTAIN);
-                let is_known = (curvature > 0.0) & (v.abs() < at_limit) & !is_other;
+                let is_known = (curvature > 0.0) & (v.abs() < at_limit) & (blurs[0].max(blurs[1]) < widest) & !is_other;
                 let deviation = if is_known { deviation.min(largest) } else { largest };
                 let of_pixel = [v, deviation, unit * residual.max(0.0).sqrt()];
                 for k in 0..3 {
@@ -155,7 +158,7 @@ mod tests {
         let (s, g, w) = (0.02, 0.01, 40.0);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         let terms = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(0.0), flat(s * s)];
-        let c = Constants::new([32, 32], [15.5; 2], &Settings { max_relative_blur: 25.0, ..Settings::default() });
+        let c = Constants::new([32, 32], [15.5; 2], 12, &Settings { max_relative_blur: 25.0, ..Settings::default() });
         let state = DoubleState { spread: s, unit: 2.0, ..DoubleState::default() };
         let [_, deviation, residual] = cpu_reference(&c, &state, &Field::zeros(32, 32), &terms, None);
         let actual = deviation.get(16, 16);
@@ -172,7 +175,7 @@ mod tests {
     /// Residuals S of slope g and norm ψ that are beyond the noise: b² = g² S²/ψ².
     #[test]
     fn residuals_beyond_noise_are_averaged_over_features_only() {
-        let (g, noise, c) = (0.05, 0.004, Constants::new([32, 32], [15.5; 2], &Settings::default()));
+        let (g, noise, c) = (0.05, 0.004, Constants::new([32, 32], [15.5; 2], 12, &Settings::default()));
         let state = DoubleState { spread: noise, ..DoubleState::default() };
         for s in [0.01, 0.02, 0.035] {
             let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);

@@ -279,7 +279,8 @@ mod tests {
             photometric: Photometric { gain: 1.02, offset: -0.01 },
             solved: Region { x: 0, y: 0, width: 3, height: 2 },
             regularization: 0.003,
-            kernel_shape: Some(0.5),
+            kernel_shape: Some(1.0),
+            separation: Some(9.0),
             scale_deviation: 0.1,
             levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5, f64::NAN] }],
             converged: true,
@@ -335,7 +336,7 @@ mod tests {
     fn the_report_has_the_fields_that_scripts_read() {
         let text = report().to_json().unwrap();
         let json: Value = serde_json::from_str(&text).unwrap();
-        let expected = "program kind version frames reference regularization method settings size kernel_shape scale_deviation levels transform_deviation \
+        let expected = "program kind version frames reference regularization method settings size kernel_shape separation scale_deviation levels transform_deviation \
              converged relative_blur valid_fraction mean_confidence saturated_fraction unsettled_fraction unexplained_fraction nearer nearer_by \
              warnings device validated values inputs photograph region texture timings_ms";
         let mut expected: Vec<&str> = expected.split(' ').collect();

@@ -152,6 +152,9 @@ class Result(Registration):
     """Smoothness weight α of the finest level, stated or estimated."""
     kernel_shape: float | None
     """Shape of the estimated kernel: 0 is a Gaussian, 1 a disk. None if the kernel was stated."""
+    separation: float | None
+    """How far the two focus settings are apart, if it was found: the variance of the blur in one photograph of what is in
+    focus in the other, px². None if the blur is Gaussian."""
     scale_deviation: float
     """Standard deviation of the scale of V, as a share of V. The uncertainty includes it."""
     valid_fraction: float

@@ -54,7 +54,6 @@ class Settings(TypedDict, total=False):
     continuation: float
     data_eta: float
     smoothness_eta: float
-    heaviside_epsilon: float
     max_relative_blur: float
     largest_step: float
     kernel: str | ArrayLike

@@ -89,6 +89,10 @@ pub struct Report {
     /// The estimated shape of the kernel: 0 is a Gaussian, 1 a disk. `None` if it was not estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kernel_shape: Option<f64>,
+    /// How far the two focus settings of a pair are apart, if it was found: the variance of the blur in one photograph of
+    /// what is in focus in the other, px².
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub separation: Option<f64>,
     /// The standard deviation of the scale of V of a pair, as a share of V. The uncertainty includes it.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub scale_deviation: Option<f64>,
@@ -219,6 +223,7 @@ impl Report {
             other_motion: solution.other_motion,
             regularization: Some(solution.regularization),
             kernel_shape: solution.kernel_shape,
+            separation: solution.separation,
             scale_deviation: Some(solution.scale_deviation),
             relative_blur: Some(RangeReport::of(&solution.relative_blur)),
             valid_fraction: Some(solution.valid_fraction),

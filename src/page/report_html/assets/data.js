@@ -189,8 +189,9 @@ function significant(value, digits) {
 
 // A value with its standard deviation, to two digits of the latter: "−36.8 ± 2.6".
 function withDeviation(value, sigma, field) {
-  if (Number.isNaN(value)) return 'not measured';
-  if (!Number.isFinite(sigma) || !(sigma > 0)) return field.text(value);
+  // Depth towards infinity has no standard deviation.
+  if (Number.isNaN(value) || !Number.isFinite(sigma)) return 'not measured';
+  if (!(sigma > 0)) return field.text(value);
   const digits = Math.min(field.digits, Math.max(0, 1 - Math.floor(Math.log10(sigma))));
   return `${field.low < 0 ? signed(value, digits) : plain(value, digits)} ± ${plain(sigma, digits)}`;
 }

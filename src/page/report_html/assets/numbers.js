@@ -144,7 +144,7 @@ function showNumbers() {
 }
 
 const units = {
-  max_relative_blur: 'px²', largest_step: 'px² an iteration', smoothness_eta: 'px² a pixel', heaviside_epsilon: 'px²',
+  max_relative_blur: 'px²', largest_step: 'px² an iteration', smoothness_eta: 'px² a pixel',
   data_eta: 'units of intensity', tx_px: 'px', ty_px: 'px', rotation_deg: '°', offset: 'of white',
 };
 

@@ -114,7 +114,7 @@ class Pane {
     if (!cursor) return;
     const i = cursor[1] * grid.width + cursor[0];
     const [px, py] = this.at(cursor).map((v) => v / this.ratio);
-    this.tip.textContent = `${withDeviation(main.values[i], sureness.values[i], main)} ${Number.isNaN(main.values[i]) ? '' : main.unit}`;
+    this.tip.textContent = `${withDeviation(main.values[i], sureness.values[i], main)} ${Number.isNaN(main.values[i]) || !Number.isFinite(sureness.values[i]) ? '' : main.unit}`;
     const { clientWidth, clientHeight } = this.canvas;
     this.tip.style.left = `${Math.min(Math.max(px + 14, 4), clientWidth - this.tip.offsetWidth - 4)}px`;
     this.tip.style.top = `${py > clientHeight - 48 ? py - 40 : py + 14}px`;
