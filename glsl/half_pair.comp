@@ -59,8 +59,7 @@ vec4 pixel(ivec2 x, inout Sums sums) {
     if (!(v > 0.0 && v < limit && before <= far) || any(lessThan(inside, vec4(reach)))) return vec4(0.0);
     if (words > 0u && (is_hidden(x, own) || is_hidden(x, other))) return vec4(0.0);
     ivec2 size = ivec2(width, height);
-    ivec3 columns = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
-    ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
+    ivec3 columns = beside(x.x, size.x), lines = beside(x.y, size.y);
     Blurred blurred = ANY_KERNEL ? stack_at(1, nodes, size, v, x, vec2(0.0)) : stack_on(1, nodes, v, columns, lines, vec2(0.0));
     float n = 1.0 + grain / (grain + v), slope = -grain / ((grain + v) * (grain + v)), root = inversesqrt(n);
     float left = blurred.value - imageLoad(aligned, ivec3(x, other)).r, s = root * left;

@@ -11,7 +11,7 @@ layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int windows;
     int level;                       // nothing changes once it has settled
-    uint is_anew;                    // the stacks are those of Gaussians, whatever the kernel
+    uint are_gaussian;                    // the stacks have just been computed, for a Gaussian
 };
 
 // The least number of windows. With fewer, nothing changes.
@@ -48,7 +48,7 @@ void main() {
     barrier();
     if (n != 0) return;
     state.becomes_disk = 0u;
-    bool was_disk = is_anew == 0u && state.kernel_shape != 0.0;
+    bool was_disk = are_gaussian == 0u && state.kernel_shape != 0.0;
     float mean = sums[0].z, found = state.separation;
     if (mean < 0.0 || was_disk || state.levels[level].settled != 0u) return;
     // Residuals relative to that of the first lens.

@@ -23,7 +23,7 @@ layout(push_constant) uniform Constants {
     int level;                       // nothing is done once it has settled
     float factor;                    // pixels of the full-size image per pixel of this level
     float centre[2];
-    uint is_anew;                    // the stacks are those of Gaussians, whatever the kernel
+    uint are_gaussian;                    // the stacks have just been computed, for a Gaussian
 };
 
 #include "coefficients.glsl"
@@ -125,7 +125,7 @@ float left(int kernel, Variances of, float more) {
 }
 
 void main() {
-    bool is_gaussian = is_anew != 0u || state.kernel_shape == 0.0;
+    bool is_gaussian = are_gaussian != 0u || state.kernel_shape == 0.0;
     if (state.levels[level].settled != 0u || !is_gaussian) return;
     ivec2 size = ivec2(width, height), windows = ivec2(grid[0], grid[1]), window = ivec2(gl_WorkGroupID.xy);
     ivec2 corner = (2 * window + 1) * size / (2 * windows) - SIDE / 2;
@@ -152,8 +152,7 @@ void main() {
     }
     barrier();
     if (!is_whole) return;
-    ivec3 columns = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
-    ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
+    ivec3 columns = beside(x.x, size.x), lines = beside(x.y, size.y);
     vec2 shift = displacement(moved_since(state.warped, r), x, factor, vec2(centre[0], centre[1]));
     for (int k = 0; k < nodes; k++) {
         Blurred one = node_on(1, k, columns, lines, vec2(0.0)), two = node_on(2, k, columns, lines, shift);

@@ -14,7 +14,7 @@ layout(push_constant) uniform Constants {
     int nodes;
     int first, step;                 // layer of the first stack, and from a stack to the next
     int planes;                      // stacks: workgroups along z, unless they are packed
-    uint is_anew;                    // 1: the stacks are Gaussians', to be shaped if the kernel is a disk; 0: if it has just become one
+    uint are_gaussian;               // 1: they are Gaussians' if the kernel is a disk; 0: only if it has just become one
 };
 
 ivec3 place(ivec2 x, int k) { return ivec3(x, first + int(gl_WorkGroupID.z) * step + k); }
@@ -27,7 +27,7 @@ vec2 node(ivec2 x, int k) {
 
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
-    bool is_shaped = is_anew != 0u ? state.kernel_shape != 0.0 : state.becomes_disk != 0u;
+    bool is_shaped = are_gaussian != 0u ? state.kernel_shape != 0.0 : state.becomes_disk != 0u;
     if (x.x >= width || x.y >= height || !is_shaped) return;
     // Nodes k - 2 to k + 2. What is beyond the first and the last one has no weight.
     vec2 values[DEPARTURE_NODES] = vec2[](vec2(0.0), vec2(0.0), node(x, 0), node(x, 1), node(x, 2));

@@ -3,10 +3,6 @@
 
 #include "coefficients.glsl"
 
-ivec3 around(int place, int length) {
-    return ivec3(reflect_once(ivec2(place - 1, place), ivec2(length)), reflect_once(ivec2(place + 1), ivec2(length)).x);
-}
-
 // On a level whose pixels are `factor` wide; d is the displacement by T.
 PairSample sample_pair(ivec2 x, vec2 d, Variances of, float factor) {
     Registration r = state.registration;
@@ -14,7 +10,7 @@ PairSample sample_pair(ivec2 x, vec2 d, Variances of, float factor) {
     Blur blur = Blur(size, nodes, vec2(mean[0], mean[1]));
     if (!WARPED) return blur_apart(blur, r, x, of, d, scale_of(r));
     vec2 shift = displacement(moved_since(state.warped, r), x, factor, vec2(centre[0], centre[1]));
-    return blur_near(blur, of, shift, around(x.x, size.x), around(x.y, size.y));
+    return blur_near(blur, of, shift, beside(x.x, size.x), beside(x.y, size.y));
 }
 
 // S, the residual.

@@ -40,8 +40,8 @@ pub(crate) enum Slot {
     Hidden,
     /// T, gain, offset, shading and the progress of the levels.
     State,
-    /// Partial sums, a row for each workgroup; in between what windows tell of law and kernel, and the samples of
-    /// the blur-matched pair.
+    /// Partial sums, a row for each workgroup. Other passes use it for the numbers of windows by which law and kernel are
+    /// found, and for samples of the blur-matched pair.
     Partials,
     /// Energies by level and outer iteration.
     Energies,

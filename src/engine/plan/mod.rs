@@ -86,8 +86,12 @@ impl Plan {
             return Err(Error::TooSmall { width, height, least: LEAST_SIZE });
         }
         let solved = solved_levels(width, height, settings)?;
-        let pyramid: Vec<Level> =
+        let mut pyramid: Vec<Level> =
             (0..solved).map(|l| Level::new(l, width, height, settings.max_relative_blur)).collect();
+        if settings.kernel == Kernel::Auto {
+            // A lens blurs both photographs, one of them by more than |V|.
+            pyramid.iter_mut().for_each(|level| level.nodes += 1);
+        }
         let mut weights = Weights::default();
         let layers = (1..pyramid[0].nodes * Slopes::of(&settings.kernel).layers()).map(|n| {
             let stack::Layer { from, sampling, terms } = stack::layer(&settings.kernel, n);
@@ -426,8 +430,7 @@ impl Level {
             centre: centre(width, height).map(|c| c / factor),
             length: f64::from(size[0]).hypot(size[1].into()) / 4.0,
             limit,
-            // One more, because a lens blurs both photographs, one of them by more than |V|.
-            nodes: node_count(READ_BEYOND * limit) + 1,
+            nodes: node_count(READ_BEYOND * limit),
             // The tiles of the finest level also state the deviation of T, which is not to depend on the device.
             rows: if index == 0 { linearise::rows_on_processor(size) } else { linearise::rows_on_gpu(size) },
             noise: Noise::new(index),

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::{Action, CountedPixels, CpuReference, Dispatch, Entry, Hazards, Part, Script, Stacks};
+use super::{Action, CountedPixels, CpuReference, Dispatch, Entry, Hazards, Part, Script, StackKernel};
 use crate::engine::arguments::{self, Grid, Indirect, Over, Place};
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::Slot;
@@ -324,7 +324,7 @@ impl<'a> Composer<'a> {
             }
         }
         if plan.finds_lens(level) {
-            self.find_lens(level, Stacks::Anew);
+            self.find_lens(level, StackKernel::Gaussian);
         }
         for k in 0..plan.settings.outer_iterations {
             self.begin_iteration(level, k, |k| plan.may_settle(level, k));
@@ -332,7 +332,7 @@ impl<'a> Composer<'a> {
                 self.warp_again(level);
             }
             if plan.finds_lens_again(level, k) {
-                self.find_lens(level, Stacks::AsTheyWere);
+                self.find_lens(level, StackKernel::Found);
             }
             if plan.matches_before(level, k) {
                 self.exposure(level, plan.adopts(level), Slot::Stacks);

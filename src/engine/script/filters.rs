@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::Stacks;
+use super::StackKernel;
 use super::compose::Composer;
 use crate::engine::arguments::{Grid, Indirect, Place};
 use crate::engine::plan::{FilterRange, Level, StackLayer};
@@ -208,7 +208,7 @@ impl Composer<'_> {
             self.stack_layer(level, images.clone(), layer);
         }
         if self.plan.finds_lens(level) {
-            self.shape(level, images, Stacks::Anew);
+            self.shape(level, images, StackKernel::Gaussian);
         }
         self.warping_again = None;
     }

@@ -34,13 +34,13 @@ pub(crate) struct Script {
     pub(crate) tiles: Vec<u32>,
 }
 
-/// What the blur stacks of a level hold.
+/// The kernel of a level's blur stacks.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Stacks {
-    /// Gaussians, just computed.
-    Anew,
-    /// The kernel that was found so far.
-    AsTheyWere,
+pub(super) enum StackKernel {
+    /// A Gaussian: the stacks have just been computed.
+    Gaussian,
+    /// The kernel that the level has found so far.
+    Found,
 }
 
 /// Which pixels of a pair count.

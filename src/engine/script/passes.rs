@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::Stacks;
+use super::StackKernel;
 use super::compose::Composer;
 use super::filters::Layers;
 use crate::base::color::LUMINANCE;
@@ -148,9 +148,9 @@ impl Composer<'_> {
     }
 
     /// Finds the law and the kernel from windows, and turns both blur stacks into those of disks if they are found.
-    pub(super) fn find_lens(&mut self, level: &Level, stacks: Stacks) {
+    pub(super) fn find_lens(&mut self, level: &Level, stacks: StackKernel) {
         let grid @ [columns, rows] = lens_windows::grid(level.size);
-        let is_anew = u32::from(stacks == Stacks::Anew);
+        let are_gaussian = u32::from(stacks == StackKernel::Gaussian);
         let constants = lens_windows::Constants {
             width: level.size[0],
             height: level.size[1],
@@ -160,24 +160,24 @@ impl Composer<'_> {
             level: level.index as u32,
             factor: level.factor as f32,
             centre: single(level.centre),
-            is_anew,
+            are_gaussian,
         };
         let variant = Variant::MASKED.when(self.masked) | Variant::PACKED.when(self.plan.packs(level));
         let bindings = lens_windows::Bindings::on(level.index);
         self.dispatch(bindings, &constants, variant, Grid::Direct([columns, rows, 1]));
-        let constants = lens::Constants { windows: columns * rows, level: level.index as u32, is_anew };
+        let constants = lens::Constants { windows: columns * rows, level: level.index as u32, are_gaussian };
         self.dispatch(lens::Bindings::on(0), &constants, NO_VARIANT, Grid::Direct([1; 3]));
         self.shape(level, 0..2, stacks);
     }
 
-    /// Turns the blur stacks of some images into those of disks: if the kernel is a disk, or if they were not and it has
-    /// become one.
-    pub(super) fn shape(&mut self, level: &Level, images: Range<usize>, stacks: Stacks) {
+    /// Turns the blur stacks of some images into those of disks. Those of Gaussians are turned if the kernel is a disk,
+    /// others only if it has just become one.
+    pub(super) fn shape(&mut self, level: &Level, images: Range<usize>, stacks: StackKernel) {
         let [width, height] = level.size;
-        let (nodes, is_anew) = (level.nodes as u32, u32::from(stacks == Stacks::Anew));
+        let (nodes, are_gaussian) = (level.nodes as u32, u32::from(stacks == StackKernel::Gaussian));
         let stacks @ Layers { first, step, count: planes, is_packed, .. } = self.stacks(level, images, 0);
         let grid = self.grid(shape::groups(level.size, stacks.groups()));
-        let constants = shape::Constants { width, height, nodes, first, step, planes, is_anew };
+        let constants = shape::Constants { width, height, nodes, first, step, planes, are_gaussian };
         self.dispatch(shape::Bindings::on(level.index), &constants, Variant::PACKED.when(is_packed), grid);
     }
 }

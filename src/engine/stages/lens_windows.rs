@@ -1,8 +1,8 @@
 //! Compares candidates for the law and the kernel by what they leave of the residual in windows of the photographs.
 //!
-//! A window is 24 x 24 px, of which every other pixel along x and y is a sample. With V, T and brightness so far, S is
-//! fitted by the window's own V, translation, offset and gain, because V is off by what the law or the kernel was wrong.
-//! What is left tells the candidates apart: a Gaussian and a disk, each by the relative law and by that of
+//! A window has 24 x 24 px. Every other pixel along x and along y is a sample. S is computed with the V, T and brightness
+//! found so far. A wrong law or kernel has made V wrong, so S is fitted by changes of the window's own V, translation,
+//! offset and gain. What is left tells the candidates apart: a Gaussian and a disk, each by the relative law and by that of
 //! [a lens](super::law) with several separations of the focus settings.
 //!
 //! A candidate that blurs both photographs more leaves less of anything. So two are compared with both photographs of
@@ -16,7 +16,7 @@ use super::pass::{Memory, Pass};
 use super::stack::{self, Blurred, MOST_NODES};
 use super::state::{DoubleState, Registration, inside};
 use super::{Number, Raster, spline};
-use crate::base::workers;
+use crate::base::{Kernel, workers};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -48,19 +48,16 @@ pub(super) const OF_LENS: usize = shaders::lens::OF_LENS as usize;
 /// The place of the mean of |V|.
 pub(super) const MEAN: usize = 1 + OF_LENS * shaders::lens::MOST_LENSES as usize;
 
-/// The ratio of the separations of adjacent candidates.
-pub(super) struct Ratio(pub(super) f64);
-
 /// The separations of the lenses that are candidates, px² of the full-size image: about the one that was `found`, or
-/// over all that pairs have if none was.
-pub(super) fn separations(found: f64) -> (Vec<f64>, Ratio) {
+/// over all that pairs have if none was. Each is the same multiple of the one before.
+pub(super) fn separations(found: f64) -> Vec<f64> {
     use shaders::lens::{FIRST_RATIO, FIRST_SEPARATION, LATER_LENSES, MOST_LENSES, RATIO};
     let (first, ratio, count) = if found > 0.0 {
         (found * RATIO.powi(-(LATER_LENSES as i32) / 2), RATIO, LATER_LENSES)
     } else {
         (FIRST_SEPARATION, FIRST_RATIO, MOST_LENSES)
     };
-    ((0..count).map(|n| first * ratio.powi(n as i32)).collect(), Ratio(ratio))
+    (0..count).map(|n| first * ratio.powi(n as i32)).collect()
 }
 
 /// Columns and rows of windows on a level.
@@ -84,11 +81,11 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
-        let is_gaussian = c.is_anew != 0 || state.kernel_shape == 0.0;
+        let is_gaussian = c.are_gaussian != 0 || state.kernel_shape == 0.0;
         if state.levels[c.level as usize].settled != 0 || !is_gaussian {
             return;
         }
-        let known = 1 + OF_LENS * separations(state.separation).0.len();
+        let known = 1 + OF_LENS * separations(state.separation).len();
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, false);
         let masks = mask::of(memory, self.masks, variant);
         let windows = cpu_reference(c, state, memory.layer(self.relative_blur, 0), &stacks, masks);
@@ -150,7 +147,7 @@ fn of_window<N: Number>(
             return None;
         }
         sum += v.abs();
-        samples.push(Sample::of(stacks, at, moved.displacement(x, y, factor, centre), v));
+        samples.push(PixelNodes::of(stacks, at, moved.displacement(x, y, factor, centre), v));
     }
     let mean = sum / (ALONG * ALONG) as f64;
     if mean >= WIDEST {
@@ -158,36 +155,30 @@ fn of_window<N: Number>(
     }
     // Of the law with separation p, with both images blurred further until V₁ is at least that of the law with q.
     let left = |kernel, p: f64, q: f64| left(&samples, r, around, kernel, [p, q]);
-    let (separations, Ratio(ratio)) = separations(state.separation);
+    let separations = separations(state.separation);
+    let ratio = separations[1] / separations[0];
     let mut window = [0.0; MEAN + 1];
     window[MEAN] = factor * factor * mean;
-    window[0] = left(Kernel::Gaussian, 0.0, 0.0) - left(Kernel::Disk, 0.0, 0.0);
+    window[0] = left(&Kernel::Gaussian, 0.0, 0.0) - left(&Kernel::Pillbox, 0.0, 0.0);
     for (numbers, p) in window[1..MEAN].chunks_mut(OF_LENS).zip(separations) {
         let [p, next] = [p, p * ratio].map(|p| p / (factor * factor));
-        let own = left(Kernel::Disk, p, p);
-        numbers[KERNEL] = left(Kernel::Gaussian, p, p) - own;
-        numbers[LAW] = left(Kernel::Disk, 0.0, p) - own;
-        numbers[CHAIN] = left(Kernel::Disk, next, p) - left(Kernel::Disk, p, next);
+        let own = left(&Kernel::Pillbox, p, p);
+        numbers[KERNEL] = left(&Kernel::Gaussian, p, p) - own;
+        numbers[LAW] = left(&Kernel::Pillbox, 0.0, p) - own;
+        numbers[CHAIN] = left(&Kernel::Pillbox, next, p) - left(&Kernel::Pillbox, p, next);
     }
     Some(window)
 }
 
-/// A kernel that is tried.
-#[derive(Clone, Copy, PartialEq)]
-enum Kernel {
-    Gaussian,
-    Disk,
-}
-
 /// V of a pixel, and all nodes of both stacks there.
-struct Sample {
+struct PixelNodes {
     v: f64,
     count: usize,
     first: [spline::Jet; MOST_NODES],
     second: [spline::Jet; MOST_NODES],
 }
 
-impl Sample {
+impl PixelNodes {
     fn of<N: Number>(stacks: &Stacks<N>, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -> Self {
         let [mut first, mut second] = [[spline::Jet::default(); MOST_NODES]; 2];
         for (jet, layer) in first.iter_mut().zip(stacks.first) {
@@ -200,10 +191,10 @@ impl Sample {
     }
 
     /// An image under a kernel of some variance, and then under a Gaussian of `more`.
-    fn blurred(&self, nodes: &[spline::Jet; MOST_NODES], kernel: Kernel, variance: f64, more: f64) -> Blurred {
+    fn blurred(&self, nodes: &[spline::Jet; MOST_NODES], kernel: &Kernel, variance: f64, more: f64) -> Blurred {
         let gaussian = |v: f64| stack::between(v, self.count, |k| nodes[k].node());
         let mut blurred = gaussian(variance + more);
-        if kernel == Kernel::Disk {
+        if *kernel == Kernel::Pillbox {
             let k = stack::node_below(variance, self.count);
             let [v0, v1] = [k, k + 1].map(stack::node_variance);
             let value = |n: usize| gaussian(stack::node_variance(n) + more).value;
@@ -217,7 +208,7 @@ impl Sample {
 /// The logarithm of the mean square of what the window's own V, t, offset and gain leave of S. By the law of a lens with
 /// the separation p, or the relative one if it is 0; where the law of q blurs the sharper image more, both images are
 /// blurred more by as much.
-fn left(samples: &[Sample], r: &Registration, around: f64, kernel: Kernel, [p, q]: [f64; 2]) -> f64 {
+fn left(samples: &[PixelNodes], r: &Registration, around: f64, kernel: &Kernel, [p, q]: [f64; 2]) -> f64 {
     let mut m = [[0.0; TERMS]; TERMS];
     for sample in samples {
         let of = Variances::new(sample.v, p);
@@ -248,7 +239,6 @@ mod tests {
     use super::super::harness::{build_stack, random, random_field, smooth_field};
     use super::super::{Field, lens, separable};
     use super::*;
-    use crate::base;
     use crate::engine::filter;
 
     fn constants([width, height]: [usize; 2], nodes: usize) -> Constants {
@@ -262,14 +252,14 @@ mod tests {
             factor: 2.0,
             centre: [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0],
             level: 1,
-            is_anew: 1,
+            are_gaussian: 1,
         }
     }
 
     #[test]
     fn a_mask_that_excludes_nothing_changes_nothing() {
         let images = [1, 2].map(|seed| random_field(90, 60, seed));
-        let stacks = images.map(|i| build_stack(&i, &base::Kernel::Gaussian, stack::node_count(6.0)));
+        let stacks = images.map(|i| build_stack(&i, &Kernel::Gaussian, stack::node_count(6.0)));
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: stack::Slopes::Laplacian };
         let (c, state) = (constants([90, 60], stacks[0].len()), DoubleState::default());
         let v = smooth_field(90, 60, 3);
@@ -282,7 +272,7 @@ mod tests {
 
     /// The kernel and the separation that are found for a texture under a kernel, at V of 3 to 5 px² that is stated 5 %
     /// too large, with noise of 0.003. I1 is blurred by the variance `sharper`.
-    fn found(kernel: &base::Kernel, sharper: f64) -> [f64; 2] {
+    fn found(kernel: &Kernel, sharper: f64) -> [f64; 2] {
         let (size, nodes, v) = (260, stack::node_count(20.0), 4.0);
         let texture = smooth_field(size, size, 7);
         let under = |variance: f64| {
@@ -301,7 +291,7 @@ mod tests {
         };
         let first = if sharper > 0.0 { under(sharper) } else { texture.clone() };
         let stacks = [noisy(first, 8), noisy(under(sharper + v), 9)];
-        let stacks = stacks.map(|i| build_stack(&i, &base::Kernel::Gaussian, nodes));
+        let stacks = stacks.map(|i| build_stack(&i, &Kernel::Gaussian, nodes));
         let c = Constants { factor: 1.0, ..constants([size, size], nodes) };
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: stack::Slopes::Laplacian };
         let mut state = DoubleState::default();
@@ -315,18 +305,18 @@ mod tests {
     #[test]
     fn kernel_and_separation_are_found_whatever_the_blur_of_the_sharper_photograph() {
         for sharper in [0.0, 1.0, 3.0] {
-            assert_eq!(found(&base::Kernel::Gaussian, sharper)[0], 0.0, "Gaussians");
+            assert_eq!(found(&Kernel::Gaussian, sharper)[0], 0.0, "Gaussians");
         }
         // V1 = (V - p)²/4p.
         for sharper in [1.0, 3.0f64] {
             let v = 4.0;
             let separations = [-1.0, 1.0].map(|sign| v + 2.0 * sharper + sign * 2.0 * (sharper * (sharper + v)).sqrt());
-            let [shape, separation] = found(&base::Kernel::Pillbox, sharper);
+            let [shape, separation] = found(&Kernel::Pillbox, sharper);
             println!("{sharper}: {separation:.2} of {separations:.2?}");
             // The share by which V is off goes into the separation more than once.
             let is_near = |p: f64| (separation / p).ln().abs() < 0.2;
             assert!(shape == 1.0 && separations.into_iter().any(is_near), "{separation}, not {separations:?}");
         }
-        assert_eq!(found(&base::Kernel::Pillbox, 0.0)[0], 1.0, "a disk of one photograph");
+        assert_eq!(found(&Kernel::Pillbox, 0.0)[0], 1.0, "a disk of one photograph");
     }
 }

@@ -24,7 +24,7 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
-        let is_shaped = if c.is_anew != 0 { state.kernel_shape != 0.0 } else { state.becomes_disk != 0 };
+        let is_shaped = if c.are_gaussian != 0 { state.kernel_shape != 0.0 } else { state.becomes_disk != 0 };
         for plane in (0..c.planes).filter(|_| is_shaped) {
             let first = (c.first + plane * c.step) as usize;
             let shaped = cpu_reference(&memory.layers(self.stacks)[first..first + c.nodes as usize]);

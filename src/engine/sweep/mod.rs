@@ -27,8 +27,8 @@ use self::pyramid::{IterationDone, PyramidSolver, RELAXATION_SWEEPS};
 use self::shared::SharedParameters;
 use self::validity::ExcludedPixels;
 use crate::base::{
-    Brightness, CancellationToken, Channels, Deadline, Decode, Depth, Error, Format, Frame, Homography, Photometric,
-    Progress, Settings,
+    Brightness, CancellationToken, Channels, Deadline, Decode, Depth, Error, Format, Frame, Homography, Kernel,
+    Photometric, Progress, Settings,
 };
 use crate::engine::Engine;
 use crate::engine::plan::Plan;
@@ -111,7 +111,10 @@ impl JointSolver {
         }
         let (timeout, max_relative_blur) = (engine.timeout(), settings.max_relative_blur.min(MAX_RELATIVE_BLUR));
         let decode = settings.decode.resolved([format.depth]);
-        let settings = Settings { max_relative_blur, relaxation_sweeps: RELAXATION_SWEEPS, decode, ..settings.clone() };
+        // Sweeps do not look for a kernel.
+        let kernel = if settings.kernel == Kernel::Auto { Kernel::Gaussian } else { settings.kernel.clone() };
+        let relaxation_sweeps = RELAXATION_SWEEPS;
+        let settings = Settings { kernel, max_relative_blur, relaxation_sweeps, decode, ..settings.clone() };
         let plan = Plan::new(size[0], size[1], [format; 2], &settings)?.for_device(engine.info());
         let is_small = plan.sweep_bytes(frames as u32) <= memory;
         if is_small && plan.check_sweep(engine.device(), frames as u32).is_ok() || plan.pyramid.len() == 1 {

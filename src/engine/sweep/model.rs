@@ -4,7 +4,7 @@
 use super::pyramid::{RELAXATION_SWEEPS, first_level};
 use super::shared::{ITERATIONS, SharedParameters};
 use super::{MAX_RELATIVE_BLUR, outlines};
-use crate::base::{Error, Format, Homography, Settings, Shading};
+use crate::base::{Error, Format, Homography, Kernel, Settings, Shading};
 use crate::engine::plan::{Level, Plan};
 use crate::engine::script::Script;
 use crate::engine::script::sweep::{self, RegistrationStep};
@@ -18,7 +18,7 @@ const END: f64 = 6.0;
 /// The plan of a sweep.
 pub(crate) fn plan([width, height]: [u32; 2], format: Format) -> Result<Plan, Error> {
     let (max_relative_blur, relaxation_sweeps) = (MAX_RELATIVE_BLUR, RELAXATION_SWEEPS);
-    let settings = Settings { max_relative_blur, relaxation_sweeps, ..Settings::default() };
+    let settings = Settings { kernel: Kernel::Gaussian, max_relative_blur, relaxation_sweeps, ..Settings::default() };
     Plan::new(width, height, [format; 2], &settings)
 }
 

@@ -149,9 +149,11 @@ impl Canvas {
 
     /// The picture.
     pub fn into_image(self) -> RgbImage {
-        let (width, height) = (self.0.width(), self.0.height());
-        let rgb = self.0.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect();
-        RgbImage::from_raw(width, height, rgb).expect("three bytes for each pixel")
+        let mut image = RgbImage::new(self.0.width(), self.0.height());
+        for (to, from) in image.pixels_mut().zip(self.0.pixels()) {
+            to.0 = [from.red(), from.green(), from.blue()];
+        }
+        image
     }
 }
 
