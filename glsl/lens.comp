@@ -11,18 +11,14 @@ layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int windows;
     int level;                       // nothing changes once it has settled
-    uint are_gaussian;                    // the stacks have just been computed, for a Gaussian
+    uint are_gaussian;               // the stacks have just been computed, for a Gaussian
 };
 
 // The least number of windows. With fewer, nothing changes.
 const float LEAST_WINDOWS = 8.0;
 // The largest separation, in means of |V|.
 const float FARTHEST = 12.0;
-// By how much less the best of many lenses must leave with a disk than with a Gaussian, of the logarithm.
-const float CHANCE = 0.1;
-// By how much less a lens must leave than the relative law.
-const float LIKELY = 0.3;
-// By how many standard errors over the windows a disk must leave less.
+// By how many standard errors over the windows a lens must leave less than the relative law, and a disk than a Gaussian.
 const float CERTAIN = 2.0;
 // By how much more a disk may leave that coarser levels have found.
 const float FOUND = 0.1;
@@ -65,10 +61,10 @@ void main() {
         float before = left[best - 1], behind = left[best + 1], bend = before - 2.0 * left[best] + behind;
         if (bend > 0.0) place += clamp(0.5 * (before - behind) / bend, -0.5, 0.5);
     }
-    bool is_lens = sums[1 + OF_LENS * best + LAW].x > LIKELY;
+    vec3 law = sums[1 + OF_LENS * best + LAW];
+    bool is_lens = law.x > CERTAIN * sqrt(law.y);
     vec3 kernel = sums[is_lens ? 1 + OF_LENS * best + KERNEL : 0];
-    float least = max(CERTAIN * sqrt(kernel.y), is_lens ? CHANCE : 0.0);
-    bool is_disk = kernel.x > (state.kernel_shape != 0.0 ? -FOUND : least);
+    bool is_disk = kernel.x > (state.kernel_shape != 0.0 ? -FOUND : CERTAIN * sqrt(kernel.y));
     float ratio = found > 0.0 ? RATIO : FIRST_RATIO;
     state.kernel_shape = is_disk ? 1.0 : 0.0;
     state.becomes_disk = is_disk ? 1u : 0u;

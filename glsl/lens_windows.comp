@@ -9,6 +9,7 @@ layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id
 #include "blur.glsl"
 #include "lens.glsl"
 #include "mask.glsl"
+#include "noise.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32ui) uniform readonly uimage2DArray stacks;         // of I1, then of the warped I2
@@ -23,7 +24,8 @@ layout(push_constant) uniform Constants {
     int level;                       // nothing is done once it has settled
     float factor;                    // pixels of the full-size image per pixel of this level
     float centre[2];
-    uint are_gaussian;                    // the stacks have just been computed, for a Gaussian
+    uint are_gaussian;               // the stacks have just been computed, for a Gaussian
+    Noise noise;                     // of either image
 };
 
 #include "coefficients.glsl"
@@ -40,8 +42,11 @@ const int TERMS_OF_S = 6, LEFT = 5;
 const int PAIRS = TERMS_OF_S * (TERMS_OF_S + 1) / 2;
 // Windows of wider blur say nothing: it is smooth over the window. px² of the level.
 const float WIDEST = 12.0;
-// The least residual: that of rounding to 256 values.
+// The least square of S over the power of its noise: a fifth of that of rounding to 256 values.
 const float LEAST_SQUARE = 2.5e-7;
+// The noise under a disk of variance v and then a Gaussian of variance w, as a share of that under a Gaussian of both:
+// 1 - FLAT x² + FLATTER x⁴, x = v/(v + w + PIXEL).
+const float FLAT = 0.23, FLATTER = 0.13, PIXEL = 0.1;
 const int MOST_NODES = 24;           // of a stack
 const int GAUSSIAN = 0, DISK = 1;
 shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][PAIRS];
@@ -78,8 +83,15 @@ float departure_at(int image, float variance, float more) {
     return mix(departures[0], departures[1], min((variance - node_variance(k)) / (node_variance(k + 1) - node_variance(k)), 1.0));
 }
 
-// The logarithm of the mean square of what the window's own V, t, offset and gain leave of S, with both images blurred
-// more by a Gaussian; in the first invocation.
+// The power of white noise under a kernel of some variance and then a Gaussian of variance `more`.
+Power noise_under(int kernel, float variance, float more) {
+    Power power = blurred_power(noise, variance + more, 1.0);
+    float x = kernel == DISK ? variance / (variance + more + PIXEL) : 0.0, share = 1.0 - (FLAT - FLATTER * x * x) * x * x;
+    return Power(share * power.value, share * power.slope);
+}
+
+// The logarithm of the mean square of what the window's own V, t, offset and gain leave of S, over the power of white
+// noise in it, with both images blurred more by a Gaussian; in the first invocation.
 float left(int kernel, Variances of, float more) {
     float sums[PAIRS];
     for (int i = 0; i < PAIRS; i++) sums[i] = 0.0;
@@ -91,9 +103,12 @@ float left(int kernel, Variances of, float more) {
             first.x += departure_at(1, of.first, more);
             second.x += departure_at(2, of.second, more);
         }
-        float terms[TERMS_OF_S] = float[](by_v, second.y, second.z, 1.0, second.x - around, first.x - (r.gain * second.x + r.offset));
+        Power one = noise_under(kernel, of.first, more), two = noise_under(kernel, of.second, more);
+        float power = one.value + two.value, s = first.x - (r.gain * second.x + r.offset);
+        by_v -= 0.5 * (one.slope * of.first_by_v + two.slope * of.second_by_v) / power * s;
+        float terms[TERMS_OF_S] = float[](by_v, second.y, second.z, 1.0, second.x - around, s);
         for (int i = 0, at = 0; i < TERMS_OF_S; i++) {
-            for (int j = i; j < TERMS_OF_S; j++, at++) sums[at] = terms[i] * terms[j];
+            for (int j = i; j < TERMS_OF_S; j++, at++) sums[at] = terms[i] * terms[j] / power;
         }
     }
     for (int i = 0; i < PAIRS; i++) {

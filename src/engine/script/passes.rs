@@ -161,6 +161,7 @@ impl Composer<'_> {
             factor: level.factor as f32,
             centre: single(level.centre),
             are_gaussian,
+            noise: level.noise,
         };
         let variant = Variant::MASKED.when(self.masked) | Variant::PACKED.when(self.plan.packs(level));
         let bindings = lens_windows::Bindings::on(level.index);

@@ -18,18 +18,12 @@ const LEAST_WINDOWS: f64 = shaders::lens::LEAST_WINDOWS;
 /// The largest separation, in means of |V|: where both photographs are blurred by much more than they differ, a window
 /// holds too little detail to tell.
 const FARTHEST: f64 = shaders::lens::FARTHEST;
-/// By how much less the best of many lenses must leave with a disk than with a Gaussian, of the logarithm: in
-/// trials on texture and text it did by up to 0.09 under Gaussians, and by 0.4 to 2 where disks blur both photographs.
-const CHANCE: f64 = shaders::lens::CHANCE;
 /// By how much more a disk may leave than a Gaussian that coarser levels have found: windows of a fine level have little
 /// detail where the blur is wide.
 const FOUND: f64 = shaders::lens::FOUND;
-/// By how much less a lens must leave than the relative law, of the logarithm. In trials it did by 0.2 to 1.4 where disks
-/// blur both photographs, and by up to 0.15 where one was sharp everywhere. With 0 a lens was taken for cards, whose
-/// layers are sharp in one of the photographs each, and 28 instead of 2 % of V was wrong near their outlines;
-/// with 0.3 none is taken for the cylinders of `simulate`, where it would be right.
-const LIKELY: f64 = shaders::lens::LIKELY;
-/// By how much less a disk must leave, in standard errors over the windows, if coarser levels have found none.
+/// By how much less a lens must leave than the relative law, in standard errors over the windows; and a disk than a
+/// Gaussian, if coarser levels have found none. Without that, a lens was taken for photographs by differences within one
+/// standard error, and V of the dimple was 60 instead of 240 px² wide.
 const CERTAIN: f64 = shaders::lens::CERTAIN;
 
 impl Pass for Bindings {
@@ -74,12 +68,14 @@ pub(super) fn adopt(state: &mut DoubleState, numbers: &[f64]) {
             place += (0.5 * (left[best - 1] - left[best + 1]) / bend).clamp(-0.5, 0.5);
         }
     }
-    let is_lens = of_lens(best, LAW) > LIKELY;
-    let (number, chance) = if is_lens { (1 + OF_LENS * best + KERNEL, CHANCE) } else { (0, 0.0) };
-    let gain = mean(number);
-    let variance = windows.iter().map(|window| window[number].powi(2)).sum::<f64>() / whole - gain * gain;
-    let least = (CERTAIN * (variance.max(0.0) / whole).sqrt()).max(chance);
-    let is_disk = gain > if state.kernel_shape != 0.0 { -FOUND } else { least };
+    let certain = |n: usize| {
+        let variance = windows.iter().map(|window| window[n].powi(2)).sum::<f64>() / whole - mean(n).powi(2);
+        CERTAIN * (variance.max(0.0) / whole).sqrt()
+    };
+    let [law, kernel] = [LAW, KERNEL].map(|n| 1 + OF_LENS * best + n);
+    let is_lens = mean(law) > certain(law);
+    let number = if is_lens { kernel } else { 0 };
+    let is_disk = mean(number) > if state.kernel_shape != 0.0 { -FOUND } else { certain(number) };
     state.kernel_shape = f64::from(u8::from(is_disk));
     state.becomes_disk = u32::from(is_disk);
     state.separation =
@@ -123,7 +119,7 @@ mod tests {
             (state.kernel_shape, state.separation)
         };
         assert_eq!(found(30, 0.5, -0.2), (1.0, 0.0), "a disk of one photograph");
-        assert_eq!(found(30, -0.05, 0.05), (0.0, 0.0), "a Gaussian");
+        assert_eq!(found(30, -0.05, -0.05), (0.0, 0.0), "a Gaussian");
         assert_eq!(found(4, 0.5, 0.5), (0.0, 0.0), "too few windows");
     }
 }
