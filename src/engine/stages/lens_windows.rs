@@ -9,7 +9,7 @@
 //! the less blurred one blurred more, by a Gaussian of the difference: V₂ - V₁ is V for all laws, and the variances are
 //! then the same under either candidate. Their noise is nearly the same, but under a disk it is up to 15 % less than under
 //! a Gaussian of the same variance. So S is divided by the deviation of [white noise](super::noise) in it. Without that,
-//! larger disks were preferred, the more the noise: p of a card was 8.4 and 10.2 px² at noise 0.003 and 0.01 (true: 6.4).
+//! larger disks were preferred, the more the noise: p of a card was 7.9 and 10.0 px² at noise 0.003 and 0.01 (true: 6.4).
 
 use super::blur::Stacks;
 use super::law::Variances;
