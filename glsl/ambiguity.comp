@@ -54,7 +54,7 @@ shared vec2 best[BLOCKS];
 // The squared residual at a V, over what noise adds to it there; -1 where the blur reaches beyond an image.
 float energy(ivec2 x, float v) {
     Registration r = state.registration;
-    vec2 d = displacement(r, x, 1.0, vec2(centre[0], centre[1]));
+    vec2 d = displacement_of(r, state.parallax, vec2(x), v, 1.0, vec2(centre[0], centre[1]));
     Variances of = variances_at(v, state.separation);
     if (!inside(x, d, ivec2(width, height), of, scale_of(r))) return -1.0;
     float s = residual_of(sample_pair(x, d, of, 1.0));

@@ -47,7 +47,7 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     Registration r = state.registration;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, share = 0.0;
-    vec2 d = displacement(r, x, factor, vec2(centre[0], centre[1])), images = vec2(0.0);
+    vec2 d = displacement_of(r, state.parallax, vec2(x), v, factor, vec2(centre[0], centre[1])), images = vec2(0.0);
     Variances of = variances_at(v, state.separation / (factor * factor));
     if (nodes == 0) of = Variances(0.0, 0.0, 0.0, 0.0);
     if (inside(x, d, size, of, scale_of(r))) {

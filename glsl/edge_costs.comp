@@ -97,17 +97,23 @@ float gain_at(vec2 x) {
     return r.gain * shading_at(state.applied_shading, (in_image2 - image_centre()) / image_centre());
 }
 
-// I1, or I2 on I1's pixels with I1's brightness, by the gain around the edge.
-float photograph_at(int image, float gain, vec2 x) {
+// I1, or I2 on I1's pixels with I1's brightness, by the gain around the edge. v is V of the side.
+float photograph_at(int image, float gain, vec2 x, float v) {
     vec2 last = vec2(width, height) - 1.0;
     x = clamp(x, vec2(0.0), last);
-    if (image == 1 && !SWEEP) x = clamp(x + displacement_at(state.registration, x, factor, image_centre()), vec2(0.0), last);
+    if (image == 1 && !SWEEP) {
+        vec2 d = displacement_of(state.registration, state.parallax, x, v, factor, image_centre());
+        x = clamp(x + d, vec2(0.0), last);
+    }
     ivec2 i = ivec2(floor(x));
     vec2 f = x - vec2(i);
     float value = mix(mix(at(image, i), at(image, i + ivec2(1, 0)), f.x),
                       mix(at(image, i + ivec2(0, 1)), at(image, i + ivec2(1)), f.x), f.y);
     return image == 0 || SWEEP ? value : gain * value + state.registration.offset;
 }
+
+// V of the side on which a sample is.
+float side_of(Edge edge, int k) { return k < HALF ? edge.far : edge.near; }
 
 // The place of a sample.
 vec2 place_on(Edge edge, float line, int k) {
@@ -117,7 +123,8 @@ vec2 place_on(Edge edge, float line, int k) {
 
 vec4 photograph_on_lines(int image, float gain, Edge edge, int k) {
     vec4 values;
-    for (int line = 0; line < LINES; line++) values[line] = photograph_at(image, gain, place_on(edge, float(line), k));
+    float v = side_of(edge, k);
+    for (int line = 0; line < LINES; line++) values[line] = photograph_at(image, gain, place_on(edge, float(line), k), v);
     return values;
 }
 
@@ -174,7 +181,7 @@ void blur_across(int image, float gain, Edge edge, float variances[KERNELS]) {
         widest = max(widest, reach[row()][n]);
     }
     for (int i = -widest; i < LINES + widest; i++) {
-        float value = photograph_at(image, gain, place_on(edge, float(i), k));
+        float value = photograph_at(image, gain, place_on(edge, float(i), k), side_of(edge, k));
         vec4 away = abs(vec4(0.0, 1.0, 2.0, 3.0) - float(i)), square = away * away;
         for (int n = 0; n < RIM; n++) {
             sums[n] += exp(-rates[n] * square) * vec4(lessThanEqual(away, vec4(lasts[n]))) * value;

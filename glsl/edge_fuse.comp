@@ -49,10 +49,11 @@ void main() {
         }
     }
     if (in_front == 0.0) return;
-    vec2 photographs = photographs_at(x);
+    float v = imageLoad(relative_blur, ivec3(x, 0)).r;
+    vec2 photographs = photographs_at(x, v);
     float fused = imageLoad(results, ivec3(x, layer)).r, behind = (fused - light / sum) / max(1.0 - in_front / sum, LEAST_SHARE);
     // The photograph in which the front is sharp shows what is behind without it, but blurred.
-    float blurred = imageLoad(relative_blur, ivec3(x, 0)).r < 0.0 ? photographs.x : photographs.y;
+    float blurred = v < 0.0 ? photographs.x : photographs.y;
     float most = MOST_BEYOND * abs(fused - blurred);
     behind = clamp(behind, min(fused, blurred - most), max(fused, blurred + most));
     imageStore(results, ivec3(x, layer), vec4(behind));

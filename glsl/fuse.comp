@@ -22,7 +22,7 @@ layout(push_constant) uniform Constants {
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
     if (x.x >= width || x.y >= height) return;
-    vec2 photographs = photographs_at(x);
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, first = variances_at(v, 0.0).first_by_v;
+    vec2 photographs = photographs_at(x, v);
     imageStore(result, ivec3(x, layer), vec4(mix(photographs.y, photographs.x, first)));
 }

@@ -55,6 +55,9 @@ shared bool is_whole;                // whether the window counts
 // Of this invocation: the nodes of both stacks at its pixel, value, gradient and slope; V in px² of the level.
 vec4 of_first[MOST_NODES], of_second[MOST_NODES];
 float v, around;
+// The derivative of the parallax by V. The variance in the pixels of I2's stack of a blur of 1 px² in those of I1.
+vec2 parallax;
+float square_scale;
 bool is_counted;
 
 vec4 node_of(int image, int k) { return image == 1 ? of_first[k] : of_second[k]; }
@@ -97,11 +100,11 @@ float left(int kernel, Variances of, float more) {
     for (int i = 0; i < PAIRS; i++) sums[i] = 0.0;
     if (is_counted) {
         Registration r = state.registration;
-        vec4 first = gaussian_at(1, of.first + more), second = gaussian_at(2, of.second + more);
-        float by_v = of.first_by_v * first.w - r.gain * of.second_by_v * second.w;
+        vec4 first = gaussian_at(1, of.first + more), second = gaussian_at(2, square_scale * (of.second + more));
+        float by_v = of.first_by_v * first.w - r.gain * (of.second_by_v * square_scale * second.w + dot(parallax, second.yz));
         if (kernel == DISK) {
             first.x += departure_at(1, of.first, more);
-            second.x += departure_at(2, of.second, more);
+            second.x += departure_at(2, square_scale * of.second, square_scale * more);
         }
         Power one = noise_under(kernel, of.first, more), two = noise_under(kernel, of.second, more);
         float power = one.value + two.value, s = first.x - (r.gain * second.x + r.offset);
@@ -148,8 +151,9 @@ void main() {
     int first = NUMBERS * (window.y * grid[0] + window.x), sample_of = int(gl_LocalInvocationIndex);
     bool is_sample = sample_of < ALONG * ALONG;
     ivec2 x = corner + STEP * (is_sample ? ivec2(sample_of % ALONG, sample_of / ALONG) : ivec2(0));
-    vec2 d = displacement(r, x, factor, vec2(centre[0], centre[1]));
+    vec2 centre = vec2(centre[0], centre[1]), f;
     v = imageLoad(relative_blur, ivec3(x, 0)).r;
+    vec2 d = displacement_of(r, state.parallax, vec2(x), v, factor, centre);
     around = unit_of_coefficients() * coefficient(2, ivec3(corner + SIDE / 2, 0));
     is_counted = is_sample && inside(x, d, size, variances_at(v, 0.0), scale_of(r)) && counts(x, d, size) >= COUNTED;
     vec2 counted = subgroupAdd(is_counted ? vec2(1.0, abs(v)) : vec2(0.0));
@@ -168,9 +172,16 @@ void main() {
     barrier();
     if (!is_whole) return;
     ivec3 columns = beside(x.x, size.x), lines = beside(x.y, size.y);
-    vec2 shift = displacement(moved_since(state.warped, r), x, factor, vec2(centre[0], centre[1]));
+    vec2 shift = displacement(moved_since(state.warped, r), x, factor, centre);
+    // With parallax I2 is not on I1's pixels.
+    bool is_apart = is_some(state.parallax);
+    parallax = jacobian(r) * parallax_by_v(state.parallax, vec2(x), factor, centre);
+    square_scale = is_apart ? scale_of(r) * scale_of(r) : 1.0;
+    ivec2 i;
+    place(x, d, size, i, f);
     for (int k = 0; k < nodes; k++) {
-        Blurred one = node_on(1, k, columns, lines, vec2(0.0)), two = node_on(2, k, columns, lines, shift);
+        Blurred one = node_on(1, k, columns, lines, vec2(0.0));
+        Blurred two = is_apart ? node_at(2, k, size, i, f) : node_on(2, k, columns, lines, shift);
         of_first[k] = vec4(one.value, one.gradient, one.slope);
         of_second[k] = vec4(two.value, two.gradient, two.slope);
     }

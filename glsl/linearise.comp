@@ -44,10 +44,10 @@ layout(push_constant) uniform Constants {
     Step t_step;
 };
 
-const float BROAD = 4.0;
 const float BOUND = 0.612;
 
 #include "pair.glsl"
+#include "data.glsl"
 
 float mask_at(int image, ivec2 x) {
     return imageLoad(masks, ivec3(x, image - 1)).r;
@@ -102,31 +102,6 @@ struct Relative {
     vec4 phis;
 };
 
-struct Data {
-    float s;                         // residual
-    float by_v;                      // its derivative by V, without the part of noise
-    float weight;                    // ψ' times the share by which the pixel counts
-    float psi;                       // ψ(S²)
-    vec2 by_place;                   // of S, by T's displacement in I1's pixels
-};
-
-// Half the derivative by V of the logarithm of the noise of both images in S².
-float noise_slope(Registration r, Variances of, vec2 d) {
-    float square = r.gain * r.gain;
-    Power n1 = blurred_power(noise, of.first, 1.0), n2 = blurred_power(noise, of.second, interpolated_power(d));
-    return 0.5 * (n1.slope * of.first_by_v + square * n2.slope * of.second_by_v) / (n1.value + square * n2.value);
-}
-
-// `share` is the share by which the pixel counts, d its displacement by T.
-Data data_term(Registration r, Variances of, PairSample both, float share, vec2 d) {
-    float s = residual_of(both), psi = sqrt(s * s + eta * eta);
-    float by_v = both.first.slope - r.gain * both.second.slope - noise_slope(r, of, d) * s;
-    return Data(s, by_v, share / psi, psi, -r.gain * both.second.gradient);
-}
-
-// The noise of the previous iteration, at least that of η.
-float spread() { return max(state.spread, eta / BROAD); }
-
 // The contribution of two adjacent pixels to the spread: a bounded square, whose mean is a half where the spread is
 // right.
 float spreads(float difference) {
@@ -145,13 +120,14 @@ vec2 equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data 
     vec2 q = t.weight * t.by_v * t.by_place;
     vec3 n = product(t.weight, t.by_place) - product(over, q);
     vec2 g = t.weight * t.s * t.by_place + right_side * over * q;
-    // Weights of T's step, with η of BROAD spreads.
-    float broad = BROAD * spread();
-    float ratio = t.psi * inversesqrt(t.psi * t.psi - eta * eta + broad * broad);
+    float ratio = broadened(t.psi);
     add_pixel(sums, ratio * n, ratio * g, share * (t.psi + state.alpha / relative.phi), p / scale_length, share);
     float square = 1.0 / (relative.phi * relative.phi) - smoothness_eta * smoothness_eta;
     sums.variance += vec2(b * b, d);
-    sums.roughness += share * vec2(sqrt(abs(b)), sqrt(max(square, 0.0)));
+    // α is estimated without the part of parallax: with it a larger parallax raises α, and a larger α shrinks V.
+    vec2 parallax = parallax_by_v(state.parallax, vec2(x), factor, vec2(centre[0], centre[1]));
+    float by_blur = t.weight * t.s * (t.by_v - dot(t.by_place, parallax));
+    sums.roughness += share * vec2(sqrt(abs(by_blur)), sqrt(max(square, 0.0)));
     return vec2(d, b);
 }
 
@@ -201,7 +177,7 @@ void main() {
                            vec4(a.phi.z, a.phi.x, a.phi_below.y, a.phi_above.y))
                 : Relative(v.z, vec4(v.w, v.y, a.below.middle.z, a.above.middle.z), a.phi.z,
                            vec4(a.phi.w, a.phi.y, a.phi_below.z, a.phi_above.z));
-            vec2 d = displacement(r, at, factor, centre);
+            vec2 d = displacement_of(r, state.parallax, vec2(at), relative.v, factor, centre);
             Variances of = variances_at(relative.v, separation);
             bool valid = all(lessThan(at, size)) && inside(at, d, size, of, scale);
             // Invocations outside the level load from its last pixels, and add and store nothing.

@@ -28,7 +28,7 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     Registration r = state.registration;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, square = 0.0;
-    vec2 d = displacement(r, x, 1.0, vec2(centre[0], centre[1]));
+    vec2 d = displacement_of(r, state.parallax, vec2(x), v, 1.0, vec2(centre[0], centre[1]));
     Variances of = variances_at(v, state.separation);
     if (inside(x, d, size, of, scale_of(r))) {
         float s = residual_of(sample_pair(x, d, of, 1.0));

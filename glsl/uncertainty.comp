@@ -38,7 +38,7 @@ void main() {
     float v = imageLoad(relative_blur, ivec3(x, 0)).r;
     Registration r = state.registration;
     Variances of = variances_at(v, state.separation);
-    bool valid = inside(x, displacement(r, x, 1.0, vec2(centre[0], centre[1])), size, of, scale_of(r));
+    bool valid = inside(x, displacement_of(r, state.parallax, vec2(x), v, 1.0, vec2(centre[0], centre[1])), size, of, scale_of(r));
     uint pixel = x.y * width + x.x;
     if (MASKED) valid = valid && (mask[pixel / 4] >> 8 * (pixel & 3) & 0xffu) != 0u;
     vec4 mean = vec4(term(0, x, size), term(1, x, size), term(2, x, size), term(4, x, size));

@@ -1,5 +1,5 @@
 #version 460
-// Resamples I2 onto I1's pixels and applies the shading. CPU reference: src/engine/stages/warp.rs.
+// Resamples I2 onto I1's pixels and applies the shading; with parallax applies the shading alone. CPU reference: src/engine/stages/warp.rs.
 
 #include "spline.glsl"
 #include "state.glsl"
@@ -27,6 +27,7 @@ void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.x, ROWS * gl_GlobalInvocationID.y), size = ivec2(width, height), last = size - 1;
     if (x.x >= width || x.y >= height) return;
     Registration r = state.registration;
+    bool displaces = is_some(state.parallax);
     float coefficients[TERMS] = state.shading;
     if (x == ivec2(0)) {
         state.warped = r;
@@ -34,7 +35,7 @@ void main() {
     }
     vec2 centre = vec2(centre[0], centre[1]);
     for (int end = min(x.y + ROWS, height); x.y < end; x.y++) {
-        vec2 d = displacement(r, x, factor, centre), f;
+        vec2 d = displaces ? vec2(0.0) : displacement(r, x, factor, centre), f;
         // Mirrored about the border pixels, once.
         d = mix(d, vec2(-2 * x) - d, lessThan(vec2(x) + d, vec2(0.0)));
         d = mix(d, vec2(2 * (last - x)) - d, greaterThan(vec2(x) + d, vec2(last)));

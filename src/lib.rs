@@ -75,7 +75,7 @@ pub mod frame {
 
 /// Geometric transforms between photographs, and their differences in brightness.
 pub mod transform {
-    pub use crate::base::{Brightness, Homography, Shading, Similarity, centre};
+    pub use crate::base::{Brightness, Homography, Parallax, Shading, Similarity, centre};
 }
 
 /// The options and results of a [`SweepSolver`].

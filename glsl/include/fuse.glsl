@@ -6,11 +6,11 @@ float coefficient(int image, ivec3 place) {
     return imageLoad(spline2, place).r;
 }
 
-// I1 and J at a pixel. Where I2 does not reach, both are I1.
-vec2 photographs_at(ivec2 x) {
+// I1 and J at a pixel with this V. Where I2 does not reach, both are I1.
+vec2 photographs_at(ivec2 x, float v) {
     ivec2 size = ivec2(width, height), i;
     Registration r = state.registration;
-    vec2 centre = vec2(centre[0], centre[1]), d = displacement(r, x, 1.0, centre), f;
+    vec2 centre = vec2(centre[0], centre[1]), d = displacement_of(r, state.parallax, vec2(x), v, 1.0, centre), f;
     float first = imageLoad(channel1, ivec3(x, 0)).r;
     if (!is_seen_by_both(x, d, size)) return vec2(first);
     place(x, d, size, i, f);

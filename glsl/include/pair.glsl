@@ -3,13 +3,18 @@
 
 #include "coefficients.glsl"
 
-// On a level whose pixels are `factor` wide; d is the displacement by T.
+// On a level whose pixels are `factor` wide; d is the pixel's displacement.
 PairSample sample_pair(ivec2 x, vec2 d, Variances of, float factor) {
     Registration r = state.registration;
     ivec2 size = ivec2(width, height);
     Blur blur = Blur(size, nodes, vec2(mean[0], mean[1]));
-    if (!WARPED) return blur_apart(blur, r, x, of, d, scale_of(r));
-    vec2 shift = displacement(moved_since(state.warped, r), x, factor, vec2(centre[0], centre[1]));
+    vec2 centre = vec2(centre[0], centre[1]);
+    if (!WARPED || is_some(state.parallax)) {
+        PairSample both = blur_apart(blur, r, x, of, d, scale_of(r));
+        both.second.slope += dot(both.second.gradient, parallax_by_v(state.parallax, vec2(x), factor, centre));
+        return both;
+    }
+    vec2 shift = displacement(moved_since(state.warped, r), x, factor, centre);
     return blur_near(blur, of, shift, beside(x.x, size.x), beside(x.y, size.y));
 }
 

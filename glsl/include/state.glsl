@@ -23,8 +23,15 @@ struct Registration {
     float gain, offset;
 };
 
+// The parallax of a camera that moved: a place p from the image centre is displaced by (across + along p) V.
+struct Parallax {
+    float across_x, across_y;      // px per px²
+    float along;                   // 1/px²
+};
+
 struct State {
     Registration registration; // T, gain and offset
+    Parallax parallax; // displaces a pixel before T maps it
     float correlation; // of the low-passed images, when it was last measured
     uint degenerate;   // the last step had unknowns that the images do not determine
     float alpha;       // of the current level
@@ -33,6 +40,8 @@ struct State {
     float separation;  // of the two focus settings, p, px²; 0: the sharper photograph alone is blurred
     float spread;      // σ of noise in S, from adjacent pixels
     float scale_deviation; // of V, as a share of it
+    Parallax parallax_deviation; // standard deviations
+    uint parallax_moves; // 1: its latest step was not at rest yet, so that the level may not settle
     float correlated;  // by how much the correlation of neighbouring residuals in a window counts, 0 to 1
     float variance;    // Σ b² / Σ D of the latest iteration
     uint moving;       // pixels that the latest step moved by more than a tenth of their standard deviation
@@ -64,6 +73,21 @@ vec2 displacement_at(Registration r, vec2 x, float factor, vec2 centre) {
 
 vec2 displacement(Registration r, ivec2 x, float factor, vec2 centre) {
     return displacement_at(r, vec2(x), factor, centre);
+}
+
+bool is_some(Parallax p) {
+    return p.across_x != 0.0 || p.across_y != 0.0 || p.along != 0.0;
+}
+
+// Its derivative by V, on a level whose pixels are `factor` wide.
+vec2 parallax_by_v(Parallax p, vec2 x, float factor, vec2 centre) {
+    return factor * (vec2(p.across_x, p.across_y) + p.along * factor * (x - centre));
+}
+
+// T (x + parallax) - x of a pixel with this V.
+vec2 displacement_of(Registration r, Parallax p, vec2 x, float v, float factor, vec2 centre) {
+    vec2 parallax = v * parallax_by_v(p, x, factor, centre);
+    return parallax + displacement_at(r, x + parallax, factor, centre);
 }
 
 mat3 matrix(Registration r) {

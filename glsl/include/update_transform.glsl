@@ -76,6 +76,7 @@ shared bool settled, warps, cancelled;
 Registration registration, warped;
 float alpha, last_spread, shading_changed;
 uint moving, moving_far, at_limit;
+bool parallax_moves, displaces;
 LevelState progress;
 
 void load_state() {
@@ -86,6 +87,8 @@ void load_state() {
     moving = updated.moving;
     moving_far = updated.moving_far;
     at_limit = updated.at_limit;
+    parallax_moves = updated.parallax_moves != 0u;
+    displaces = is_some(updated.parallax);
     progress = updated.levels[t_step.level];
     shading_changed = 0.0;
     for (int n = 0; n < TERMS; n++) shading_changed += abs(updated.shading[n] - updated.applied_shading[n]);
@@ -224,11 +227,13 @@ void step_once() {
     updated.variance = variance;
     bool rests = moved < t_step.still * factor || decrease < t_step.steady * variance ||
         decrease < t_step.steady_by_tiles * variance_by_tiles();
-    settled = is_set(MAY_SETTLE) && rests && few && change <= t_step.flatness * before;
+    settled = is_set(MAY_SETTLE) && rests && few && !parallax_moves && change <= t_step.flatness * before;
     // While T moves, its errors would count as noise.
     if (t_step.level == 0 && moved <= FOLLOWED * factor) find_spread();
     if (is_set(FINDS_ALPHA)) find_alpha();
-    bool follows = corner_moves(moved_since(warped, registration)) <= FOLLOWED * factor && shading_changed <= EVEN;
+    // With parallax I2 is not warped.
+    bool follows = (displaces || corner_moves(moved_since(warped, registration)) <= FOLLOWED * factor)
+        && shading_changed <= EVEN;
     warps = is_set(MAY_WARP) && !settled && !follows;
     uint iterations = progress.iterations + 1, warped_before = progress.warps;
     if (warps) warped_before |= 1u << findMSB(iterations);

@@ -59,6 +59,43 @@ choices! {
     }
 }
 
+/// Parallax of a camera that moved between the photographs: a pixel x with relative blur V is displaced by
+/// `(across + along (x - c)) V` before T maps it, c being the image centre. Linear in V, since both are linear in one
+/// over the distance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Parallax {
+    /// By movement across the optical axis, pixels of I1 per px² of V, to the right and downwards.
+    pub across: [f64; 2],
+    /// By movement along the axis, per px² of V.
+    pub along: f64,
+}
+
+impl Parallax {
+    /// A camera that did not move.
+    pub const NONE: Self = Self { across: [0.0; 2], along: 0.0 };
+
+    /// The same with places from the centre `to` instead of `from`, px.
+    pub(crate) fn about(self, from: [f64; 2], to: [f64; 2]) -> Self {
+        Self { across: [0, 1].map(|c| self.across[c] + self.along * (to[c] - from[c])), ..self }
+    }
+
+    /// The displacement of a place from the centre with this V, px.
+    pub(crate) fn displacement(self, [x, y]: [f64; 2], v: f64) -> [f64; 2] {
+        [v * (self.across[0] + self.along * x), v * (self.across[1] + self.along * y)]
+    }
+
+    /// The numbers: across, to the right and downwards, then along.
+    pub fn numbers(self) -> [f64; 3] {
+        [self.across[0], self.across[1], self.along]
+    }
+
+    /// That of photographs of twice the size, in whose pixels V is four times as large.
+    pub(crate) fn doubled(self) -> Self {
+        Self { across: self.across.map(|across| across / 2.0), along: self.along / 4.0 }
+    }
+}
+
 /// Gain and offset that map I2 onto I1: `J = gain I2(T x) + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -323,6 +360,9 @@ settings! {
     /// Motion model of T.
     /// The summary says when a simpler model explains as much or a richer one more. SIFT finds a similarity at most.
     motion: Motion = Motion::Similarity, flag "Registration" "MODEL";
+    /// Whether parallax is found, of a camera that moved between the photographs.
+    /// Near things are then displaced against far ones, in proportion to V. Off, parallax is taken for blur.
+    parallax: bool = true, flag "Registration" "on|off";
     /// How T is updated in each outer iteration.
     registration_step: RegistrationStep = RegistrationStep::GaussNewton, flag "Registration" "STEP";
     /// Whether gain, offset and shading of the two images are matched.

@@ -12,14 +12,14 @@ use super::script::{CountedPixels, Dispatch, Script};
 use super::slot::Slot;
 use super::solution::{Findings, LevelHistory, Registered, SolutionRef, Timings};
 use super::stages::linearise;
-use super::stages::state::{Registration, State};
+use super::stages::state::{Double, Registration, State};
 use super::stages::sums::{Layout, Sums};
 use super::vulkan::SemaphoreWait;
 use super::vulkan_pair::VulkanPair;
 use super::windows::{self, Gradients, Photograph};
 use crate::base::{
-    CancelSignal, CancellationToken, Deadline, Error, Frame, Homography, Kernel, Mask, Photometric, Progress, Region,
-    Shading,
+    CancelSignal, CancellationToken, Deadline, Error, Frame, Homography, Kernel, Mask, Parallax, Photometric, Progress,
+    Region, Shading,
 };
 
 /// The values that a pair starts from. What is not solved for keeps them.
@@ -30,6 +30,7 @@ pub(super) struct Start {
     pub(super) shading: Shading,
     pub(super) kernel_shape: f64,
     pub(super) separation: f64,
+    pub(super) parallax: Parallax,
 }
 
 /// The memory of a pair by kind of device.
@@ -172,6 +173,7 @@ impl FrameInFlight {
         state.shading = start.shading.coefficients.map(|c| c as f32);
         state.kernel_shape = start.kernel_shape as f32;
         state.separation = start.separation as f32;
+        state.parallax = Double::single(&start.parallax);
         state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
         self.memory.pair_mut().prepare(&state, pixels)?;
         self.phases.end("start");
@@ -268,6 +270,8 @@ impl FrameInFlight {
             regularization: state.alpha.into(),
             kernel_shape: (settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
             separation: (state.separation > 0.0).then(|| state.separation.into()),
+            parallax: state.parallax.double(),
+            parallax_deviation: state.parallax_deviation.double(),
             scale_deviation: state.scale_deviation.into(),
             levels: self.levels(&state, Slot::EndEnergies)?,
             unsettled_fraction: f64::from(state.levels[0].moving.min(1.0)),
@@ -353,7 +357,9 @@ impl FrameInFlight {
         });
         let (transform, brightness) = (findings.transform, findings.brightness());
         let length = plan.pyramid[0].length;
-        windows::Pair { photographs, transform, brightness, relative_blur, length }.gradients().map(Some)
+        windows::Pair { photographs, transform, parallax: findings.parallax, brightness, relative_blur, length }
+            .gradients()
+            .map(Some)
     }
 
     /// Device time by its clock; without one, from the submission to the end of the wait.

@@ -230,7 +230,8 @@ pub(crate) fn solve_pair(
         let photometric = Photometric { gain, ..whole.photometric };
         let kernel_shape = whole.kernel_shape.unwrap_or(0.0);
         let separation = whole.separation.unwrap_or(0.0);
-        let start = Some(Start { transform, photometric, shading, kernel_shape, separation });
+        let parallax = whole.parallax.about(centre(size[0], size[1]), part.solved.centre());
+        let start = Some(Start { transform, photometric, shading, kernel_shape, separation, parallax });
         let mask = options.mask.map(|mask| mask.cropped(part.solved));
         let cropped = |frame: &Frame, region| frame.cropped(region).map_err(Error::Region);
         let (a, b) = (cropped(i1, part.solved)?, cropped(i2, region)?);
@@ -321,6 +322,8 @@ fn solve_at_half_size(
         (solution.photometric.gain, solution.shading) =
             doubled_shading(solution.photometric.gain, &solution.shading, size);
         solution.separation = solution.separation.map(|separation| 4.0 * separation);
+        solution.parallax = solution.parallax.doubled();
+        solution.parallax_deviation = solution.parallax_deviation.doubled();
         solution.transform_deviation.iter_mut().for_each(|deviation| deviation.corner_px *= 2.0);
         solution.other_motion.iter_mut().for_each(|other| other.corner_px *= 2.0);
     }

@@ -18,7 +18,7 @@ use super::vulkan::{
 };
 use super::vulkan_pair::VulkanPair;
 use super::{Engine, KeyPoints};
-use crate::base::{CancellationToken, Error, Frame, Mask, Method, PixelFormat, Progress, Settings, Shading};
+use crate::base::{CancellationToken, Error, Frame, Mask, Method, Parallax, PixelFormat, Progress, Settings, Shading};
 
 /// Everything that is prepared before the first pair: memory, recordings and compiled passes.
 pub(crate) struct PreparedSolver {
@@ -232,6 +232,7 @@ impl PreparedSolver {
             shading: Shading::NONE,
             kernel_shape: 0.0,
             separation: 0.0,
+            parallax: Parallax::NONE,
         })
     }
 }

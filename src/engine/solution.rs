@@ -5,7 +5,7 @@ use std::ops::{Deref, DerefMut};
 use super::motion::{OtherMotion, TransformDeviation};
 use super::stages::scale_deviation::without_scale;
 use super::stages::uncertainty::LARGEST;
-use crate::base::{Brightness, Channels, Error, Homography, Photometric, Region, Shading, centre, workers};
+use crate::base::{Brightness, Channels, Error, Homography, Parallax, Photometric, Region, Shading, centre, workers};
 
 /// The results of a solve without the fields.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,6 +35,10 @@ pub struct Findings {
     /// How far the two focus settings are apart, if it was found: the variance of the blur in one photograph of what is
     /// in focus in the other, px². `None` if the blur is Gaussian, which does not show it.
     pub separation: Option<f64>,
+    /// The parallax of a camera that moved between the photographs: 0 if none was found.
+    pub parallax: Parallax,
+    /// The standard deviations of its numbers, by the scatter over the photograph.
+    pub parallax_deviation: Parallax,
     /// The standard deviation of the scale of V, as a share of V. A kernel that does not describe the blur makes all of
     /// V too large or too small. [`Solution::uncertainty`] includes it. Results of one lens and setup share it.
     pub scale_deviation: f64,
@@ -307,7 +311,9 @@ impl Findings {
 
     /// States the results as those of a part of larger photographs, T about their centre.
     pub(crate) fn place_in(&mut self, part: Region, photograph: [u32; 2]) {
-        self.transform = self.transform.about(part.centre(), centre(photograph[0], photograph[1]));
+        let (from, to) = (part.centre(), centre(photograph[0], photograph[1]));
+        self.transform = self.transform.about(from, to);
+        self.parallax = self.parallax.about(from, to);
         (self.origin, self.photograph, self.solved) = ([part.x, part.y], photograph, part);
     }
 }

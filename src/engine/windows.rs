@@ -13,7 +13,7 @@ use super::stages::{ingest, separable};
 use super::vulkan::Buffer;
 use crate::base::color::LUMINANCE;
 use crate::base::{
-    Brightness, Channels, Decode, Depth, Error, Format, Frame, Homography, Region, Samples, centre, workers,
+    Brightness, Channels, Decode, Depth, Error, Format, Frame, Homography, Parallax, Region, Samples, centre, workers,
 };
 
 /// The side of a window, px, and about the most windows: 20,000 pixels represent the picture.
@@ -83,6 +83,8 @@ impl Photograph<'_> {
 pub(super) struct Pair<'a> {
     pub(super) photographs: [Photograph<'a>; 2],
     pub(super) transform: Homography,
+    /// What T maps is displaced by it.
+    pub(super) parallax: Parallax,
     pub(super) brightness: Brightness,
     /// V; NaN where it is not valid.
     pub(super) relative_blur: &'a [f32],
@@ -232,6 +234,13 @@ impl Pair<'_> {
         (0..counts[1]).flat_map(row).map(place).collect()
     }
 
+    /// The parallax of a place of I1, by V of the nearest pixel, px.
+    fn parallax_at(&self, place: [f64; 2], whole: [f64; 2]) -> [f64; 2] {
+        let [x, y] = [0, 1].map(|n| place[n].round().clamp(0.0, f64::from(self.size()[n] - 1)) as u32);
+        let v = self.v(x, y);
+        self.parallax.displacement([place[0] - whole[0], place[1] - whole[1]], if v.is_nan() { 0.0 } else { v })
+    }
+
     fn v(&self, x: u32, y: u32) -> f64 {
         self.relative_blur[y as usize * self.size()[0] as usize + x as usize].into()
     }
@@ -317,7 +326,10 @@ impl Pair<'_> {
             move |x: usize, y: usize| [f64::from(counterpart.x) + x as f64, f64::from(counterpart.y) + y as f64];
         let on_part = move |x: usize, y: usize| {
             let [x, y] = inverse.apply(place(x, y), whole);
-            [x - f64::from(part.x), y - f64::from(part.y)]
+            // V hardly changes over the parallax.
+            let [dx, dy] = self.parallax_at([x, y], whole);
+            let [dx, dy] = self.parallax_at([x - dx, y - dy], whole);
+            [x - dx - f64::from(part.x), y - dy - f64::from(part.y)]
         };
         let difference = |x: usize, y: usize| {
             let [at_x, at_y] = on_part(x, y);
@@ -367,9 +379,18 @@ impl Pair<'_> {
         let (size, whole) = (self.photographs[1].size, centre(self.size()[0], self.size()[1]));
         let ends = |first: u32, length: u32| [f64::from(first), f64::from(first + length - 1)];
         let [left, top] = [ends(part.x, part.width), ends(part.y, part.height)];
-        let corners = left.into_iter().flat_map(|x| top.map(|y| self.transform.apply([x, y], whole)));
+        let corners = left.into_iter().flat_map(|x| top.map(|y| [x, y]));
+        let rows = (part.y..part.y + part.height).flat_map(|y| (part.x..part.x + part.width).map(move |x| (x, y)));
+        let values = rows.map(|(x, y)| self.v(x, y)).filter(|v| self.parallax != Parallax::NONE && v.is_finite());
+        let [least, most] = values.fold([0.0f64; 2], |[least, most], v| [least.min(v), most.max(v)]);
+        let displaced = |corner: [f64; 2]| {
+            [least, most].map(|v| {
+                let d = self.parallax.displacement([corner[0] - whole[0], corner[1] - whole[1]], v);
+                self.transform.apply([corner[0] + d[0], corner[1] + d[1]], whole)
+            })
+        };
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for corner in corners {
+        for corner in corners.flat_map(displaced) {
             for n in 0..2 {
                 (low[n], high[n]) = (low[n].min(corner[n]), high[n].max(corner[n]));
             }
@@ -389,7 +410,8 @@ impl Pair<'_> {
         let coefficients = spline(original);
         let value = |i: usize, j: usize| {
             let place = [f64::from(part.x) + i as f64, f64::from(part.y) + j as f64];
-            let place = self.transform.apply(place, whole);
+            let [dx, dy] = self.parallax_at(place, whole);
+            let place = self.transform.apply([place[0] + dx, place[1] + dy], whole);
             let value = read(&coefficients, place[0] - first[0], place[1] - first[1]).value;
             self.brightness.apply(value, place)
         };

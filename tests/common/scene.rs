@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use parfocal::{
     Frame,
-    transform::{Homography, Similarity, centre},
+    transform::{Homography, Parallax, Similarity, centre},
 };
 
 /// Pseudo-random numbers from a seed (splitmix64).
@@ -100,11 +100,23 @@ pub fn pair(
     pair_of(&Radiance::new(seed), size, transform, blur, noise, seed)
 }
 
-/// How a pair was taken: the noise of each photograph, and the path of the camera during each exposure, px.
+/// How a pair was taken: the noise of each photograph, the path of the camera during each exposure, px, and the parallax
+/// of its movement between them.
 #[derive(Clone, Copy, Default)]
 pub struct Exposures {
     pub noise: [f64; 2],
     pub paths: [[f64; 2]; 2],
+    pub parallax: Parallax,
+}
+
+/// The point of I1 that the parallax displaces to a place, by iteration: V changes little over the displacement.
+fn displaced_from(
+    place: [f64; 2],
+    c: [f64; 2],
+    Parallax { across, along }: Parallax,
+    v: impl Fn([f64; 2]) -> f64,
+) -> [f64; 2] {
+    (0..20).fold(place, |x, _| [0, 1].map(|n| place[n] - (across[n] + along * (x[n] - c[n])) * v(x)))
 }
 
 /// As [`pair`], taken so.
@@ -133,7 +145,7 @@ pub fn pair_of(
 
 fn rendered(
     radiance: &Radiance,
-    Exposures { noise, paths }: Exposures,
+    Exposures { noise, paths, parallax }: Exposures,
     [width, height]: [u32; 2],
     transform: impl Into<Homography>,
     blur: impl Fn([f64; 2]) -> [f64; 2],
@@ -144,7 +156,8 @@ fn rendered(
     [0, 1].map(|image| {
         let values = (0..height).flat_map(|y| (0..width).map(move |x| [f64::from(x), f64::from(y)]));
         let values = values.map(|place| {
-            let x = if image == 0 { place } else { back.apply(place, c) };
+            let v = |x| blur(x)[1] - blur(x)[0];
+            let x = if image == 0 { place } else { displaced_from(back.apply(place, c), c, parallax, v) };
             (radiance.shaken(x, blur(x)[image], paths[image]) + noise[image] * random.normal()) as f32
         });
         Frame::gray(width, height, values.collect()).unwrap()

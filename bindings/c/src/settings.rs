@@ -126,6 +126,8 @@ pub struct parfocal_settings {
     pub keep_frames: u32,
     /// 1: depth edges are as sharp as the scene's, where two layers explain the photographs better.
     pub edges: u32,
+    /// 1: find the parallax of a camera that moved between the photographs of a pair. 0: it is taken for blur.
+    pub parallax: u32,
 }
 
 // SAFETY: `repr(C)`, numbers, the size first.
@@ -159,6 +161,7 @@ unsafe impl Versioned for parfocal_settings {
             start_offset: s.start_photometric.offset,
             fused: s.fused.into(),
             edges: s.edges.into(),
+            parallax: s.parallax.into(),
             keep_frames: s.keep_frames.into(),
         }
     }
@@ -229,6 +232,7 @@ fn settings(stated: &parfocal_settings) -> Result<Settings, Fault> {
         start_photometric: Photometric { gain: stated.start_gain, offset: stated.start_offset },
         fused: one_of("fused", stated.fused, &[false, true])?,
         edges: one_of("edges", stated.edges, &[false, true])?,
+        parallax: one_of("parallax", stated.parallax, &[false, true])?,
         keep_frames: one_of("keep_frames", stated.keep_frames, &[false, true])?,
     })
 }

@@ -103,6 +103,14 @@ pub struct parfocal_solution_view {
     pub transform_deviation: [f64; 2],
     /// Standard deviation of the scale of V, as a share of V, which the uncertainty includes. NaN for a registration.
     pub scale_deviation: f64,
+    /// How far the two focus settings are apart: the variance of the blur in one photograph of what is in focus in the
+    /// other, px². NaN if it was not found.
+    pub separation: f64,
+    /// Parallax of a camera that moved: a pixel x is displaced by ((parallax[0], parallax[1]) + parallax[2] (x - c)) V before
+    /// T maps it, c being the image centre. 0 if none was found, NaN for a registration.
+    pub parallax: [f64; 3],
+    /// Standard deviations of these numbers.
+    pub parallax_deviation: [f64; 3],
 }
 
 // SAFETY: `repr(C)`, numbers and pointers, the size first.
@@ -140,6 +148,9 @@ unsafe impl Versioned for parfocal_solution_view {
             clipped_fractions: [nan; 2],
             transform_deviation: [nan; 2],
             scale_deviation: nan,
+            separation: nan,
+            parallax: [nan; 3],
+            parallax_deviation: [nan; 3],
         }
     }
 }
@@ -185,6 +196,9 @@ impl parfocal_solution {
             clipped_fractions: fields.clipped_fractions,
             transform_deviation: fields.transform_deviation.map_or([f64::NAN; 2], |d| [d.corner_px, d.direction_deg]),
             scale_deviation: fields.scale_deviation,
+            separation: fields.separation.unwrap_or(f64::NAN),
+            parallax: fields.parallax.numbers(),
+            parallax_deviation: fields.parallax_deviation.numbers(),
             ..parfocal_solution_view::start()
         };
         let (photograph, region) = (fields.photograph, fields.region());

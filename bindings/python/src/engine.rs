@@ -365,6 +365,8 @@ pub(crate) fn of_solution<'py>(py: Python<'py>, s: Solution, settings: &Settings
     result.set_item("regularization", s.regularization)?;
     result.set_item("kernel_shape", s.kernel_shape)?;
     result.set_item("separation", s.separation)?;
+    result.set_item("parallax", s.parallax.numbers())?;
+    result.set_item("parallax_deviation", s.parallax_deviation.numbers())?;
     result.set_item("scale_deviation", s.scale_deviation)?;
     let deviation = s.transform_deviation.map(|deviation| (deviation.corner_px, deviation.direction_deg));
     result.set_item("transform_deviation", deviation)?;

@@ -84,6 +84,11 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "S", help_heading = MISALIGNMENT)]
     scale: Option<f64>,
 
+    /// By how much a camera that moved displaces near against far things, px to the right and down (-40 to 40), for card,
+    /// blocks and bars [default: 0,0]
+    #[arg(long, value_name = "X,Y", help_heading = MISALIGNMENT, allow_hyphen_values = true, value_parser = translation)]
+    camera_moves: Option<[f64; 2]>,
+
     /// Picture on the surface, grey or colour: PNG, JPEG, TIFF, PNM or EXR
     #[arg(long, value_name = "FILE", help_heading = FILES)]
     radiance: Option<PathBuf>,
@@ -262,6 +267,7 @@ fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
     [t.tx, t.ty] = arguments.translation.unwrap_or([t.tx, t.ty]);
     set(&mut t.scale, arguments.scale);
     set(&mut t.rotation, arguments.rotation.map(f64::to_radians));
+    scene.camera_moves = arguments.camera_moves.unwrap_or_default();
     set(&mut scene.base_blur, arguments.base_blur);
     scene.kernel = arguments.kernel.unwrap_or(scene.kernel);
     scene.exposure.gain = arguments.i2_gain;
@@ -303,6 +309,7 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
     let has_range = matches!(preset, Some(Plane | Steps | Relief));
     let is_uniform = matches!(preset, Some(HalfGaussianTexture | HalfGaussianDots));
     let has_lens = matches!(preset, Some(Cylinders | Card | Blocks | Bars)) || (is_image && a.depth.is_some());
+    let has_layers = matches!(preset, Some(Card | Blocks | Bars));
     let exposure = a.i2_gain != 1.0 || a.i2_offset != 0.0;
     let (is_pair, pairs) = (a.sweep.frames.is_none(), "pairs, not for a sweep");
     for (given, applies, option, scenes) in [
@@ -311,6 +318,8 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
         (a.size.is_some(), !is_image, "--size", "scenes other than image, which has the size of its radiance"),
         (files, is_image, "--radiance, --depth and --relative-blur", "image"),
         (a.lens.is_given(), has_lens, "the lens", "cylinders, card, blocks and bars, and for image with --depth"),
+        (a.camera_moves.is_some(), has_layers, "--camera-moves", "card, blocks and bars"),
+        (a.camera_moves.is_some(), is_pair, "--camera-moves", pairs),
         (a.range.is_some(), is_pair, "--range", pairs),
         (a.lens.is_given(), is_pair || is_image, "the lens", pairs),
         (a.translation.is_some(), is_pair, "--translation", "pairs; a sweep has --drift"),

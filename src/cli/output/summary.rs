@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use parfocal::export::{FrameReport, Palette, Report};
+use parfocal::export::{FrameReport, Palette, ParallaxReport, Report};
 use parfocal::image_io::{Basis, Input, Values};
 use parfocal::{
     results::{OtherMotion, TransformDeviation},
@@ -55,6 +55,11 @@ fn found(report: &Report) -> Vec<Row> {
     rows.extend(report.frames.get(1).into_iter().flat_map(registration));
     let known = |known: TransformDeviation| format!("known to {} px at a corner", rounded(known.corner_px));
     rows.extend(report.transform_deviation.map(|deviation| ("registration", known(deviation))));
+    let parallax = |found: &ParallaxReport| {
+        let px = rounded(found.near_to_far_px);
+        format!("the camera moved: near things are displaced against far ones by up to {px} px")
+    };
+    rows.extend(report.parallax.as_ref().map(|found| ("parallax", parallax(found))));
     let motion = |other: OtherMotion| ("motion", format!("{other} (--motion {})", other.motion.name()));
     rows.extend(report.other_motion.map(motion));
     rows.extend(clipped(&report.frames));

@@ -8,8 +8,8 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::state::State;
 use crate::engine::stages::sums::Layout;
 use crate::engine::stages::{
-    edge, exposure, grid, half_pair, lens_windows, linearise, pixels, separable, system, system_tiles,
-    uncertainty_terms,
+    edge, exposure, grid, half_pair, lens_windows, linearise, parallax_windows, pixels, separable, system,
+    system_tiles, uncertainty_terms,
 };
 use crate::engine::tiles;
 use crate::engine::vulkan::{MIB, Texel, image_limits};
@@ -125,7 +125,7 @@ impl Plan {
         let rows = self.pyramid.iter().map(|l| l.tiles()[0] * l.tiles()[1]).max().unwrap_or(1);
         let row = 4 * Layout::of(true).length as u64;
         let samples = self.pyramid.iter().map(|level| exposure::bytes_of_samples(level.size)).max().unwrap_or(0);
-        let partials = (row * u64::from(rows)).max(4 * lens_windows::FLOATS).max(samples);
+        let partials = (row * u64::from(rows)).max(4 * lens_windows::FLOATS.max(parallax_windows::FLOATS)).max(samples);
         let energies = 4 * self.solved as u64 * u64::from(self.settings.outer_iterations);
         let arguments = arguments::bytes(self.solved);
         let state = size_of::<State>() as u64;

@@ -9,7 +9,7 @@ use crate::engine::stages::noise::Noise;
 use crate::engine::stages::stack::{self, Slopes, node_count};
 use crate::engine::stages::state::MAX_LEVELS;
 use crate::engine::stages::{
-    self, cascade, edge, grid, lens_windows, linearise, relax_tiles, separable, uncertainty_terms,
+    self, cascade, edge, grid, lens_windows, linearise, parallax_windows, relax_tiles, separable, uncertainty_terms,
 };
 
 mod layout;
@@ -233,6 +233,19 @@ impl Plan {
     pub(crate) fn warps_again(&self, level: &Level, k: u32) -> bool {
         let moves = self.solves_transform() || self.matches_exposure();
         self.warps(level) && moves && k.is_power_of_two()
+    }
+
+    /// Whether T and the parallax are stepped together before iteration k of a level: before those after which it may
+    /// settle. Not on the coarsest level, where blur hardly shows the sign of V, which the parallax then would choose.
+    pub(crate) fn steps_parallax(&self, level: &Level, k: u32) -> bool {
+        let is_free = self.settings.parallax && self.solves_transform() && level.index + 1 < self.solved;
+        is_free && k % 2 == 1 && parallax_windows::fits(level.size)
+    }
+
+    /// Whether there may be parallax from iteration k of a level on, if there was none: where I2 may be warped again.
+    /// Where it is not warped, as on the second coarsest level, T still moves far at first.
+    pub(crate) fn starts_parallax(&self, level: &Level, k: u32) -> bool {
+        k == if self.warps(level) { 1 } else { 3 }
     }
 
     /// Whether law and kernel are found on a level, before its first iteration: where I2 is warped.

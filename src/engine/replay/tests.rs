@@ -2,8 +2,8 @@
 
 use super::{Device, ReplaySolve, replay_on};
 use crate::base::{
-    Channels, Decode, Depth, Frame, Kernel, Mask, Method, Motion, Photometric, RegistrationStep, Samples, Settings,
-    Similarity,
+    Channels, Decode, Depth, Frame, Kernel, Mask, Method, Motion, Parallax, Photometric, RegistrationStep, Samples,
+    Settings, Similarity,
 };
 use crate::engine::plan::Plan;
 use crate::engine::script::{CountedPixels, compose};
@@ -33,6 +33,8 @@ struct Pair {
     is_masked: bool,
     is_flat: bool,
     packs: bool,
+    /// What the solve starts from.
+    parallax: Parallax,
     preset: Preset,
     settings: Settings,
 }
@@ -70,7 +72,7 @@ impl Pair {
         let picture = (0..width * height).map(|n| f32::from(n % width > 6 || n / width > 20)).collect();
         memory.upload_mask(self.is_masked.then(|| Mask::from_image(&Frame::gray(width, height, picture).unwrap())));
         let start = Registration::new(self.settings.start, &Photometric::IDENTITY);
-        memory.upload_state(DoubleState::new(start));
+        memory.upload_state(DoubleState { parallax: self.parallax, ..DoubleState::new(start) });
         let counted = if self.is_masked { CountedPixels::Unmasked } else { CountedPixels::All };
         let script = compose(&plan, counted);
         memory.upload_arguments(&script.arguments);
@@ -82,12 +84,14 @@ impl Pair {
 fn pairs() -> [Pair; 6] {
     let (gray, rgb) = (Channels::Gray, Channels::Rgb);
     let settings = Settings { outer_iterations: 6, ..Settings::default() };
+    let parallax = Parallax { across: [0.05, -0.03], along: 2e-4 };
     let of = |preset, size, format, settings: Settings| Pair {
         size,
         format,
         is_masked: false,
         is_flat: false,
         packs: false,
+        parallax: Parallax::NONE,
         preset,
         settings,
     };
@@ -95,6 +99,7 @@ fn pairs() -> [Pair; 6] {
         Pair {
             is_masked: true,
             packs: true,
+            parallax,
             ..of(
                 Preset::Card,
                 [161, 123],
@@ -104,6 +109,7 @@ fn pairs() -> [Pair; 6] {
         },
         Pair {
             is_masked: true,
+            parallax,
             ..of(
                 Preset::Bars,
                 [97, 131],

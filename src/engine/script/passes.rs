@@ -7,7 +7,7 @@ use super::compose::Composer;
 use super::filters::Layers;
 use crate::base::color::LUMINANCE;
 use crate::base::{Decode, RegistrationStep};
-use crate::engine::arguments::{Grid, Over};
+use crate::engine::arguments::{self, Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
 use crate::engine::slot::Slot;
 use crate::engine::stages::cascade::Start;
@@ -15,8 +15,8 @@ use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::{
     NO_VARIANT, appearance, blur_matched_pair, cascade, exposure, grid, halve_grid, ingest, lens, lens_windows,
-    linearise, mask, pair_samples, prolong, relax, relax_grid_tiles, relax_tiles, shape, system, system_tiles,
-    uncertainty_terms, unit, unpack, update, update_transform,
+    linearise, mask, pair_samples, parallax, parallax_windows, prolong, relax, relax_grid_tiles, relax_tiles, shape,
+    system, system_tiles, uncertainty_terms, unit, unpack, update, update_transform,
 };
 use crate::engine::vulkan::Variant;
 
@@ -169,6 +169,46 @@ impl Composer<'_> {
         let constants = lens::Constants { windows: columns * rows, level: level.index as u32, are_gaussian };
         self.dispatch(lens::Bindings::on(0), &constants, NO_VARIANT, Grid::Direct([1; 3]));
         self.shape(level, 0..2, stacks);
+    }
+
+    /// Steps T and the parallax together. Without parallax each level tests once whether there is some, since most cameras do
+    /// not move.
+    pub(super) fn step_parallax(&mut self, level: &Level, k: u32) {
+        let (plan, grid @ [columns, rows]) = (self.plan, parallax_windows::grid(level.size));
+        let (starts, index) = (u32::from(plan.starts_parallax(level, k)), level.index as u32);
+        let constants = parallax_windows::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: level.nodes as u32,
+            second_stack: plan.second_stack(level),
+            grid,
+            level: index,
+            starts,
+            factor: level.factor as f32,
+            centre: single(level.centre),
+            scale_length: level.length as f32,
+            eta: plan.settings.data_eta as f32,
+            smoothness_eta: plan.settings.smoothness_eta as f32,
+            elimination: linearise::ELIMINATION,
+            mean: single(plan.settings.kernel.mean()),
+            noise: level.noise,
+        };
+        let variant = linearise::variant(plan.slopes(), plan.warps(level), self.masked, false);
+        let variant = stack::packed(variant, plan.packs(level));
+        let bindings = parallax_windows::Bindings::on(level.index);
+        self.dispatch(bindings, &constants, variant, Grid::Direct([columns, rows, 1]));
+        let [_, warping] = arguments::words(level.index);
+        let constants = parallax::Constants {
+            windows: columns * rows,
+            level: index,
+            starts,
+            unknowns: plan.settings.motion.unknowns() as u32,
+            factor: level.factor as f32,
+            scale_length: level.length as f32,
+            warp_place: warping.start as u32,
+            warp_words: if plan.warps(level) { warping.len() as u32 } else { 0 },
+        };
+        self.dispatch(parallax::Bindings::on(0), &constants, NO_VARIANT, Grid::Direct([1; 3]));
     }
 
     /// Turns the blur stacks of some images into those of disks. Those of Gaussians are turned if the kernel is a disk,

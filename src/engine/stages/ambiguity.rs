@@ -92,7 +92,8 @@ fn cpu_reference<N: Number>(
     [curvature, b2, square]: [&Raster<N>; 3],
     mask: Option<&[u8]>,
 ) -> Raster<N> {
-    let ([width, height], r, limit) = ([c.width, c.height].map(|side| side as usize), samples.r, f64::from(c.limit));
+    let ([width, height], r, limit) =
+        ([c.width, c.height].map(|side| side as usize), samples.displacement.r, f64::from(c.limit));
     let residual = |Sample { blurred: [b1, b2], .. }: &Sample| b1 - (r.gain * b2 + r.offset);
     let by_noise = |v: f64| c.noise.of_both(&Variances::new(v, samples.separation));
     let columns = width.div_ceil(BLOCK);
@@ -162,10 +163,10 @@ mod tests {
     use super::super::harness::build_stack;
     use super::super::noise::Noise;
     use super::super::stack::{self, Slopes};
-    use super::super::state::Registration;
+    use super::super::state::{Displacement, Registration};
     use super::super::uncertainty::WINDOW_PIXELS;
     use super::*;
-    use crate::base::{Kernel, Photometric, Similarity};
+    use crate::base::{Kernel, Parallax, Photometric, Similarity};
 
     /// The constants of an image of 96 x 64 px.
     fn constants() -> Constants {
@@ -189,7 +190,9 @@ mod tests {
         let (curvature, b2, square) = (flat(30.0), flat(f64::from(WINDOW_PIXELS)), flat(1e-4));
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
         let c = constants();
-        let samples = Samples { lens: (c.mean, 1.0, c.centre), r: &r, warped: None, separation: 0.0, stacks };
+        let displacement =
+            Displacement { r: &r, parallax: Parallax::NONE, factor: 1.0, centre: c.centre.map(f64::from) };
+        let samples = Samples { mean: c.mean.map(f64::from), displacement, warped: None, separation: 0.0, stacks };
         let found = |v: &Field, terms| cpu_reference(&c, &samples, v, terms, None).get(20, 20);
         for (v, certain) in [(4.0, 30.0), (0.0, 0.25), (-1.0, 0.2)] {
             let v = Field::from_fn(size[0], size[1], |_, _| v);

@@ -7,7 +7,7 @@ use super::law::Variances;
 use super::segments::{SEGMENT, Segment, first_repeated, place, vectorised};
 use super::spline;
 use super::stack::{self, Blurred, Slopes};
-use super::state::{DoubleState, Registration, margin};
+use super::state::{Displacement, DoubleState, Registration, margin};
 use super::{Number, Raster};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
@@ -35,7 +35,8 @@ impl<'a, N: Number> Stacks<'a, N> {
     }
 }
 
-/// Î1 and Î2 at pixel (x, y), which T maps to (x, y) + d, before gain and offset, with their derivatives by V. `mean`
+/// Î1 and Î2 at pixel (x, y), which is displaced by d, before gain and offset, with their derivatives by V; the parallax
+/// moves by `parallax` with V. `mean`
 /// is that of the kernel at variance 1: the stacks hold centred kernels, and are read where the mean moves the pixel
 /// to. Gradients are per pixel of I1.
 pub fn read<N: Number>(
@@ -44,7 +45,7 @@ pub fn read<N: Number>(
     mean: [f64; 2],
     [x, y]: [f64; 2],
     d: [f64; 2],
-    v: f64,
+    (v, parallax): (f64, [f64; 2]),
     separation: f64,
 ) -> [Blurred; 2] {
     let scale2 = r.scale().powi(2);
@@ -59,7 +60,9 @@ pub fn read<N: Number>(
     let mut b2 = stack::read(second, slopes, scale2 * variances.second, x + d[0] - ahead[0], y + d[1] - ahead[1]);
     [b2.dx, b2.dy] = r.in_first([b2.dx, b2.dy]);
     b1.slope = variances.first_by_v * (b1.slope - b1.dx * by1[0] - b1.dy * by1[1]);
-    b2.slope = variances.second_by_v * (scale2 * b2.slope - b2.dx * by2[0] - b2.dy * by2[1]);
+    b2.slope = variances.second_by_v * (scale2 * b2.slope - b2.dx * by2[0] - b2.dy * by2[1])
+        + b2.dx * parallax[0]
+        + b2.dy * parallax[1];
     [b1, b2]
 }
 
@@ -119,9 +122,9 @@ pub(super) fn sample_segment<N: Number>(
 
 /// Both photographs and their blur stacks, for passes over some of the pixels of a level.
 pub(super) struct Samples<'a, N> {
-    /// Mean of the kernel at V = 1, width of a pixel, and image centre.
-    pub(super) lens: ([f32; 2], f32, [f32; 2]),
-    pub(super) r: &'a Registration,
+    /// Mean of the kernel at V = 1.
+    pub(super) mean: [f64; 2],
+    pub(super) displacement: Displacement<'a>,
     /// T when I2 was warped onto I1's pixels, if it was.
     pub(super) warped: Option<&'a Registration>,
     /// Of the focus settings, px² of the level.
@@ -140,21 +143,40 @@ pub(super) struct Sample {
 }
 
 impl<'a, N: Number> Samples<'a, N> {
-    /// Samples of the stacks in `layers`: that of I2 begins at the layer `second`, and each has `nodes` nodes.
+    /// Samples of the stacks in `layers`: that of I2 begins at the layer `second`, and each has `nodes` nodes. Mean of
+    /// the kernel at V = 1, width of a pixel, and image centre.
     pub(super) fn of(
         state: &'a DoubleState,
         layers: &'a [Raster<N>],
         [second, nodes]: [u32; 2],
-        lens @ (_, factor, _): ([f32; 2], f32, [f32; 2]),
+        (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
         variant: Variant,
     ) -> Self {
         Self {
-            lens,
-            r: &state.registration,
-            warped: variant.has(Variant::WARPED).then_some(&state.warped),
+            mean: mean.map(f64::from),
+            displacement: state.displacement(factor, centre),
+            warped: state.warped_by(variant),
             separation: state.separation_on(factor),
             stacks: Stacks::of(layers, second, nodes, variant.has(Variant::ANY_KERNEL)),
         }
+    }
+
+    /// Î1 and Î2 at a pixel with its displacement, before gain and offset, with their derivatives by V.
+    pub(super) fn read(&self, at: [usize; 2], d: [f64; 2], v: f64) -> [Blurred; 2] {
+        let (Displacement { r, factor, centre, .. }, place) = (self.displacement, at.map(|x| x as f64));
+        let Some(warped) = self.warped else {
+            let parallax = self.displacement.by_v(place);
+            return read(&self.stacks, r, self.mean, place, d, (v, parallax), self.separation);
+        };
+        let shift = r.moved_since(warped).displacement(at[0], at[1], factor, centre);
+        let of = Variances::new(v, self.separation);
+        let near = |stack: &[Raster<N>], variance, shift| {
+            stack::between(variance, stack.len(), |k| spline::near(&stack[k], at[0], at[1]).moved(shift).node())
+        };
+        let mut both = [near(self.stacks.first, of.first, [0.0; 2]), near(self.stacks.second, of.second, shift)];
+        both[0].slope *= of.first_by_v;
+        both[1].slope *= of.second_by_v;
+        both
     }
 
     /// Calls `visit` with every `step`-th pixel of row y whose blur is inside both photographs. `v` returns the V of the
@@ -167,9 +189,9 @@ impl<'a, N: Number> Samples<'a, N> {
         v: impl Fn(usize) -> &'v [N],
         mut visit: impl FnMut(Sample),
     ) {
-        let ((mean, factor, centre), r, size) =
-            (self.lens, self.r, [self.stacks.first[0].width, self.stacks.first[0].height]);
-        let (factor, centre, moved) = (factor.into(), centre.map(f64::from), self.warped.map(|t| r.moved_since(t)));
+        let Displacement { r, factor, centre, .. } = self.displacement;
+        let size = [self.stacks.first[0].width, self.stacks.first[0].height];
+        let moved = self.warped.map(|t| r.moved_since(t));
         let [mut d, mut shift] = [[[N::default(); SEGMENT]; 2]; 2];
         for first in (0..size[0]).step_by(SEGMENT) {
             // So that no node of the stack is read for places beyond the image.
@@ -179,7 +201,7 @@ impl<'a, N: Number> Samples<'a, N> {
                 #[inline(always)]
                 || {
                     let ([dx, dy], row) = (&mut d, N::of(y as f64));
-                    r.displacements([first, y], factor, centre, [dx, dy]);
+                    self.displacement.of_row([first, y], &v, [dx, dy]);
                     for n in 0..SEGMENT {
                         let variances = Variances::new(v[n], self.separation);
                         margins[n] = margin([place(first, n), row], [dx[n], dy[n]], size, variances.both(), r.scale());
@@ -196,8 +218,9 @@ impl<'a, N: Number> Samples<'a, N> {
                 let blurred = match &numbers {
                     Some(numbers) => numbers.each_ref().map(|numbers| numbers[n].into()),
                     None => {
-                        let (mean, at) = (mean.map(f64::from), [x as f64, y as f64]);
-                        read(&self.stacks, r, mean, at, d, v, self.separation).map(|image| image.value)
+                        // The slope by V is not used.
+                        let (at, v) = ([x as f64, y as f64], (v, [0.0; 2]));
+                        read(&self.stacks, r, self.mean, at, d, v, self.separation).map(|image| image.value)
                     }
                 };
                 visit(Sample { x, d, v, blurred });
@@ -239,8 +262,8 @@ mod tests {
         for v in [0.3, 1.0, 2.25, 6.25, 9.0] {
             // Far from the borders, where the wave is mirrored.
             for x in [50.0, 57.0, 63.0] {
-                let [b1, _] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], v, 0.0);
-                let [_, b2] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], -v, 0.0);
+                let [b1, _] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], (v, [0.0; 2]), 0.0);
+                let [_, b2] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], (-v, [0.0; 2]), 0.0);
                 // Both images are blurred by as much more as the other one is.
                 let Variances { first, first_by_v, .. } = Variances::new(v, 0.0);
                 let wave = |variance: f64| blurred_wave(k, variance, x);

@@ -150,6 +150,11 @@ pub(crate) fn cpu_reference<N: Number>(
     }
 }
 
+/// V of the side on which a sample is.
+fn side_of(edge: &Edge, k: usize) -> f64 {
+    edge.levels[usize::from(k < HALF)]
+}
+
 /// The place of a sample.
 fn place_on(edge: &Edge, line: f64, k: usize) -> [f64; 2] {
     let (along, across) = (k as f64 - HALF as f64, line - 0.5 * (LINES - 1) as f64);
@@ -171,7 +176,10 @@ fn profiles<N: Number>(
     let matched = state.map(|state| {
         let r = &state.registration;
         let [dx, dy] = r.displacement_at(edge.place, factor, centre);
-        (r, state.applied_shading.at(from_centre([edge.place[0] + dx, edge.place[1] + dy], centre)))
+        (
+            state.displacement(c.factor, c.centre),
+            state.applied_shading.at(from_centre([edge.place[0] + dx, edge.place[1] + dy], centre)),
+        )
     });
     let mut profiles = [[[0.0; ALONG]; ROWS]; 2];
     for (row, k) in (0..ROWS).flat_map(|row| (0..ALONG).map(move |k| (row, k))) {
@@ -179,8 +187,8 @@ fn profiles<N: Number>(
         profiles[0][row][k] = between(i1, x);
         profiles[1][row][k] = matched.map_or_else(
             || between(i2, x),
-            |(r, shading)| {
-                let d = r.displacement_at(x, factor, centre);
+            |(displacement, shading)| {
+                let (d, r) = (displacement.of(x, side_of(edge, k)), displacement.r);
                 r.gain * shading * between(i2, inside([x[0] + d[0], x[1] + d[1]])) + r.offset
             },
         );

@@ -8,7 +8,7 @@
 
 use super::edge::SIDES;
 use super::pass::{Memory, Pass};
-use super::state::Registration;
+use super::state::Displacement;
 use super::{Number, Raster, fuse, pixels};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
@@ -25,8 +25,10 @@ impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let (state, layer) = (memory.state(self.state), c.layer as usize);
         let fused = cpu_reference(
-            c,
-            (&state.registration.in_intensities(state.unit), &state.applied_shading),
+            (
+                Displacement { r: &state.registration.in_intensities(state.unit), ..state.displacement(1.0, c.centre) },
+                &state.applied_shading,
+            ),
             [memory.layer(self.channel1, 0), memory.layer(self.spline2, 0)],
             memory.layer(self.relative_blur, 0),
             [memory.layer(self.results, SIDES), memory.layer(self.results, layer)],
@@ -36,9 +38,8 @@ impl Pass for Bindings {
 }
 
 /// The channel of the fused image.
-pub(crate) fn cpu_reference<N: Number>(
-    c: &Constants,
-    state: (&Registration, &Shading),
+fn cpu_reference<N: Number>(
+    state: (Displacement, &Shading),
     photographs: [&Raster<N>; 2],
     v: &Raster<N>,
     [sides, fused]: [&Raster<N>; 2],
@@ -75,8 +76,9 @@ pub(crate) fn cpu_reference<N: Number>(
         }
         let before = fused.get(x, y);
         let behind = (before - light / sum) / (1.0 - in_front / sum).max(shader::LEAST_SHARE);
-        let [i1, j] = fuse::photographs(state, c.centre, photographs, [x, y]);
-        let blurred = if v.get(x, y) < 0.0 { i1 } else { j };
+        let v = v.get(x, y);
+        let [i1, j] = fuse::photographs(state, photographs, ([x, y], v));
+        let blurred = if v < 0.0 { i1 } else { j };
         let most = shader::MOST_BEYOND * (before - blurred).abs();
         behind.clamp(before.min(blurred - most), before.max(blurred + most))
     })
@@ -86,8 +88,8 @@ pub(crate) fn cpu_reference<N: Number>(
 mod tests {
     use super::super::Field;
 
+    use super::super::state::DoubleState;
     use super::*;
-    use crate::base::{Photometric, Similarity};
 
     const LAYER: usize = 3;
 
@@ -120,9 +122,10 @@ mod tests {
         let j = Field::from_fn(width, height, |x, _| 0.1 + 0.8 * share(x));
         let fused = Field::from_fn(width, height, |x, y| if x < rim { i1.get(x, y) } else { j.get(x, y) });
         let v = Field::from_fn(width, height, |x, _| if x < rim { 4.0 } else { -4.0 });
-        let none = Registration::new(Similarity::new(0.0, 0.0, 0.0, 1.0), &Photometric::default());
+        let state = DoubleState::default();
         let c = constants([width as u32, height as u32]);
-        let cleared = cpu_reference(&c, (&none, &Shading::default()), [&i1, &j], &v, [&sides, &fused]);
+        let displacement = state.displacement(1.0, c.centre);
+        let cleared = cpu_reference((displacement, &Shading::default()), [&i1, &j], &v, [&sides, &fused]);
         [fused, cleared]
     }
 

@@ -19,7 +19,7 @@ use super::pass::{Memory, Pass};
 use super::stack::{self, Blurred, MOST_NODES};
 use super::state::{DoubleState, Registration, inside};
 use super::{Number, Raster, spline};
-use crate::base::{Kernel, workers};
+use crate::base::{Kernel, Parallax, workers};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -144,19 +144,25 @@ fn of_window<N: Number>(
     corner: [usize; 2],
 ) -> Option<Window> {
     let (r, moved) = (&state.registration, state.registration.moved_since(&state.warped));
+    let displacement = state.displacement(c.factor, c.centre);
     let (size, factor, centre) = ([v.width, v.height], f64::from(c.factor), c.centre.map(f64::from));
     // The values less that of one pixel: their squares in single precision would be those of the mean.
     let around = stacks.second[0].get(corner[0] + SIDE / 2, corner[1] + SIDE / 2);
     let (mut samples, mut sum) = (Vec::with_capacity(ALONG * ALONG), 0.0);
     for n in 0..ALONG * ALONG {
         let at @ [x, y] = [corner[0] + STEP * (n % ALONG), corner[1] + STEP * (n / ALONG)];
-        let (v, d) = (v.get(x, y), r.displacement(x, y, factor, centre));
+        let (place, v) = (at.map(|x| x as f64), v.get(x, y));
+        let d = displacement.of(place, v);
         let is_inside = inside(at, d, size, Variances::new(v, 0.0).both(), r.scale());
         if !(is_inside && mask::counts(masks, at, d) >= COUNTED) {
             return None;
         }
         sum += v.abs();
-        samples.push(PixelNodes::of(stacks, at, moved.displacement(x, y, factor, centre), v));
+        let second = match state.parallax {
+            Parallax::NONE => Second::Near(moved.displacement(x, y, factor, centre)),
+            _ => Second::Apart { d, scale: r.scale(), parallax: r.in_second(displacement.by_v(place)) },
+        };
+        samples.push(PixelNodes::of(stacks, at, second, v));
     }
     let mean = sum / (ALONG * ALONG) as f64;
     if mean >= WIDEST {
@@ -179,24 +185,44 @@ fn of_window<N: Number>(
     Some(window)
 }
 
+/// Where the stack of I2 is read for a pixel.
+enum Second {
+    /// I2 is on I1's pixels, but for a small shift.
+    Near([f64; 2]),
+    /// With parallax it is not. `d`: the pixel's displacement. `scale`: the width of I1's pixels in I2's. `parallax`: its
+    /// derivative by V in I2's pixels.
+    Apart { d: [f64; 2], scale: f64, parallax: [f64; 2] },
+}
+
 /// V of a pixel, and all nodes of both stacks there.
 struct PixelNodes {
     v: f64,
+    /// The derivative of the parallax by V, in I2's pixels.
+    parallax: [f64; 2],
+    /// The variance in the pixels of I2's stack of a blur of 1 px² in those of I1.
+    square_scale: f64,
     count: usize,
     first: [spline::Jet; MOST_NODES],
     second: [spline::Jet; MOST_NODES],
 }
 
 impl PixelNodes {
-    fn of<N: Number>(stacks: &Stacks<N>, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -> Self {
+    fn of<N: Number>(stacks: &Stacks<N>, [x, y]: [usize; 2], place: Second, v: f64) -> Self {
         let [mut first, mut second] = [[spline::Jet::default(); MOST_NODES]; 2];
         for (jet, layer) in first.iter_mut().zip(stacks.first) {
             *jet = spline::near(layer, x, y);
         }
         for (jet, layer) in second.iter_mut().zip(stacks.second) {
-            *jet = spline::near(layer, x, y).moved(shift);
+            *jet = match place {
+                Second::Near(shift) => spline::near(layer, x, y).moved(shift),
+                Second::Apart { d, .. } => spline::read(layer, x as f64 + d[0], y as f64 + d[1]),
+            };
         }
-        Self { v, count: stacks.first.len(), first, second }
+        let (parallax, square_scale) = match place {
+            Second::Near(_) => ([0.0; 2], 1.0),
+            Second::Apart { scale, parallax, .. } => (parallax, scale * scale),
+        };
+        Self { v, parallax, square_scale, count: stacks.first.len(), first, second }
     }
 
     /// An image under a kernel of some variance, and then under a Gaussian of `more`.
@@ -237,12 +263,15 @@ fn left(
         let of = Variances::new(sample.v, p);
         let more = (Variances::new(sample.v, q).second - of.second).max(0.0);
         let first = sample.blurred(&sample.first, kernel, of.first, more);
-        let second = sample.blurred(&sample.second, kernel, of.second, more);
+        let square = sample.square_scale;
+        let mut second = sample.blurred(&sample.second, kernel, square * of.second, square * more);
+        second.slope *= square;
         let s = first.value - (r.gain * second.value + r.offset);
         let [one, two] = of.both().map(|variance| noise_under(noise, kernel, variance, more));
         let power = one.value + two.value;
         let along = 0.5 * (one.slope * of.first_by_v + two.slope * of.second_by_v) / power;
-        let by_v = of.first_by_v * first.slope - r.gain * of.second_by_v * second.slope - along * s;
+        let displaced = second.dx * sample.parallax[0] + second.dy * sample.parallax[1];
+        let by_v = of.first_by_v * first.slope - r.gain * (of.second_by_v * second.slope + displaced) - along * s;
         let terms: [f64; TERMS] = [by_v, second.dx, second.dy, 1.0, second.value - around, s];
         for i in 0..TERMS {
             (i..TERMS).for_each(|j| m[i][j] += terms[i] * terms[j] / power);

@@ -27,6 +27,7 @@ use super::state::{DoubleState, Registration, margin};
 use super::sums::{Layout, Line};
 use super::update_transform;
 use super::{Number, Raster, Real, WORKGROUP, pixels};
+use crate::base::Parallax;
 use crate::engine::shaders;
 use crate::engine::slot::Bound;
 use crate::engine::vulkan::Variant;
@@ -55,7 +56,7 @@ pub(crate) fn rows_on_processor([width, height]: [u32; 2]) -> u32 {
 pub const LAYERS: u32 = 2;
 /// In T's step, residuals within this many spreads (σ of noise) count by their squares: with Gaussian noise least
 /// squares are best. V, which depends on few pixels at each place, keeps η.
-pub const BROAD: f64 = shaders::linearise::BROAD;
+pub const BROAD: f64 = shaders::data::BROAD;
 /// The spread s is an M-estimate of scale of x = ΔS/√2 between adjacent pixels. Such differences show the noise, and
 /// little of the model's errors; half of them may be outliers. The mean of x²/(x² + `BOUND`² s²) is a half, as for
 /// Gaussian x of deviation s.
@@ -90,7 +91,7 @@ impl Pass for Bindings {
         let reused = [0, 1].map(|n| memory.take_layer(self.normal_equations, n));
         let state = memory.state(self.state);
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant.has(Variant::ANY_KERNEL));
-        let warped = variant.has(Variant::WARPED).then_some(&state.warped);
+        let warped = state.warped_by(variant);
         let masks = mask::of(memory, self.masks, variant);
         let v = memory.layer(self.relative_blur, 0);
         let layout = Layout::of_variant(variant);
@@ -143,8 +144,9 @@ fn cpu_reference<N: Number>(
     let moved = warped.map(|before| r.moved_since(before));
     let [eta, continuation] = [c.smoothness_eta, c.continuation].map(f64::from);
     let links = Links::new(v, [continuation * alpha, 1.0, eta], false);
-    let (scale, centre, spread) = (r.scale(), c.centre.map(f64::from), least_spread(c, state.spread));
-    let separation = state.separation_on(c.factor);
+    let (scale, centre, spread) = (r.scale(), c.centre.map(f64::from), spread(c.eta, state.spread));
+    let (separation, displacement) = (state.separation_on(c.factor), state.displacement(c.factor, c.centre));
+    let has_parallax = state.parallax != Parallax::NONE;
     let [columns, ..] = tiles([c.width, c.height], c.rows);
     let lines = (WORKGROUP[1] * c.rows) as usize;
     let mut equations = equations.map(|raster| raster.of_size(size));
@@ -153,6 +155,7 @@ fn cpu_reference<N: Number>(
         let mut partials = vec![0.0; columns as usize * layout.length];
         // Finite from the start: places without a pixel have no weight.
         let (mut pixels, mut terms) = ([[N::of(1.0); BLOCK]; PARTS], [[N::default(); BLOCK]; TERMS]);
+        (0..2).for_each(|k| pixels[MOVES + k].fill(N::default()));
         let [mut dx, mut dy, mut shift_x, mut shift_y] = [[N::default(); BLOCK]; 4];
         let steps: [N; BLOCK] = std::array::from_fn(|n| N::of(n as f64));
         let mut links = links.rows_from(row * lines);
@@ -161,16 +164,17 @@ fn cpu_reference<N: Number>(
             for (tile, partials) in partials.chunks_exact_mut(layout.length).enumerate() {
                 let xs = tile * BLOCK..width.min((tile + 1) * BLOCK);
                 let (count, start) = (xs.len(), [xs.start, y]);
-                let [.., smoothness, pulls, phis, _] = &mut pixels;
+                let [.., smoothness, pulls, phis, _, _, _] = &mut pixels;
                 links.sums(xs.start, [&mut smoothness[..count], &mut pulls[..count]]);
                 phis[..count].copy_from_slice(&links.phi()[xs.clone()]);
                 pixels[V][..count].copy_from_slice(&v.row(y)[xs.clone()]);
                 pixels[V][count..].fill(v.row(y)[xs.end - 1]);
-                let level = Level { c, gain: r.gain, offset: r.offset, alpha, spread, separation };
+                let (gain, offset, eta, noise) = (r.gain, r.offset, c.eta.into(), &c.noise);
+                let level = Level { c, alpha, datum: Datum { gain, offset, eta, separation, spread, noise } };
                 let line = vectorised(
                     #[inline(always)]
                     || {
-                        r.displacements(start, c.factor.into(), centre, [&mut dx, &mut dy]);
+                        displacement.of_row(start, &pixels[V], [&mut dx, &mut dy]);
                         if let Some(moved) = &moved {
                             moved.displacements(start, c.factor.into(), centre, [&mut shift_x, &mut shift_y]);
                         }
@@ -182,6 +186,10 @@ fn cpu_reference<N: Number>(
                             pixels[SHARE][n] = margin([x, row], d, size, variances.both(), scale);
                             pixels[BETWEEN][n] = noise::interpolated(d);
                             pixels[PLACE][n] = (x - middle) / length;
+                            if has_parallax {
+                                let moves = displacement.by_v([x.into(), y as f64]);
+                                (0..2).for_each(|k| pixels[MOVES + k][n] = N::of(moves[k]));
+                            }
                         }
                         for n in (0..count).step_by(SEGMENT) {
                             let (at, mut shares) = ([xs.start + n, y], [N::default(); SEGMENT]);
@@ -208,7 +216,8 @@ fn cpu_reference<N: Number>(
                                 }
                                 let (at, d) = ([(xs.start + n) as f64, y as f64], [dx[n].into(), dy[n].into()]);
                                 let (mean, v) = (c.mean.map(f64::from), pixels[V][n].into());
-                                let [b1, b2] = blur::read(stacks, r, mean, at, d, v, separation);
+                                let parallax = displacement.by_v(at);
+                                let [b1, b2] = blur::read(stacks, r, mean, at, d, (v, parallax), separation);
                                 let numbers = [b1.value, b1.slope, b2.value, b2.slope, b2.dx, b2.dy];
                                 for k in 0..numbers.len() {
                                     pixels[FIRST + k][n] = N::of(numbers[k]);
@@ -230,13 +239,15 @@ fn cpu_reference<N: Number>(
 }
 
 /// The numbers of each pixel of a line, in the order in which they are gathered: V, share, noise of I2 between pixels,
-/// Î1 and its slope, Î2, its slope and its gradient, Σa, Σ a (V_n - V), φ, X.
-const PARTS: usize = 13;
+/// Î1 and its slope, Î2, its slope and its gradient, Σa, Σ a (V_n - V), φ, the parallax by V, X.
+const PARTS: usize = 15;
 const V: usize = 0;
 const SHARE: usize = 1;
 const BETWEEN: usize = 2;
 /// Î1, the first of the samples.
 const FIRST: usize = 3;
+/// The parallax by V, along x and y.
+const MOVES: usize = PARTS - 3;
 /// X, the last.
 const PLACE: usize = PARTS - 1;
 /// The pixels of a line of a tile.
@@ -279,11 +290,67 @@ fn moments<N: Number, const COUNT: usize>(numbers: &[N; BLOCK], x: &[N; BLOCK]) 
 /// What all pixels of a level share.
 struct Level<'a> {
     c: &'a Constants,
-    gain: f64,
-    offset: f64,
     alpha: f64,
-    spread: f64,
-    separation: f64,
+    datum: Datum<'a>,
+}
+
+/// The data terms of a level. The CPU reference of `glsl/include/data.glsl`.
+pub(super) struct Datum<'a> {
+    pub(super) gain: f64,
+    pub(super) offset: f64,
+    /// η.
+    pub(super) eta: f64,
+    /// Of the focus settings, px² of the level.
+    pub(super) separation: f64,
+    /// At least that of η.
+    pub(super) spread: f64,
+    pub(super) noise: &'a noise::Noise,
+}
+
+/// The data term of a pixel.
+pub(super) struct Data<R> {
+    /// Residual.
+    pub(super) s: R,
+    /// Its derivative by V, without the part of noise.
+    pub(super) by_v: R,
+    /// ψ' times the share by which the pixel counts.
+    pub(super) weight: R,
+    /// ψ(S²).
+    pub(super) psi: R,
+}
+
+impl Datum<'_> {
+    /// The data term of a pixel: of V, the share and the noise of I2 between pixels; of Î1 and its slope, Î2 and its slope.
+    #[inline(always)]
+    pub(super) fn of<R: Real>(
+        &self,
+        [v, share, between]: [R; 3],
+        [b1, slope1]: [R; 2],
+        [b2, slope2]: [R; 2],
+    ) -> Data<R> {
+        let [gain, offset, eta] = R::all([self.gain, self.offset, self.eta]);
+        let s = b1 - (gain * b2 + offset);
+        let psi = (s * s + eta * eta).sqrt();
+        let by_v = slope1 - gain * slope2 - self.noise_slope(v, between) * s;
+        Data { s, by_v, weight: share / psi, psi }
+    }
+
+    /// Half the derivative by V of the logarithm of the noise of both images in S². `between` is the noise of I2
+    /// between pixels.
+    #[inline(always)]
+    fn noise_slope<R: Real>(&self, v: R, between: R) -> R {
+        let (one, square) = (R::of(1.0), R::of(self.gain * self.gain));
+        let of = Variances::new(v, self.separation);
+        let (n1, n2) = (self.noise.blurred(of.first, one), self.noise.blurred(of.second, between));
+        let slope = n1.slope * of.first_by_v + square * n2.slope * of.second_by_v;
+        R::of(0.5) * slope / (n1.value + square * n2.value)
+    }
+
+    /// The factor on a pixel's weight in T's step that broadens η to [`BROAD`] spreads.
+    #[inline(always)]
+    pub(super) fn broadened<R: Real>(&self, psi: R) -> R {
+        psi / (psi * psi + R::of((BROAD * self.spread).powi(2) - self.eta.powi(2))).sqrt()
+    }
 }
 
 impl Level<'_> {
@@ -316,7 +383,7 @@ impl Level<'_> {
         for (s, share) in signed.iter().zip(shares) {
             let least: f64 = share[0].min(share[1]).into();
             if least > 0.0 {
-                line.spread += least * spreads(self.spread, (s[1] - s[0]).into());
+                line.spread += least * spreads(self.datum.spread, (s[1] - s[0]).into());
             }
         }
         line
@@ -325,23 +392,23 @@ impl Level<'_> {
     /// The terms of a pixel.
     #[inline(always)]
     fn terms<R: Real>(&self, pixel: &[R; PARTS]) -> [R; TERMS] {
-        let &[v, share, between, b1, slope1, b2, slope2, dx, dy, smoothness, pull, phi, _] = pixel;
+        let &[v, share, between, b1, slope1, b2, slope2, dx, dy, smoothness, pull, phi, moves_x, moves_y, _] = pixel;
         let [one, none] = R::all([1.0, 0.0]);
         let [elimination, eta, alpha] = R::all([self.c.elimination.into(), self.c.smoothness_eta.into(), self.alpha]);
-        let [gain, offset, data_eta] = R::all([self.gain, self.offset, self.c.eta.into()]);
-        let s = b1 - (gain * b2 + offset);
-        let psi = (s * s + data_eta * data_eta).sqrt();
-        let (by_v, weight) = (slope1 - gain * slope2 - self.noise_slope(v, between) * s, share / psi);
+        let Data { s, by_v, weight, psi } = self.datum.of([v, share, between], [b1, slope1], [b2, slope2]);
+        let gain = R::of(self.datum.gain);
         let [x, y] = [-gain * dx, -gain * dy];
         let (diagonal, b) = (weight * by_v * by_v, -(weight * s * by_v));
         let over = one / (diagonal + elimination * smoothness).max(R::of(1e-12));
-        let (side, ratio) = ((b + pull) * over, self.broadened(psi));
+        let (side, ratio) = ((b + pull) * over, self.datum.broadened(psi));
         let [qx, qy] = [weight * by_v * x, weight * by_v * y];
         let g = [weight * s * x + qx * side, weight * s * y + qy * side];
         let n = [weight * x * x - qx * qx * over, weight * x * y - qx * qy * over, weight * y * y - qy * qy * over];
         let steepness = one / phi;
         let energy = share * (psi + alpha * steepness);
-        let rough = [b.abs(), (steepness * steepness - eta * eta).max(none)];
+        // α is estimated without the part of parallax: with it a larger parallax raises α, and a larger α shrinks V.
+        let by_blur = weight * s * (by_v - (x * moves_x + y * moves_y));
+        let rough = [by_blur.abs(), (steepness * steepness - eta * eta).max(none)];
         let rough = [share * rough[0].sqrt(), share * rough[1].sqrt()];
         [
             ratio * n[0],
@@ -357,28 +424,11 @@ impl Level<'_> {
             s,
         ]
     }
-
-    /// Half the derivative by V of the logarithm of the noise of both images in S². `between` is the noise of I2
-    /// between pixels.
-    #[inline(always)]
-    fn noise_slope<R: Real>(&self, v: R, between: R) -> R {
-        let (one, square, noise) = (R::of(1.0), R::of(self.gain * self.gain), &self.c.noise);
-        let of = Variances::new(v, self.separation);
-        let (n1, n2) = (noise.blurred(of.first, one), noise.blurred(of.second, between));
-        let slope = n1.slope * of.first_by_v + square * n2.slope * of.second_by_v;
-        R::of(0.5) * slope / (n1.value + square * n2.value)
-    }
-
-    /// The factor on a pixel's weight in T's step that broadens η to [`BROAD`] spreads.
-    #[inline(always)]
-    fn broadened<R: Real>(&self, psi: R) -> R {
-        psi / (psi * psi + R::of((BROAD * self.spread).powi(2) - f64::from(self.c.eta).powi(2))).sqrt()
-    }
 }
 
 /// The spread of the previous iteration, at least that of η.
-fn least_spread(c: &Constants, spread: f64) -> f64 {
-    spread.max(f64::from(c.eta) / BROAD)
+pub(super) fn spread(eta: f32, before: f64) -> f64 {
+    before.max(f64::from(eta) / BROAD)
 }
 
 /// The contribution of two adjacent pixels to the spread: a bounded square, whose mean is a half where the spread is

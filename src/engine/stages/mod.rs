@@ -41,6 +41,8 @@ pub mod mask;
 pub mod noise;
 mod number;
 pub mod pair_samples;
+pub mod parallax;
+pub mod parallax_windows;
 pub(crate) mod pass;
 pub mod prolong;
 pub mod relax;

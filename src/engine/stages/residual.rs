@@ -29,7 +29,7 @@ impl Pass for Bindings {
 /// The squared residual on every other pixel.
 fn cpu_reference<N: Number>(c: &Constants, samples: &Samples<N>, v: &Raster<N>) -> Raster<N> {
     let [width, height] = uncertainty_terms::size([c.width, c.height]);
-    let (mut squared, r) = (Raster::zeros(width as usize, height as usize), samples.r);
+    let (mut squared, r) = (Raster::zeros(width as usize, height as usize), samples.displacement.r);
     squared.fill_rows(|y, row| {
         let v = |x: usize| &v.row(2 * y)[x..];
         samples.visit_row(2 * y, 2, v, |Sample { x, blurred: [b1, b2], .. }| {

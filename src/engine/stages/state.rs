@@ -5,8 +5,9 @@
 use bytemuck::Zeroable;
 
 use super::{Number, Real};
-use crate::base::{Homography, Photometric, Shading};
+use crate::base::{Homography, Parallax, Photometric, Shading};
 use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 pub use shaders::state::{LevelState, Registration as Single, State};
 
@@ -69,6 +70,17 @@ impl Double for u32 {
     }
 }
 
+impl Double for shaders::state::Parallax {
+    type Of = Parallax;
+    fn double(&self) -> Parallax {
+        Parallax { across: [self.across_x, self.across_y].map(f64::from), along: self.along.into() }
+    }
+    fn single(&Parallax { across, along }: &Parallax) -> Self {
+        let [across_x, across_y, along] = [across[0], across[1], along].map(|number| number as f32);
+        Self { across_x, across_y, along }
+    }
+}
+
 impl Double for [u32; 2] {
     type Of = [u32; 2];
     fn double(&self) -> [u32; 2] {
@@ -103,6 +115,18 @@ impl DoubleState {
     /// The separation of the focus settings on a level whose pixels are `factor` wide, px² of the level.
     pub(super) fn separation_on(&self, factor: f32) -> f64 {
         self.separation / f64::from(factor * factor)
+    }
+
+    /// What displaces the pixels of a level.
+    pub(super) fn displacement(&self, factor: f32, centre: [f32; 2]) -> Displacement<'_> {
+        let (r, parallax, centre) = (&self.registration, self.parallax, centre.map(f64::from));
+        Displacement { r, parallax, factor: factor.into(), centre }
+    }
+
+    /// T when I2 was warped onto I1's pixels, for a variant of passes that read it so; `None` with parallax, when I2 is
+    /// not warped.
+    pub(super) fn warped_by(&self, variant: Variant) -> Option<&Registration> {
+        (variant.has(Variant::WARPED) && self.parallax == Parallax::NONE).then_some(&self.warped)
     }
 
     /// Adds counts of pixels that a step moved, that it moved far, and that it left at the limit.
@@ -205,7 +229,13 @@ impl Registration {
         [xx * dx + yx * dy, xy * dx + yy * dy]
     }
 
-    /// `T x - x` on a level whose pixels are `factor` wide.
+    /// A displacement in I1's pixels as one in I2's, by T's Jacobian at the centre.
+    pub(super) fn in_second(&self, [dx, dy]: [f64; 2]) -> [f64; 2] {
+        let [[xx, xy], [yx, yy]] = self.transform.jacobian();
+        [xx * dx + xy * dy, yx * dx + yy * dy]
+    }
+
+    /// `T x - x`, without parallax, on a level whose pixels are `factor` wide.
     #[inline(always)]
     pub fn displacement(&self, x: usize, y: usize, factor: f64, centre: [f64; 2]) -> [f64; 2] {
         self.displacement_at([x as f64, y as f64], factor, centre)
@@ -219,7 +249,7 @@ impl Registration {
         [over * d[0], over * d[1]]
     }
 
-    /// The displacements of the pixels of a row from (x, y) on.
+    /// The displacements of the pixels of a row from (x, y) on by T.
     #[inline(always)]
     pub(super) fn displacements<N: Number>(
         &self,
@@ -230,6 +260,45 @@ impl Registration {
     ) {
         for (n, (dx, dy)) in dx.iter_mut().zip(dy).enumerate() {
             let d = self.displacement(x + n, y, factor, centre);
+            (*dx, *dy) = (N::of(d[0]), N::of(d[1]));
+        }
+    }
+}
+
+/// What displaces the pixels of a level: T, and the parallax before it.
+#[derive(Clone, Copy)]
+pub(super) struct Displacement<'a> {
+    pub(super) r: &'a Registration,
+    pub(super) parallax: Parallax,
+    /// Pixels of the full-size image per pixel of the level.
+    pub(super) factor: f64,
+    pub(super) centre: [f64; 2],
+}
+
+impl Displacement<'_> {
+    /// The derivative of the parallax by V.
+    #[inline(always)]
+    pub(super) fn by_v(&self, x: [f64; 2]) -> [f64; 2] {
+        let Self { parallax: Parallax { across, along }, factor, centre, .. } = *self;
+        [0, 1].map(|c| factor * (across[c] + along * factor * (x[c] - centre[c])))
+    }
+
+    /// T (x + parallax) - x of a pixel with this V.
+    #[inline(always)]
+    pub(super) fn of(&self, x: [f64; 2], v: f64) -> [f64; 2] {
+        let parallax = self.by_v(x).map(|by_v| v * by_v);
+        let d = self.r.displacement_at([x[0] + parallax[0], x[1] + parallax[1]], self.factor, self.centre);
+        [parallax[0] + d[0], parallax[1] + d[1]]
+    }
+
+    /// Those of the pixels of a row from (x, y) on, with these V.
+    #[inline(always)]
+    pub(super) fn of_row<N: Number>(&self, at @ [x, y]: [usize; 2], v: &[N], [dx, dy]: [&mut [N]; 2]) {
+        if self.parallax == Parallax::NONE {
+            return self.r.displacements(at, self.factor, self.centre, [dx, dy]);
+        }
+        for (n, (dx, dy)) in dx.iter_mut().zip(dy).enumerate() {
+            let d = self.of([(x + n) as f64, y as f64], v[n].into());
             (*dx, *dy) = (N::of(d[0]), N::of(d[1]));
         }
     }

@@ -107,7 +107,7 @@ pub fn cpu_reference<N: Number>(
     terms: &[Raster<N>; uncertainty_terms::LAYERS],
     mask: Option<&[u8]>,
 ) -> [Raster<N>; 3] {
-    let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
+    let (size, displacement) = ([v.width, v.height], state.displacement(1.0, c.centre));
     let DoubleState { registration: r, spread, unit, .. } = state;
     let (spread, largest) = (spread.max(f64::from(c.eta) / BROAD), f64::from(c.largest));
     let [eta, features, bending, pixels, at_limit, widest] =
@@ -125,7 +125,8 @@ pub fn cpu_reference<N: Number>(
                 let (curvature, b2, residual, v): (_, _, _, f64) = (curvature[n], b2[n], residual[n], v[n].into());
                 let blurs = Variances::new(v, state.separation).both();
                 let place = [x as f64 + f64::from(n as i32), y as f64];
-                let is_inside = margin(place, r.displacement_at(place, 1.0, centre), size, blurs, r.scale()) >= 0.0;
+                let d = displacement.of(place, v);
+                let is_inside = margin(place, d, size, blurs, r.scale()) >= 0.0;
                 let data = b2 / (pixels * curvature * curvature);
                 let unexplained = (residual - noise).max(0.0) * residual / (b2 * (residual + eta * eta));
                 let deviation = (data + bending * bend[n] + unexplained / features).sqrt();

@@ -7,7 +7,7 @@ use super::pass::{Memory, Pass};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
 use super::{Number, WORKGROUP};
-use crate::base::{Homography, Shading};
+use crate::base::{Homography, Parallax, Shading};
 
 pub use super::interface::update_transform::*;
 pub use crate::engine::shaders::sums::Step;
@@ -66,6 +66,7 @@ impl Pass for Bindings {
             state.levels[level].energy,
             [&mut state.moving, &mut state.moving_far, &mut state.at_limit].map(|count| std::mem::take(count).into()),
         );
+        let settled = step.settled && state.parallax_moves == 0;
         state.variance = sums.variance[0] / sums.variance[1].max(1e-30);
         if level == 0 && step.steady {
             state.spread = find_spread(c, &sums, state.spread);
@@ -73,10 +74,12 @@ impl Pass for Bindings {
         if c.t_step.is(FINDS_ALPHA) {
             state.alpha = find_alpha(&sums, state.alpha);
         }
-        let follows =
-            !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.applied_shading);
+        // With parallax I2 is not warped.
+        let has_parallax = state.parallax != Parallax::NONE;
+        let follows = (has_parallax || !moved_away(c, &state.warped, &state.registration))
+            && shading_stays(&state.shading, &state.applied_shading);
         let cancelled = start.last().is_some_and(|&last| last != arguments::NOT_CANCELLED);
-        let ends = step.settled || cancelled;
+        let ends = settled || cancelled;
         let warps = c.t_step.is(MAY_WARP) && !ends && !follows;
         state.degenerate = step.degenerate.into();
         let progress = &mut state.levels[level];
@@ -85,7 +88,7 @@ impl Pass for Bindings {
         }
         progress.iterations += 1;
         (progress.energy, progress.valid, progress.moving) = (step.energy, sums.valid, step.moving);
-        progress.settled = step.settled.into();
+        progress.settled = settled.into();
         if cancelled {
             state.levels[..=level].iter_mut().for_each(|level| level.settled = 1);
         }

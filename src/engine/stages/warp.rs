@@ -1,4 +1,5 @@
-//! Warps I2: resamples it onto I1's pixels by T, and applies the shading.
+//! Warps I2: resamples it onto I1's pixels by T, and applies the shading. With parallax, which differs from pixel to
+//! pixel, it applies the shading alone.
 //!
 //! A blur stack of the warped I2 can be read on the pixels.
 //!
@@ -9,7 +10,7 @@ use super::pass::{Memory, Pass};
 use super::segments::{SEGMENT, Segment, place};
 use super::state::Registration;
 use super::{Number, Raster, spline};
-use crate::base::Shading;
+use crate::base::{Homography, Parallax, Photometric, Shading};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -26,8 +27,11 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let reused = memory.take_layer(self.to, c.layer as usize);
-        let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);
-        let samples = cpu_reference(reused, c, &r, &shading, memory.layer(self.spline2, 0));
+        let state = memory.state(self.state);
+        let (r, shading) = (state.registration, state.shading);
+        let unmoved = Registration::new(Homography::IDENTITY, &Photometric::IDENTITY);
+        let by = if state.parallax == Parallax::NONE { &r } else { &unmoved };
+        let samples = cpu_reference(reused, c, by, &shading, memory.layer(self.spline2, 0));
         memory.set_layer(self.to, c.layer as usize, samples);
         let state = memory.state_mut(self.state);
         (state.warped, state.applied_shading) = (r, shading);

@@ -41,8 +41,8 @@ pub use registration::{
 pub use repeat::{ReadingReport, RepeatReport, ValueReport, write_repeat};
 pub use report::{
     Depth16Report, DepthReport, DeviceReport, FieldReport, FrameReport, Header, Kind, LevelReport, Measurements,
-    NearerBy, NeverReport, PIXEL_SIZES_UM, ProfileReport, REPORT_FILE, RangeReport, Report, ShadingReport, SizeReport,
-    StepReport, SurfaceReport, TextureReport, TimingsReport, to_json,
+    NearerBy, NeverReport, PIXEL_SIZES_UM, ParallaxReport, ProfileReport, REPORT_FILE, RangeReport, Report,
+    ShadingReport, SizeReport, StepReport, SurfaceReport, TextureReport, TimingsReport, to_json,
 };
 pub(crate) use report::{with_header, write_json_to};
 pub use results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Drawing, Extra, PAGE_FILE, Plotter, Results};

@@ -58,6 +58,9 @@ pub struct Truth<F> {
 /// The true field of a pair.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PairField {
+    /// By how much a camera that moved displaces near against far things, px.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera_moves_px: Option<[f64; 2]>,
     /// The range of V, px².
     pub relative_blur: RangeReport,
     /// The lens; absent if V is stated without one.
@@ -135,6 +138,7 @@ impl Truth<PairField> {
         let second = frame(i2, simulated.transform, scene.exposure);
         let frames = vec![frame(i1, Similarity::IDENTITY, Exposure::default()), second];
         let field = PairField {
+            camera_moves_px: Some(scene.camera_moves).filter(|moves| *moves != [0.0; 2]),
             relative_blur: RangeReport::of(&simulated.relative_blur),
             lens: scene.lens().copied(),
             depth: simulated.depth.as_ref().map(|_| SIMULATED_FILES[3]),

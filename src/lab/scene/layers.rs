@@ -56,6 +56,16 @@ pub(super) struct Rectangle {
     pub(super) direction: [f64; 2],
 }
 
+impl Layer {
+    /// Displaces the layer and its texture, px of I1.
+    pub(super) fn displace(&mut self, [right, down]: [f64; 2]) {
+        self.offset = [self.offset[0] - right, self.offset[1] - down];
+        if let Some(outline) = &mut self.outline {
+            outline.centre = [outline.centre[0] + right, outline.centre[1] + down];
+        }
+    }
+}
+
 impl Rectangle {
     /// Distance of a position from the nearest edges along both sides; negative outside.
     pub(super) fn depth_inside(&self, [x, y]: [f64; 2]) -> [f64; 2] {

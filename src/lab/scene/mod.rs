@@ -88,10 +88,18 @@ pub struct Scene {
     pub base_blur: f64,
     /// T: `I2(T x)` corresponds to I1(x).
     pub transform: Similarity,
+    /// By how much a camera that moved across its axis displaces what is at the nearer focus distance against what is at
+    /// the farther one in I2, px: layers only, as seen from the second place. What is midway stays.
+    #[serde(skip_serializing_if = "is_still")]
+    pub camera_moves: [f64; 2],
     /// The exposure of I2 relative to I1.
     pub exposure: Exposure,
     /// Standard deviation of the Gaussian noise of both images, added after the exposure, intensities; 0 to 1.
     pub noise: f64,
+}
+
+fn is_still(moves: &[f64; 2]) -> bool {
+    *moves == [0.0; 2]
 }
 
 /// The exposure of I2, `I2 ← gain I2 + offset`.
@@ -168,6 +176,9 @@ impl Scene {
             Shape::Layers { .. } => self.check_layers()?,
             Shape::Cylinders { .. } | Shape::RelativeBlurFile { .. } => {}
         }
+        // Textures of layers are rendered so far around the frame.
+        let most = if matches!(self.shape, Shape::Layers { .. }) { 40.0 } else { 0.0 };
+        self.camera_moves.iter().try_for_each(|&px| range("movement of the camera", px, -most, most))?;
         self.lens().map_or(Ok(()), Lens::check)?;
         range("contrast", self.contrast, 1e-3, 1.0)?;
         range("base blur", self.base_blur, 0.0, 16.0)?;
@@ -217,11 +228,18 @@ impl Scene {
 
     /// Renders both images with occlusion.
     fn layered_pair(&self, views: &[View; 2], layers: Vec<Layer>, lens: &Lens) -> Result<[Frame; 2], Error> {
+        let (near, far) = (lens.focus[0].min(lens.focus[1]), lens.focus[0].max(lens.focus[1]));
         let deviations =
             [0, 1].map(|image| layers.iter().map(|l| lens.signed_sigma(image, l.depth)).collect::<Vec<_>>());
-        let layered = self.layered(layers, deviations.iter().flatten())?;
-        let image = |i: usize| self.exposed(i, &[layered.image(&views[i], &deviations[i])]);
-        Ok([image(0)?, image(1)?])
+        let mut moved = layers.clone();
+        for layer in &mut moved {
+            let nearness = (layer.depth.recip() - far.recip()) / (near.recip() - far.recip());
+            layer.displace(self.camera_moves.map(|px| px * (nearness - 0.5)));
+        }
+        let layered = [layers, moved].map(|layers| self.layered(layers, deviations.iter().flatten()));
+        let image = |i: usize, layered: &Layered| self.exposed(i, &[layered.image(&views[i], &deviations[i])]);
+        let [first, second] = layered;
+        Ok([image(0, &first?)?, image(1, &second?)?])
     }
 
     /// Prepares layers for blur of these standard deviations, px.

@@ -117,6 +117,7 @@ impl Scene {
             kernel: Kernel::Gaussian,
             base_blur: 0.3,
             transform: Similarity::new(1.3, -0.9, 0.15, scale),
+            camera_moves: [0.0; 2],
             exposure: Exposure::default(),
             noise: 0.0,
         }

@@ -155,6 +155,11 @@ class Result(Registration):
     separation: float | None
     """How far the two focus settings are apart, if it was found: the variance of the blur in one photograph of what is in
     focus in the other, px². None if the blur is Gaussian."""
+    parallax: tuple[float, float, float]
+    """Parallax of a camera that moved: a pixel x is displaced by `(parallax[:2] + parallax[2] * (x - c)) * V` before T maps
+    it, c being the image centre. 0 if none was found."""
+    parallax_deviation: tuple[float, float, float]
+    """Standard deviations of these numbers."""
     scale_deviation: float
     """Standard deviation of the scale of V, as a share of V. The uncertainty includes it."""
     valid_fraction: float

@@ -60,6 +60,7 @@ class Settings(TypedDict, total=False):
     motion: str
     registration_step: str
     photometric: bool
+    parallax: bool
     edges: bool
     fused: bool
     keep_frames: bool

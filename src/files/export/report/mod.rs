@@ -20,8 +20,8 @@ pub(super) use json::{MAX_BYTES, PROGRAM, invalid, is_plain, read_json, strings}
 pub(crate) use json::{with_header, write_json_to};
 pub use parts::{
     Depth16Report, DepthReport, DeviceReport, FieldReport, FrameReport, LevelReport, Measurements, NearerBy,
-    NeverReport, ProfileReport, RangeReport, ShadingReport, SizeReport, StepReport, SurfaceReport, TextureReport,
-    TimingsReport,
+    NeverReport, ParallaxReport, ProfileReport, RangeReport, ShadingReport, SizeReport, StepReport, SurfaceReport,
+    TextureReport, TimingsReport,
 };
 
 /// The report of results.
@@ -93,6 +93,9 @@ pub struct Report {
     /// what is in focus in the other, px².
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub separation: Option<f64>,
+    /// The parallax of a pair whose camera moved between the photographs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parallax: Option<ParallaxReport>,
     /// The standard deviation of the scale of V of a pair, as a share of V. The uncertainty includes it.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub scale_deviation: Option<f64>,
@@ -224,6 +227,7 @@ impl Report {
             regularization: Some(solution.regularization),
             kernel_shape: solution.kernel_shape,
             separation: solution.separation,
+            parallax: ParallaxReport::of(solution),
             scale_deviation: Some(solution.scale_deviation),
             relative_blur: Some(RangeReport::of(&solution.relative_blur)),
             valid_fraction: Some(solution.valid_fraction),

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::base::{Brightness, DeviceInfo, Estimate, Homography, Lens, Photometric, Region, Shading};
+use crate::base::{Brightness, DeviceInfo, Estimate, Homography, Lens, Parallax, Photometric, Region, Shading, centre};
 use crate::engine::{LevelHistory, Solution, Timings};
 use crate::files::export::image_files::Description;
 use crate::files::export::scale::Quantiles;
@@ -140,6 +140,39 @@ impl ShadingReport {
     /// Whether the gain varies by more than 2 % in either direction.
     pub fn is_significant(&self) -> bool {
         self.range.iter().any(|factor| (factor - 1.0).abs() > 0.02)
+    }
+}
+
+/// The parallax of a pair whose camera moved between the photographs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ParallaxReport {
+    /// A pixel x is displaced by `(across + along (x - c)) V` before the transform maps it; c is the image centre.
+    #[serde(flatten)]
+    pub parallax: Parallax,
+    /// Standard deviations of these numbers.
+    pub deviation: Parallax,
+    /// How far the nearest things are displaced against the farthest, px, where that is the most: in the middle or at a
+    /// corner, between the 2nd and the 98th percentile of V.
+    pub near_to_far_px: f64,
+}
+
+impl ParallaxReport {
+    /// That of a solution; `None` if there is none.
+    pub fn of(solution: &Solution) -> Option<Self> {
+        let (parallax, deviation) = (solution.parallax, solution.parallax_deviation);
+        let mut quantiles = Quantiles::of(&solution.relative_blur);
+        let range = match [0.02, 0.98].map(|p| quantiles.at(p)) {
+            [Some(low), Some(high)] => f64::from(high - low),
+            _ => 0.0,
+        };
+        let [x, y] = centre(solution.photograph[0], solution.photograph[1]);
+        let at = |place: [f64; 2]| {
+            let [right, down] = parallax.displacement(place, range);
+            right.hypot(down)
+        };
+        let places = [[0.0, 0.0], [x, y], [-x, y], [x, -y], [-x, -y]];
+        let near_to_far_px = places.map(at).into_iter().fold(0.0, f64::max);
+        (parallax != Parallax::NONE).then_some(Self { parallax, deviation, near_to_far_px })
     }
 }
 
