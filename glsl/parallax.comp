@@ -60,8 +60,7 @@ void solve() {
     bool mine = i < ALL;
     if (n < ALL) {
         float diagonal = totals[product_of(n, n)];
-        // Parallax counts only where no map of the plane explains it: on a slanted plane one does.
-        bool is_held = is_some(state.parallax) && n >= unknowns && n < OF_T || !(diagonal > 0.0);
+        bool is_held = n >= unknowns && n < OF_T || !(diagonal > 0.0);
         scales[n] = is_held ? 0.0 : inversesqrt(diagonal);
     }
     barrier();
@@ -142,7 +141,7 @@ void step_once(float x[ALL]) {
     vec3 pull = over_positive(inverse, move);
     for (int i = 0; i < OF_T; i++) {
         x[i] = 0.0;
-        for (int k = 0; i < unknowns && k < 3; k++) x[i] += over_pivot(i, ALL + 1 + k) * pull[k];
+        for (int k = 0; k < 3; k++) x[i] += over_pivot(i, ALL + 1 + k) * pull[k];
     }
     float over = share / scale_length, bent = over / (factor * scale_length);
     Registration moves = Registration(over * (x[2] + x[4]), over * (x[5] - x[3]), over * (x[3] + x[5]), over * (x[2] - x[4]),

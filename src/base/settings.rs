@@ -361,8 +361,9 @@ settings! {
     /// The summary says when a simpler model explains as much or a richer one more. SIFT finds a similarity at most.
     motion: Motion = Motion::Similarity, flag "Registration" "MODEL";
     /// Whether parallax is found, of a camera that moved between the photographs.
-    /// Near things are then displaced against far ones, in proportion to V. Off, parallax is taken for blur.
-    parallax: bool = true, flag "Registration" "on|off";
+    /// Near things are then displaced against far ones, in proportion to V. Not the default: of a surface that is nearly a
+    /// plane a richer motion model and parallax explain the same, and a part of the scene that moved can pass for it.
+    parallax: bool = false, flag "Registration" "on|off";
     /// How T is updated in each outer iteration.
     registration_step: RegistrationStep = RegistrationStep::GaussNewton, flag "Registration" "STEP";
     /// Whether gain, offset and shading of the two images are matched.

@@ -126,7 +126,7 @@ pub struct parfocal_settings {
     pub keep_frames: u32,
     /// 1: depth edges are as sharp as the scene's, where two layers explain the photographs better.
     pub edges: u32,
-    /// 1: find the parallax of a camera that moved between the photographs of a pair. 0: it is taken for blur.
+    /// 1: find the parallax of a camera that moved between the photographs of a pair. 0, the default: it is taken for blur.
     pub parallax: u32,
 }
 

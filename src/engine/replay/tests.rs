@@ -83,7 +83,7 @@ impl Pair {
 
 fn pairs() -> [Pair; 6] {
     let (gray, rgb) = (Channels::Gray, Channels::Rgb);
-    let settings = Settings { outer_iterations: 6, ..Settings::default() };
+    let settings = Settings { outer_iterations: 6, parallax: true, ..Settings::default() };
     let parallax = Parallax { across: [0.05, -0.03], along: 2e-4 };
     let of = |preset, size, format, settings: Settings| Pair {
         size,

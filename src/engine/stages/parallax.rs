@@ -124,9 +124,7 @@ fn adopt(c: &Constants, state: &mut DoubleState, windows: &[[f64; NUMBERS]]) {
         return;
     }
     let all = Equations::of(&totals);
-    // Parallax counts only where no map of the plane explains it: on a slanted plane one does.
-    let is_held = |i: usize| state.parallax != Parallax::NONE && i >= c.unknowns as usize && i < OF_T;
-    let inverse = inverse(&all.normal, is_held);
+    let inverse = inverse(&all.normal, |i| i >= c.unknowns as usize && i < OF_T);
     let (factor, length) = (f64::from(c.factor), f64::from(c.scale_length));
     let Parallax { across: [px, py], along } = state.parallax;
     // On the level: px per px², and the same at L.
@@ -166,11 +164,7 @@ fn adopt(c: &Constants, state: &mut DoubleState, windows: &[[f64; NUMBERS]]) {
     let found: Vector3<f64> = before + step_of_parallax * share;
     // T follows the parallax. Its own step is that of all pixels, elsewhere.
     let of_t: SVector<f64, ALL> = inverse.fixed_columns::<3>(OF_T) * pull;
-    let moves = displacing(
-        length,
-        factor,
-        std::array::from_fn(|n| if n < c.unknowns as usize { share * of_t[n] } else { 0.0 }),
-    );
+    let moves = displacing(length, factor, std::array::from_fn(|n| share * of_t[n]));
     state.registration = state.registration.after(&moves);
     let [to_across, to_along] = [1.0 / factor, 1.0 / (factor * factor * length)];
     state.parallax = Parallax { across: [to_across * found.x, to_across * found.y], along: to_along * found.z };
