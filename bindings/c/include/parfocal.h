@@ -250,6 +250,8 @@ typedef struct {
   uint32_t keep_frames;
   // 1: depth edges are as sharp as the scene's, where two layers explain the photographs better.
   uint32_t edges;
+  // 1: find the parallax of a camera that moved between the photographs of a pair. 0, the default: it is taken for blur.
+  uint32_t parallax;
 } parfocal_settings;
 
 // A photograph: rows of pixels with one sample, or with three (red, green, blue). The call copies it before it returns.
@@ -370,6 +372,14 @@ typedef struct {
   double transform_deviation[2];
   // Standard deviation of the scale of V, as a share of V, which the uncertainty includes. NaN for a registration.
   double scale_deviation;
+  // How far the two focus settings are apart: the variance of the blur in one photograph of what is in focus in the
+  // other, px². NaN if it was not found.
+  double separation;
+  // Parallax of a camera that moved: a pixel x is displaced by ((parallax[0], parallax[1]) + parallax[2] (x - c)) V before
+  // T maps it, c being the image centre. 0 if none was found, NaN for a registration.
+  double parallax[3];
+  // Standard deviations of these numbers.
+  double parallax_deviation[3];
 } parfocal_solution_view;
 
 // A lens that is focused at one distance for each photograph of a pair. It has no field: V is taken as
