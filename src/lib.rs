@@ -85,7 +85,7 @@ pub mod sweep {
 
 /// The parts of a [`Solution`], and registrations.
 pub mod results {
-    pub use crate::engine::{Findings, LevelHistory, OtherMotion, Registered, Timings, TransformDeviation};
+    pub use crate::engine::{ColorShift, Findings, LevelHistory, OtherMotion, Registered, Timings, TransformDeviation};
 }
 
 /// Resamples photographs.

@@ -10,7 +10,7 @@ use super::pair_memory::{CancelFlag, PairMemory, Shared};
 use super::record::{Phases, Profile, Ran, SUBMIT_WAIT};
 use super::script::{CountedPixels, Dispatch, Script};
 use super::slot::Slot;
-use super::solution::{Findings, LevelHistory, Registered, SolutionRef, Timings};
+use super::solution::{Findings, LevelHistory, Registered, SolutionRef, Timings, widened};
 use super::stages::linearise;
 use super::stages::state::{Double, Registration, State};
 use super::stages::sums::{Layout, Sums};
@@ -301,9 +301,14 @@ impl FrameInFlight {
                 findings.compare_contrasts(gradients, settings, [v, deviation]);
             }
         }
+        let shift = findings.color_shift.filter(|shift| shift.included > 0.0);
+        let widened = shift.map(|shift| widened(deviation, v, |_| shift.included as f32));
+        if let Some(widened) = &widened {
+            findings.set_counts(&Counts::new([v, widened, residual], &findings, settings.max_relative_blur));
+        }
         self.phases.end("collect");
         findings.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;
-        Ok(SolutionRef::new(findings, self.memory.pair().maps()?))
+        Ok(SolutionRef::new(findings, self.memory.pair().maps()?, widened))
     }
 
     /// The registration. The device is done with the pair.

@@ -1,5 +1,6 @@
 //! Whether the results of a solve and of a registration can be believed: the checks that set convergence and warnings.
 
+use super::channels::ColorShift;
 use super::contrast::{OneFocus, Shaken};
 use super::effects::determine_v;
 use super::motion::TransformDeviation;
@@ -132,6 +133,8 @@ impl Findings {
             self.converged = false;
             self.warnings.push(found.warning());
         }
+        self.color_shift = ColorShift::of(&gradients.channels, deviation);
+        self.warnings.extend(self.color_shift.and_then(|shift| shift.warning()));
         self.warnings.extend(blocks_warning(&gradients.steps));
         self.warnings.extend(filtered_warning(&gradients.noise));
     }

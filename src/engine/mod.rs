@@ -1,6 +1,7 @@
 //! The engine: two photographs or a focus sweep to blur and registration, on a Vulkan device or on the processor.
 
 pub(crate) mod arguments;
+mod channels;
 mod contrast;
 mod cpu;
 mod device;
@@ -52,6 +53,7 @@ pub mod interop {
     };
 }
 
+pub use channels::ColorShift;
 pub use motion::{OtherMotion, TransformDeviation};
 pub use prepared_solver::{Encoded, Pending};
 pub(crate) use prepared_solver::{PairOptions, PreparedSolver, same_size};

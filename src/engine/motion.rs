@@ -306,6 +306,7 @@ mod tests {
             unmatched: None,
             steps: Default::default(),
             noise: [Vec::new(), Vec::new()],
+            channels: Vec::new(),
         }
     }
 

@@ -1,6 +1,7 @@
 //! Photographs too large for one solve: their parts, their half size, and the solve of a large pair.
 
 use super::Engine;
+use super::channels::ColorShift;
 use super::filter::Filter;
 use super::frame_in_flight::Start;
 use super::plan::{Plan, halving_filter};
@@ -245,6 +246,9 @@ pub(crate) fn solve_pair(
     }
     (whole.regularization, whole.unsettled_fraction) = (alpha, unsettled);
     whole.add_scale(scale);
+    if let Some(shift) = whole.color_shift {
+        whole.widen(|_| shift.included as f32);
+    }
     whole.recount(settings.max_relative_blur);
     whole.findings.warnings.extend(whole.findings.saturation(settings.max_relative_blur));
     whole.findings.warnings.extend(whole.findings.unexplained_warning());
@@ -314,19 +318,23 @@ fn solve_at_half_size(
     let options = PairOptions { mask: mask.as_ref(), progress: &|_| (), ..options };
     let mut solver = PreparedSolver::of_plan_for(engine, [&i1, &i2], plan)?;
     let mut solution = solver.solve([&i1, &i2], options)?.wait()?.to_owned();
-    // Pixels at the limit of |V| at half the size need not be at the full one.
-    let saturation = solution.saturation(settings.max_relative_blur);
-    solution.warnings.retain(|warning| Some(warning) != saturation.as_ref());
+    // Pixels at the limit of |V| at half the size need not be at the full one, and V is another.
+    let colors = |solution: &Solution| solution.color_shift.and_then(|shift| shift.warning());
+    let restated = [solution.saturation(settings.max_relative_blur), colors(&solution)];
+    solution.warnings.retain(|warning| !restated.iter().flatten().any(|restated| restated == warning));
     for &size in sizes.iter().rev() {
         solution.transform = doubled_transform(&solution.transform, size);
         (solution.photometric.gain, solution.shading) =
             doubled_shading(solution.photometric.gain, &solution.shading, size);
         solution.separation = solution.separation.map(|separation| 4.0 * separation);
+        solution.color_shift = solution.color_shift.map(ColorShift::doubled);
         solution.parallax = solution.parallax.doubled();
         solution.parallax_deviation = solution.parallax_deviation.doubled();
         solution.transform_deviation.iter_mut().for_each(|deviation| deviation.corner_px *= 2.0);
         solution.other_motion.iter_mut().for_each(|other| other.corner_px *= 2.0);
     }
+    let colors = colors(&solution);
+    solution.warnings.extend(colors);
     Ok(solution)
 }
 

@@ -2,6 +2,7 @@
 
 use std::ops::{Deref, DerefMut};
 
+use super::channels::ColorShift;
 use super::motion::{OtherMotion, TransformDeviation};
 use super::stages::scale_deviation::without_scale;
 use super::stages::uncertainty::LARGEST;
@@ -42,6 +43,9 @@ pub struct Findings {
     /// The standard deviation of the scale of V, as a share of V. A kernel that does not describe the blur makes all of
     /// V too large or too small. [`Solution::uncertainty`] includes it. Results of one lens and setup share it.
     pub scale_deviation: f64,
+    /// By how much V differs between the channels of color photographs. `None` if it is not known: of grey ones, of a
+    /// transform that is not solved for, and of a solve that has not converged.
+    pub color_shift: Option<ColorShift>,
     /// The standard deviation of T. `None` if it is not solved for, or not known: of photographs in a packed pixel
     /// format, of a solve that has not converged, and of photographs of one or two blocks of 128 x 32 px.
     pub transform_deviation: Option<TransformDeviation>,
@@ -134,11 +138,13 @@ pub struct SolutionRef<'a> {
     findings: Findings,
     /// Planes: V, its standard deviation, the residual, the fused channels.
     maps: &'a [f32],
+    /// The standard deviation of V, if it includes more than the solve knew.
+    uncertainty: Option<Vec<f32>>,
 }
 
 impl<'a> SolutionRef<'a> {
-    pub(super) fn new(findings: Findings, maps: &'a [f32]) -> Self {
-        Self { findings, maps }
+    pub(super) fn new(findings: Findings, maps: &'a [f32], uncertainty: Option<Vec<f32>>) -> Self {
+        Self { findings, maps, uncertainty }
     }
 
     fn pixels(&self) -> usize {
@@ -155,8 +161,8 @@ impl<'a> SolutionRef<'a> {
     }
 
     /// Standard deviation of V, px², as [`Solution::uncertainty`].
-    pub fn uncertainty(&self) -> &'a [f32] {
-        self.map(1)
+    pub fn uncertainty(&self) -> &[f32] {
+        self.uncertainty.as_deref().unwrap_or_else(|| self.map(1))
     }
 
     /// The residual, intensities, as [`Solution::residual`].
@@ -249,6 +255,12 @@ pub struct Timings {
     pub passes_ms: Vec<(&'static str, f64)>,
 }
 
+/// Standard deviations with another of each V added. They stay where V is not measured.
+pub(super) fn widened(deviations: &[f32], relative_blur: &[f32], by: impl Fn(f32) -> f32) -> Vec<f32> {
+    let all = |(&own, &v): (&f32, &f32)| if own < LARGEST { own.hypot(by(v)).min(LARGEST) } else { own };
+    deviations.iter().zip(relative_blur).map(all).collect()
+}
+
 /// `1/(1 + σ²)` of a standard deviation in px²: ½ at 1 px²; 0 where the images do not determine V, and for NaN.
 pub fn confidence(deviation: f32) -> f32 {
     if deviation < LARGEST { 1.0 / (1.0 + deviation * deviation) } else { 0.0 }
@@ -266,13 +278,13 @@ impl Solution {
     /// Adds the deviation of V's scale to standard deviations of V that do not include it.
     pub(crate) fn add_scale(&mut self, scale_deviation: f64) {
         self.findings.scale_deviation = scale_deviation;
-        let pixels = self.uncertainty.iter_mut().zip(&mut self.confidence).zip(&self.relative_blur);
-        for ((deviation, own), v) in pixels {
-            if *deviation < LARGEST {
-                *deviation = deviation.hypot(scale_deviation as f32 * v).min(LARGEST);
-            }
-            *own = confidence(*deviation);
-        }
+        self.widen(|v| scale_deviation as f32 * v);
+    }
+
+    /// Adds another standard deviation of each V.
+    pub(super) fn widen(&mut self, by: impl Fn(f32) -> f32) {
+        self.uncertainty = widened(&self.uncertainty, &self.relative_blur, by);
+        self.confidence = self.uncertainty.iter().map(|&deviation| confidence(deviation)).collect();
     }
 
     /// Crops the fields to a region, in their pixels. The judgement of the whole stays.

@@ -3,6 +3,7 @@
 
 use nalgebra::DMatrix;
 
+use super::channels::{CHANGES, ChannelSums};
 use super::contrast::Contrast;
 use super::effects::effects;
 use super::filter;
@@ -51,6 +52,12 @@ pub(super) struct Photograph<'a> {
 
 impl Photograph<'_> {
     fn luminance(&self, region: Region) -> Result<Field, Error> {
+        // The weights of grey pictures are not read.
+        self.sum(region, if self.format.channels == Channels::Gray { [1.0, 0.0, 0.0] } else { LUMINANCE })
+    }
+
+    /// The weighted sum of the channels.
+    fn sum(&self, region: Region, weights: [f32; 3]) -> Result<Field, Error> {
         let Format { channels, depth } = self.format;
         let count = (region.width * channels.count()) as usize;
         let row = |y: u32| {
@@ -64,8 +71,6 @@ impl Photograph<'_> {
             Depth::F32 => Samples::F32(self.rows(rows.map(row), count)?),
         };
         let frame = Frame::new(region.width, region.height, channels, samples).map_err(Error::Mismatch)?;
-        // The weights of grey pictures are not read.
-        let weights = if channels == Channels::Gray { [1.0, 0.0, 0.0] } else { LUMINANCE };
         Ok(ingest::cpu_reference(&frame, self.decode, weights))
     }
 
@@ -177,6 +182,8 @@ pub(crate) struct Gradients {
     pub(crate) steps: [Steps; 2],
     /// The noise of each photograph in each window, where it is the softer of the two.
     pub(crate) noise: [Vec<Noise>; 2],
+    /// What the channels of each window lack of V; empty if a photograph is grey.
+    pub(crate) channels: Vec<ChannelSums>,
 }
 
 impl Gradients {
@@ -190,6 +197,7 @@ impl Gradients {
             unmatched: Some(Vec::new()),
             steps: [Steps::default(); 2],
             noise: [Vec::new(), Vec::new()],
+            channels: Vec::new(),
         }
     }
 
@@ -200,6 +208,7 @@ impl Gradients {
         self.matched.extend(other.matched);
         self.steps.iter_mut().zip(&other.steps).for_each(|(sum, other)| sum.add(other));
         self.noise.iter_mut().zip(other.noise).for_each(|(all, other)| all.extend(other));
+        self.channels.extend(other.channels);
         self.unmatched = self.unmatched.take().zip(other.unmatched).map(|(sum, other)| [sum, other].concat());
     }
 }
@@ -260,16 +269,13 @@ impl Pair<'_> {
         let photographs = [i1, self.registered(part, &original, counterpart)];
         let clear = self.clear(part, &photographs, reach as usize);
         let alike = (widest <= NEARLY_ALIKE).then(|| photographs.each_ref().map(|i| separable::smoothed(i, SMOOTHING)));
-        let sides = [(&photographs[0], 1.0), (&photographs[1], -1.0)].map(|(image, sign)| {
-            // No blur where V is not valid: such places are around the window.
-            let v = |x: usize, y: usize| (sign * self.v(part.x + x as u32, part.y + y as u32)).clamp(0.0, widest);
-            let v = |x, y| Some(v(x, y)).filter(|v| v.is_finite()).unwrap_or(0.0);
-            blurred(image, &Field::from_fn(image.width, image.height, v))
-        });
+        let sides = self.sides(part, &photographs, widest);
         let smooth = sides.each_ref().map(|side| separable::smoothed(side, SMOOTHING));
+        let channels = self.channels(part, counterpart, widest, &smooth)?;
         let splines = sides.each_ref().map(spline);
         let whole = centre(self.size()[0], self.size()[1]);
         let (mut sums, mut matched, mut unmatched) = (Gradients::none(), Contrast::default(), Contrast::default());
+        let mut by_channel = ChannelSums::default();
         for (x, y) in valid {
             let place = [(f64::from(x) - whole[0]) / self.length, (f64::from(y) - whole[1]) / self.length];
             let (x, y) = ((x - part.x) as usize, (y - part.y) as usize);
@@ -288,11 +294,16 @@ impl Pair<'_> {
             let at = |side: &Field| effects(side.clamped(x, y), laplacian(side, x, y), place);
             let [first, second] = smooth.each_ref().map(at);
             add_products(&mut sums.effects, first, second);
+            if let Some(channels) = &channels {
+                let of = channels.each_ref().map(|[mean, difference]| (changes(mean, x, y), difference.clamped(x, y)));
+                by_channel.add_pixel(of.map(|(changes, _)| changes), of.map(|(_, difference)| difference));
+            }
             if let Some(alike) = &alike {
                 unmatched.add_gradients(alike.each_ref().map(|image| difference(image, x, y)));
                 unmatched.add_laplacians(alike.each_ref().map(|image| laplacian(image, x, y)));
             }
         }
+        sums.channels.extend(channels.map(|_| by_channel));
         (sums.matched, sums.unmatched, sums.steps) = (vec![matched], alike.map(|_| vec![unmatched]), steps);
         // On the pixels of each photograph: an interpolation would change its noise.
         let on_i1 = Field::from_fn(sides[0].width, sides[0].height, |x, y| sides[0].get(x, y) - sides[1].get(x, y));
@@ -310,6 +321,49 @@ impl Pair<'_> {
             vec![Noise::of(&on_i2, |x, y| is_softer(place(x, y), 1.0))],
         ];
         Ok(Some(sums))
+    }
+
+    /// I1, and I2 on its pixels, the sharper of both blurred by V, at most by `widest`.
+    fn sides(&self, part: Region, [first, second]: &[Field; 2], widest: f64) -> [Field; 2] {
+        [(first, 1.0), (second, -1.0)].map(|(image, sign)| {
+            // No blur where V is not valid: such places are around the window.
+            let v = |x: usize, y: usize| (sign * self.v(part.x + x as u32, part.y + y as u32)).clamp(0.0, widest);
+            let v = |x, y| Some(v(x, y)).filter(|v| v.is_finite()).unwrap_or(0.0);
+            blurred(image, &Field::from_fn(image.width, image.height, v))
+        })
+    }
+
+    /// The mean and the difference of both smoothed sides, by red, green and blue; `None` if a photograph is grey.
+    /// `luminance` has the smoothed sides of their sum, from which green follows.
+    fn channels(
+        &self,
+        part: Region,
+        counterpart: Region,
+        widest: f64,
+        luminance: &[Field; 2],
+    ) -> Result<Option<[[Field; 2]; 3]>, Error> {
+        if self.photographs.iter().any(|photograph| photograph.format.channels == Channels::Gray) {
+            return Ok(None);
+        }
+        let smooth = |weights: [f32; 3]| {
+            let original = self.photographs[1].sum(counterpart, weights)?;
+            let photographs = [self.photographs[0].sum(part, weights)?, self.registered(part, &original, counterpart)];
+            Ok(self.sides(part, &photographs, widest).map(|side| separable::smoothed(&side, SMOOTHING)))
+        };
+        let [red, blue] = [smooth([1.0, 0.0, 0.0])?, smooth([0.0, 0.0, 1.0])?];
+        let [of_red, of_green, of_blue] = LUMINANCE.map(f64::from);
+        let green = [0, 1].map(|n| {
+            let value =
+                |x, y| (luminance[n].get(x, y) - of_red * red[n].get(x, y) - of_blue * blue[n].get(x, y)) / of_green;
+            Field::from_fn(red[n].width, red[n].height, value)
+        });
+        Ok(Some([red, green, blue].map(|[first, second]| {
+            let of = |share: f64, sign: f64| {
+                let value = |x, y| share * (first.get(x, y) + sign * second.get(x, y));
+                Field::from_fn(first.width, first.height, value)
+            };
+            [of(0.5, 1.0), of(1.0, -1.0)]
+        })))
     }
 
     /// The difference between I1's side of a part, from its spline, and I2, on the pixels of I2's `counterpart` and in
@@ -431,6 +485,12 @@ fn difference(image: &Field, x: isize, y: isize) -> [f64; 2] {
         0.5 * (image.clamped(x + 1, y) - image.clamped(x - 1, y)),
         0.5 * (image.clamped(x, y + 1) - image.clamped(x, y - 1)),
     ]
+}
+
+/// What changes a channel at a pixel.
+fn changes(image: &Field, x: isize, y: isize) -> [f64; CHANGES] {
+    let [dx, dy] = difference(image, x, y);
+    [0.5 * laplacian(image, x, y), dx, dy, image.clamped(x, y), 1.0]
 }
 
 fn laplacian(image: &Field, x: isize, y: isize) -> f64 {

@@ -120,6 +120,50 @@ fn pictures_whose_brightness_or_noise_stands_for_blur_do_not_determine_v() {
     }
 }
 
+#[test]
+fn a_lens_that_focuses_colors_apart_is_named_and_counts_in_sigma() {
+    let engine = TestEngine::on_any();
+    let transform = Similarity::new(1.3, -0.9, 0.15, 1.01);
+    for (size, seed) in [([160, 128], 2), ([224, 160], 3)] {
+        let solve = |shifts: [f64; 3]| {
+            let blur = slanted(size[0]);
+            let channel = |c: usize| {
+                let shifted = |x| [blur(x)[0] + 1.5 - 0.5 * shifts[c], blur(x)[1] + 1.5 + 0.5 * shifts[c]];
+                pair_of(&Radiance::new(seed), size, transform, shifted, 0.003, 10 * seed + c as u64)
+            };
+            let planes = [0, 1, 2].map(channel);
+            let frames = [0, 1].map(|n| {
+                let values = planes.each_ref().map(|pair| luminance(&pair[n]));
+                let pixel = |i: usize| [0, 1, 2].map(|c| values[c][i] as f32);
+                let samples = (0..values[0].len()).flat_map(pixel).collect();
+                Frame::new(size[0], size[1], Channels::Rgb, Samples::F32(samples)).unwrap()
+            });
+            engine.solve(frames.each_ref(), &Settings::default())
+        };
+        // V by green, and the share of pixels that are off by more than three standard deviations.
+        let beyond = |solution: &Solution| {
+            let pixels = solution.relative_blur.iter().zip(&solution.uncertainty).enumerate();
+            let measured = pixels.filter(|(_, (v, deviation))| v.is_finite() && **deviation < 2.0);
+            let off = measured.map(|(i, (v, deviation))| {
+                let [first, second] = slanted(size[0])([(i % size[0] as usize) as f64, 0.0]);
+                (f64::from(*v) - (second - first)).abs() > 3.0 * f64::from(*deviation)
+            });
+            let off: Vec<bool> = off.collect();
+            assert!(off.len() > size[0] as usize * 64);
+            off.iter().filter(|off| **off).count() as f64 / off.len() as f64
+        };
+        let shifted = solve([1.4, 0.0, -1.0]);
+        let (found, said) = (shifted.color_shift.unwrap(), shifted.warnings.join("\n"));
+        assert!((found.red - 1.4).abs() < 0.15 && (found.blue + 1.0).abs() < 0.15, "{size:?}: {found:?}");
+        assert!(shifted.converged && said.contains("focuses colours apart"), "{size:?}: {said}");
+        assert!(beyond(&shifted) < 0.02, "{size:?}: {}", beyond(&shifted));
+        let alike = solve([0.0; 3]);
+        let found = alike.color_shift.unwrap();
+        assert!(found.included == 0.0 && found.red.abs() < 0.1 && found.blue.abs() < 0.1, "{size:?}: {found:?}");
+        assert!(alike.warnings.is_empty(), "{size:?}: {:?}", alike.warnings);
+    }
+}
+
 /// The frame in 8 bits by the sRGB curve, compressed as JPEG with a quality of 1 to 100, or not.
 fn compressed(frame: &Frame, quality: Option<u8>) -> Frame {
     let stored = |v: &f64| {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::scale::Nearer;
 use crate::base::{DeviceInfo, Lens, Method, Region, Settings};
-use crate::engine::{OtherMotion, Registered, Solution, TransformDeviation};
+use crate::engine::{ColorShift, OtherMotion, Registered, Solution, TransformDeviation};
 use crate::files::bounded_read::Hash;
 use crate::files::image_io::{self, Input, Values};
 use crate::solve::sweep::{Positions, RegisteredSweep, Sweep};
@@ -99,6 +99,9 @@ pub struct Report {
     /// The standard deviation of the scale of V of a pair, as a share of V. The uncertainty includes it.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub scale_deviation: Option<f64>,
+    /// By how much V of a pair differs between the channels of its photographs, if that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub color_shift: Option<ColorShift>,
     /// Range of V of a pair, px².
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relative_blur: Option<RangeReport>,
@@ -229,6 +232,7 @@ impl Report {
             separation: solution.separation,
             parallax: ParallaxReport::of(solution),
             scale_deviation: Some(solution.scale_deviation),
+            color_shift: solution.color_shift,
             relative_blur: Some(RangeReport::of(&solution.relative_blur)),
             valid_fraction: Some(solution.valid_fraction),
             mean_confidence: Some(solution.mean_confidence),
