@@ -33,6 +33,8 @@ layout(push_constant) uniform Constants {
     float length;                    // L, the length that places are divided by, pixels
     float centre[2];
     float shown[4];                  // left, top, right and bottom of the area that both frames show, pixels
+    float baseline[2];               // parallax of the other frame minus that of the sharper one, pixels per setting
+    float per_u;                     // 0; or for sums of a step of parallax, u times this is the displacement by its unknown
 };
 
 #include "tiles.glsl"
@@ -64,16 +66,25 @@ vec4 pixel(ivec2 x, inout Sums sums) {
     float n = 1.0 + grain / (grain + v), slope = -grain / ((grain + v) * (grain + v)), root = inversesqrt(n);
     float left = blurred.value - imageLoad(aligned, ivec3(x, other)).r, s = root * left;
     float by_v = root * (blurred.slope - 0.5 * left * slope / n);
-    float v_by_u = -2.0 * rate * (other_setting - own_setting), by_u = v_by_u * by_v, by_rate = by_v * v;
+    vec2 j = -root * blurred.gradient, moves = vec2(baseline[0], baseline[1]);
+    float v_by_u = -2.0 * rate * (other_setting - own_setting), by_u = v_by_u * by_v + dot(moves, j), by_rate = by_v * v;
     float share = 1.0 / (1.0 + 4.0 * max(before - limit, 0.0) / limit), w = share * inversesqrt(s * s + eta * eta);
-    vec2 j = -root * blurred.gradient;
+    vec2 place = (vec2(x) - vec2(centre[0], centre[1])) / length;
+    if (per_u != 0.0) {
+        float d = per_u * u;
+        vec3 n = d * product(w, j);
+        add_pixel(sums, n, d * w * s * j, 0.0, place, 0.0);
+        sums.roughness += d * n.xy;
+        sums.spread += d * n.z;
+        return vec4(0.0);
+    }
     if (STAYS) {
         sums.valid += share;
-        float of_noise = 0.5 * grain / (n * (grain + v) * (grain + v) * (grain + v)) * v_by_u * v_by_u;
+        float of_noise = 0.5 * grain / (n * (grain + v) * (grain + v)) * (v_by_u * v_by_u / (grain + v) + dot(moves, moves));
         float variance = s * s * (1.0 + 0.5 * log(1.0 + s * s / (eta * eta)));
         return w * vec4(by_u * by_u, -by_u * s, of_noise, of_noise * variance);
     }
-    add_pixel(sums, product(w, j), w * s * j, w * s * s, (vec2(x) - vec2(centre[0], centre[1])) / length, share);
+    add_pixel(sums, product(w, j), w * s * j, w * s * s, place, share);
     sums.roughness += w * by_rate * vec2(by_rate, s);
     return w * by_u * vec4(by_u, -s, by_rate, 0.0);
 }

@@ -62,7 +62,7 @@ pub use solve::{PairSolver, QueueFull, SolveOptions, Stream};
 
 /// The types of [`Settings`], [`EngineOptions`] and [`SolveOptions`].
 pub mod settings {
-    pub use crate::base::{Decode, DeviceInfo, Kernel, Method, Motion, Photometric, RegistrationStep};
+    pub use crate::base::{Decode, DeviceInfo, Kernel, Method, Motion, ParallaxSearch, Photometric, RegistrationStep};
     pub use crate::engine::KeyPoints;
     pub use crate::solve::FieldCurvature;
 }

@@ -7,7 +7,7 @@ use common::scene::{Exposures, displaced, exposed, pair, pair_by, slanted};
 use common::{TestEngine, assert_transform, blur_error, real_pair};
 use parfocal::{
     Frame, Settings, Solution,
-    settings::{Decode, Method, Photometric},
+    settings::{Decode, Method, ParallaxSearch, Photometric},
     transform::{Homography, Parallax, Similarity},
 };
 
@@ -78,7 +78,7 @@ fn a_camera_that_moves_costs_no_accuracy() {
         println!("{rms:.3} px² rms, {:?}, σ {:?}", solution.parallax, solution.parallax_deviation);
         (rms, solution)
     };
-    let sought = Settings { parallax: true, ..Settings::default() };
+    let sought = Settings { parallax: ParallaxSearch::On, ..Settings::default() };
     let (still, solution) = solve(Parallax::NONE, &sought);
     assert_eq!(solution.parallax, Parallax::NONE);
     // 3.4 px from the nearest to the farthest, and at a border 0.6 px more.

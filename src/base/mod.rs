@@ -66,6 +66,6 @@ pub use mask::Mask;
 pub(crate) use pixel_format::{Order, Packing};
 pub use pixel_format::{PixelFormat, RowLayout};
 pub use region::Region;
-pub use settings::{Method, Motion, Parallax, Photometric, RegistrationStep, Setting, Settings};
+pub use settings::{Method, Motion, Parallax, ParallaxSearch, Photometric, RegistrationStep, Setting, Settings};
 pub use statistics::Estimate;
 pub use transform::{Homography, Similarity, centre};

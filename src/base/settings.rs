@@ -59,6 +59,19 @@ choices! {
     }
 }
 
+choices! {
+    /// Whether parallax is found, of a camera that moved.
+    pub enum ParallaxSearch {
+        /// Of the frames of a sweep, not of a pair
+        #[default]
+        Auto = "auto",
+        /// Of a pair too
+        On = "on",
+        /// Of neither
+        Off = "off",
+    }
+}
+
 /// Parallax of a camera that moved between the photographs: a pixel x with relative blur V is displaced by
 /// `(across + along (x - c)) V` before T maps it, c being the image centre. Linear in V, since both are linear in one
 /// over the distance.
@@ -222,7 +235,7 @@ macro_rules! named_values {
     )* };
 }
 
-named_values!(Method, Motion, RegistrationStep, Decode);
+named_values!(Method, Motion, RegistrationStep, ParallaxSearch, Decode);
 
 /// `None` is "auto".
 impl<T: Value + Display> Value for Option<T> {
@@ -361,9 +374,9 @@ settings! {
     /// The summary says when a simpler model explains as much or a richer one more. SIFT finds a similarity at most.
     motion: Motion = Motion::Similarity, flag "Registration" "MODEL";
     /// Whether parallax is found, of a camera that moved between the photographs.
-    /// Near things are then displaced against far ones, in proportion to V. Not the default: of a surface that is nearly a
-    /// plane a richer motion model and parallax explain the same, and a part of the scene that moved can pass for it.
-    parallax: bool = false, flag "Registration" "on|off";
+    /// Near things are then displaced against far ones, in proportion to V. auto finds it in sweeps. Of a pair, where it is
+    /// nearly a plane, a richer motion model and parallax explain the same, and a part that moved can pass for parallax.
+    parallax: ParallaxSearch = ParallaxSearch::Auto, flag "Registration" "WHERE";
     /// How T is updated in each outer iteration.
     registration_step: RegistrationStep = RegistrationStep::GaussNewton, flag "Registration" "STEP";
     /// Whether gain, offset and shading of the two images are matched.

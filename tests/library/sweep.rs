@@ -1,5 +1,6 @@
 //! Tests of focus sweeps: a slope rendered in closed form, through a lens that breathes and drifts.
 
+use parfocal::internals::scene::{Preset, Scene, SweepScene};
 use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
     Frame, Settings, SolveOptions, SweepSolver,
@@ -110,4 +111,31 @@ fn descending_settings_are_solved() {
     let settings: Vec<f64> = (0..FRAMES).map(|n| 6.0 - n as f64).collect();
     let [error, ..] = errors_inside(&solve(&settings, &frames(&settings, 0.005)));
     assert!(error < 0.06, "{error}");
+}
+
+/// A camera that moves from frame to frame displaces near against far things: the displacement is found, and u is as
+/// certain as without movement.
+#[test]
+fn the_parallax_of_a_camera_that_moves_is_found() {
+    // What is in focus at the last of 9 settings moves by 5.7 px against what is at the first.
+    let moves = [4.8, -3.0];
+    let by_moves = [[0.0; 2], moves].map(|camera_moves| {
+        let scene = Scene { width: 240, height: 176, noise: 0.003, camera_moves, ..Preset::Blocks.scene() };
+        let simulated = SweepScene::new(scene, 9).render().unwrap();
+        let mut solver = SweepSolver::new(&TestEngine::on_any(), &SweepOptions::default()).unwrap();
+        let sweep = solver.solve(&simulated.frames, &SolveOptions::default()).unwrap();
+        let off = |(u, truth): (&f32, &f32)| (u - truth).abs() > 0.5;
+        let wrong = sweep.focus.iter().zip(&simulated.focus).filter(|pair| off(*pair)).count();
+        (sweep.parallax.clone(), wrong as f64 / sweep.focus.len() as f64)
+    });
+    let [(still, wrong_of_still), (moved, wrong)] = by_moves;
+    println!("{moved:.3?}; wrong {wrong_of_still:.3} {wrong:.3}");
+    assert!(still.iter().all(|px| *px == [0.0; 2]), "{still:?}");
+    // The camera moves evenly, and the scene lies between the settings 0.8 and 7.2. Steps of parallax are damped, and few.
+    for (c, px) in moves.into_iter().enumerate() {
+        let slope: f64 = moved.iter().enumerate().map(|(n, moves)| (n as f64 - 4.0) * moves[c]).sum::<f64>() / 60.0;
+        let found = slope.abs() * 8.0 * 6.4;
+        assert!((found - px.abs()).abs() < 0.1 * px.abs(), "{found} {px}");
+    }
+    assert!(wrong < 1.3 * wrong_of_still + 0.003, "{wrong} {wrong_of_still}");
 }

@@ -94,6 +94,16 @@ typedef enum {
   PARFOCAL_GRADIENT_DESCENT = 1,
 } parfocal_registration_step;
 
+// Whether parallax is found, of a camera that moved.
+typedef enum {
+  // Of the frames of a sweep, not of a pair.
+  PARFOCAL_PARALLAX_AUTO = 0,
+  // Of a pair too.
+  PARFOCAL_PARALLAX_ON = 1,
+  // Of neither.
+  PARFOCAL_PARALLAX_OFF = 2,
+} parfocal_parallax_search;
+
 // The shape of the blur kernel.
 typedef enum {
   // Estimated from the photographs, between Gaussian and disk.
@@ -250,7 +260,7 @@ typedef struct {
   uint32_t keep_frames;
   // 1: depth edges are as sharp as the scene's, where two layers explain the photographs better.
   uint32_t edges;
-  // 1: find the parallax of a camera that moved between the photographs of a pair. 0, the default: it is taken for blur.
+  // A parfocal_parallax_search: whether the parallax of a camera that moved between the photographs is found.
   uint32_t parallax;
 } parfocal_settings;
 
@@ -734,6 +744,12 @@ parfocal_status parfocal_sweep_get(const parfocal_sweep *sweep, parfocal_sweep_v
 parfocal_status parfocal_sweep_transform(const parfocal_sweep *sweep,
                                          uint32_t frame,
                                          double *transform);
+
+// Writes the parallax of a frame, counted from 0, of a camera that moved: two numbers, to the right and downwards, px per setting.
+// What is in focus at u is displaced by (u - m) times this before T, m being the middle between the first and the last position.
+parfocal_status parfocal_sweep_parallax(const parfocal_sweep *sweep,
+                                        uint32_t frame,
+                                        double *parallax);
 
 // Resamples another photograph, taken like one frame, onto the pixels of the results, as parfocal_solution_apply. frame counts
 // from 0.

@@ -281,6 +281,12 @@ class Sweep {
     detail::check(parfocal_sweep_transform(handle_.get(), frame, rows.data()));
     return rows;
   }
+  /// Parallax of a frame, counted from 0, to the right and downwards, px per setting.
+  std::array<double, 2> parallax(std::uint32_t frame) const {
+    std::array<double, 2> moves{};
+    detail::check(parfocal_sweep_parallax(handle_.get(), frame, moves.data()));
+    return moves;
+  }
   /// Resamples another photograph, taken like one frame (counted from 0), onto the pixels of the results.
   template <class T>
   std::vector<T> apply(std::uint32_t frame, const Image &image, bool exposure = false) const {

@@ -3,7 +3,7 @@
 use parfocal::{
     Frame, Settings,
     frame::Depth,
-    settings::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep},
+    settings::{Decode, Kernel, Method, Motion, ParallaxSearch, Photometric, RegistrationStep},
     transform::Homography,
 };
 
@@ -44,6 +44,18 @@ pub enum parfocal_registration_step {
     PARFOCAL_GAUSS_NEWTON = 0,
     /// The paper's explicit scheme, for comparison.
     PARFOCAL_GRADIENT_DESCENT = 1,
+}
+
+/// Whether parallax is found, of a camera that moved.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub enum parfocal_parallax_search {
+    /// Of the frames of a sweep, not of a pair.
+    PARFOCAL_PARALLAX_AUTO = 0,
+    /// Of a pair too.
+    PARFOCAL_PARALLAX_ON = 1,
+    /// Of neither.
+    PARFOCAL_PARALLAX_OFF = 2,
 }
 
 /// The shape of the blur kernel.
@@ -126,7 +138,7 @@ pub struct parfocal_settings {
     pub keep_frames: u32,
     /// 1: depth edges are as sharp as the scene's, where two layers explain the photographs better.
     pub edges: u32,
-    /// 1: find the parallax of a camera that moved between the photographs of a pair. 0, the default: it is taken for blur.
+    /// A parfocal_parallax_search: whether the parallax of a camera that moved between the photographs is found.
     pub parallax: u32,
 }
 
@@ -161,7 +173,7 @@ unsafe impl Versioned for parfocal_settings {
             start_offset: s.start_photometric.offset,
             fused: s.fused.into(),
             edges: s.edges.into(),
-            parallax: s.parallax.into(),
+            parallax: s.parallax as u32,
             keep_frames: s.keep_frames.into(),
         }
     }
@@ -232,7 +244,7 @@ fn settings(stated: &parfocal_settings) -> Result<Settings, Fault> {
         start_photometric: Photometric { gain: stated.start_gain, offset: stated.start_offset },
         fused: one_of("fused", stated.fused, &[false, true])?,
         edges: one_of("edges", stated.edges, &[false, true])?,
-        parallax: one_of("parallax", stated.parallax, &[false, true])?,
+        parallax: one_of("parallax", stated.parallax, &ParallaxSearch::ALL)?,
         keep_frames: one_of("keep_frames", stated.keep_frames, &[false, true])?,
     })
 }

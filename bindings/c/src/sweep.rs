@@ -249,6 +249,22 @@ pub unsafe extern "C" fn parfocal_sweep_transform(
     })
 }
 
+/// Writes the parallax of a frame, counted from 0, of a camera that moved: two numbers, to the right and downwards, px per setting.
+/// What is in focus at u is displaced by (u - m) times this before T, m being the middle between the first and the last position.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn parfocal_sweep_parallax(
+    sweep: *const parfocal_sweep,
+    frame: u32,
+    parallax: *mut f64,
+) -> parfocal_status {
+    call(|| {
+        // SAFETY: by the C contract.
+        let (sweep, out) = unsafe { (get(sweep, "sweep")?, slice_mut(parallax, 2, "parallax")?) };
+        out.copy_from_slice(&sweep.sweep.parallax[nth_frame(sweep, frame)?]);
+        Ok(())
+    })
+}
+
 /// Resamples another photograph, taken like one frame, onto the pixels of the results, as parfocal_solution_apply. frame counts
 /// from 0.
 #[unsafe(no_mangle)]

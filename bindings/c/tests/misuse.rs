@@ -64,6 +64,7 @@ fn null_is_reported_or_ignored() {
             parfocal_sweep_solve(null(), null(), 0, null(), null(), null(), &raw mut sweep),
             parfocal_sweep_get(null(), null_mut()),
             parfocal_sweep_transform(null(), 0, null_mut()),
+            parfocal_sweep_parallax(null(), 0, null_mut()),
             parfocal_sweep_apply(null(), 0, null(), 0, null_mut(), 0),
             parfocal_measure_step(null(), 4, 4, region, region, null_mut()),
             parfocal_measure_profile(null(), 4, 4, 0.0, 0.0, 3.0, 0.0, 1.0, null_mut(), 4),

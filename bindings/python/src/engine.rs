@@ -414,6 +414,7 @@ fn of_sweep(py: Python<'_>, s: Sweep) -> PyResult<Bound<'_, PyDict>> {
     result.set_item("brightness", bright.collect::<PyResult<Vec<_>>>()?)?;
     let transforms = s.transforms.iter().map(|t| matrix(py, t)).collect::<PyResult<Vec<_>>>()?;
     result.set_item("transforms", transforms)?;
+    result.set_item("parallax", s.parallax.clone())?;
     result.set_item("region", <[u32; 4]>::from(s.region))?;
     result.set_item("photograph", s.photograph)?;
     result.set_item("focus", field(py, s.focus, size)?)?;

@@ -6,7 +6,7 @@ use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use parfocal::{
     Frame, Settings,
     metric::Aperture,
-    settings::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep},
+    settings::{Decode, Kernel, Method, Motion, ParallaxSearch, Photometric, RegistrationStep},
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -45,6 +45,7 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
         "method" => s.method = one_of(value, &[Method::Unified, Method::Aligned, Method::Appearance], |m| m.name())?,
         "kernel" => s.kernel = kernel(value)?,
         "motion" => s.motion = one_of(value, &Motion::ALL, |m| m.name())?,
+        "parallax" => s.parallax = one_of(value, &ParallaxSearch::ALL, |search| search.name())?,
         "registration_step" => s.registration_step = one_of(value, &RegistrationStep::ALL, |step| step.name())?,
         "decode" => {
             s.decode = one_of(value, &Decode::ALL, |decode| decode.name())?;

@@ -198,7 +198,7 @@ def test_every_setting_is_a_keyword_argument(engine, result):
         registration_step="gauss-newton",
         photometric=True,
         edges=True,
-        parallax=False,
+        parallax="auto",
         fused=True,
         keep_frames=False,
         decode="auto",

@@ -84,8 +84,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "S", help_heading = MISALIGNMENT)]
     scale: Option<f64>,
 
-    /// By how much a camera that moved displaces near against far things, px to the right and down (-40 to 40), for card,
-    /// blocks and bars [default: 0,0]
+    /// By how much a camera that moved displaces near against far things in I2, or from the first to the last frame of a
+    /// sweep, px to the right and down (-40 to 40), for card, blocks and bars [default: 0,0]
     #[arg(long, value_name = "X,Y", help_heading = MISALIGNMENT, allow_hyphen_values = true, value_parser = translation)]
     camera_moves: Option<[f64; 2]>,
 
@@ -319,7 +319,6 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
         (files, is_image, "--radiance, --depth and --relative-blur", "image"),
         (a.lens.is_given(), has_lens, "the lens", "cylinders, card, blocks and bars, and for image with --depth"),
         (a.camera_moves.is_some(), has_layers, "--camera-moves", "card, blocks and bars"),
-        (a.camera_moves.is_some(), is_pair, "--camera-moves", pairs),
         (a.range.is_some(), is_pair, "--range", pairs),
         (a.lens.is_given(), is_pair || is_image, "the lens", pairs),
         (a.translation.is_some(), is_pair, "--translation", "pairs; a sweep has --drift"),

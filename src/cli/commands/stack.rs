@@ -97,6 +97,7 @@ fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> S
         format!("focus      {focus}; {:.1} % of the frame", 100.0 * valid),
         format!("blur       grows by {rate:.4} px² per squared distance from the focus ({unit})"),
     ];
+    lines.extend(parallax(report));
     lines.extend(most_clipped(report));
     lines.extend(never_in_focus(report));
     lines.extend(report.depth.as_ref().map(|report| format!("depth      {}", depth_range(report))));
@@ -129,6 +130,16 @@ fn near_and_far(report: &Report, palette: Palette) -> String {
         Some(NearerBy::Distances) => format!("{ends} focused nearest (distances)"),
         _ => format!("{ends} taken as focused nearest; --nearer {other} swaps them"),
     }
+}
+
+/// How far near things are displaced against far ones between two frames at most.
+fn parallax(report: &Report) -> Option<String> {
+    let range = report.focus.as_ref().and_then(|focus| Some(f64::from(focus.max? - focus.min?)))?;
+    let all: Vec<[f64; 2]> = report.frames.iter().filter_map(|frame| frame.parallax).collect();
+    let between = all.iter().flat_map(|a| all.iter().map(move |b| (a[0] - b[0]).hypot(a[1] - b[1])));
+    let px = range * between.fold(0.0, f64::max);
+    let text = format!("parallax   the camera moved: near things are displaced against far ones by up to {px:.1} px");
+    (px > 0.0).then_some(text)
 }
 
 /// The frame with the most clipped pixels, if any are.

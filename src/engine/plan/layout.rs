@@ -166,9 +166,10 @@ impl Plan {
             image(Slot::UncertaintyTerms, [1; 2], uncertainty_terms::STORED as u32),
         ]);
         list.extend(self.pyramid.iter().map(|level| image(Slot::Frames { level: level.index }, level.size, frames)));
-        // The sums of all half-pairs, four of a frame at most on either side.
+        // The sums of all half-pairs, four of a frame at most on either side, and of parallax as many again.
         let [columns, rows, _] = half_pair::tiles(self.size);
-        let half_pairs = 8 * u64::from(frames) * u64::from(columns * rows) * 4 * Layout::of(true).length as u64;
+        let row = 4 * Layout::of(self.projective()).length as u64;
+        let half_pairs = 16 * u64::from(frames) * u64::from(columns * rows) * row;
         let [columns, rows, _] = system_tiles::tiles(self.size);
         let steps = 4 * (system::SUMS as u64) * u64::from(columns * rows);
         // A bit a frame.

@@ -1,6 +1,8 @@
 //! The plan of a solve: levels of the pyramid, filters, and what each iteration does.
 
-use crate::base::{Channels, DeviceInfo, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
+use crate::base::{
+    Channels, DeviceInfo, Error, Format, Kernel, Method, Motion, ParallaxSearch, PixelFormat, Settings, centre,
+};
 use crate::engine::filter::{self, Filter};
 use crate::engine::shaders::filter::TAPS;
 use crate::engine::slot::Slot;
@@ -238,7 +240,8 @@ impl Plan {
     /// Whether T and the parallax are stepped together before iteration k of a level: before those after which it may
     /// settle. Not on the coarsest level, where blur hardly shows the sign of V, which the parallax then would choose.
     pub(crate) fn steps_parallax(&self, level: &Level, k: u32) -> bool {
-        let is_free = self.settings.parallax && self.solves_transform() && level.index + 1 < self.solved;
+        let is_free =
+            self.settings.parallax == ParallaxSearch::On && self.solves_transform() && level.index + 1 < self.solved;
         is_free && k % 2 == 1 && parallax_windows::fits(level.size)
     }
 

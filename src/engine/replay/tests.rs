@@ -2,8 +2,8 @@
 
 use super::{Device, ReplaySolve, replay_on};
 use crate::base::{
-    Channels, Decode, Depth, Frame, Kernel, Mask, Method, Motion, Parallax, Photometric, RegistrationStep, Samples,
-    Settings, Similarity,
+    Channels, Decode, Depth, Frame, Kernel, Mask, Method, Motion, Parallax, ParallaxSearch, Photometric,
+    RegistrationStep, Samples, Settings, Similarity,
 };
 use crate::engine::plan::Plan;
 use crate::engine::script::{CountedPixels, compose};
@@ -21,9 +21,10 @@ fn run_all(replay: ReplaySolve<'_>) {
         pair.run(replay);
     }
     let settings = Settings { outer_iterations: 5, ..Settings::default() };
-    run_sweep(replay, [103, 77], 5, settings.clone());
+    run_sweep(replay, [103, 77], 5, [0.0; 2], settings.clone());
+    run_sweep(replay, [99, 70], 5, [4.0, -3.0], settings.clone());
     let settings = Settings { kernel: Kernel::Pillbox, motion: Motion::Homography, ..settings };
-    run_sweep(replay, [67, 53], 4, settings);
+    run_sweep(replay, [67, 53], 4, [0.0; 2], settings);
 }
 
 /// A pair of a scene. It has a flat region at the border, clipped pixels, and perhaps a mask that touches a border.
@@ -83,7 +84,7 @@ impl Pair {
 
 fn pairs() -> [Pair; 6] {
     let (gray, rgb) = (Channels::Gray, Channels::Rgb);
-    let settings = Settings { outer_iterations: 6, parallax: true, ..Settings::default() };
+    let settings = Settings { outer_iterations: 6, parallax: ParallaxSearch::On, ..Settings::default() };
     let parallax = Parallax { across: [0.05, -0.03], along: 2e-4 };
     let of = |preset, size, format, settings: Settings| Pair {
         size,
@@ -165,9 +166,15 @@ fn pairs() -> [Pair; 6] {
     ]
 }
 
-/// A sweep with a mask.
-fn run_sweep(replay: ReplaySolve<'_>, [width, height]: [u32; 2], frames: usize, settings: Settings) {
-    let scene = Scene { width, height, noise: 0.003, ..Preset::Card.scene() };
+/// A sweep with a mask, by a camera that moves.
+fn run_sweep(
+    replay: ReplaySolve<'_>,
+    [width, height]: [u32; 2],
+    frames: usize,
+    camera_moves: [f64; 2],
+    settings: Settings,
+) {
+    let scene = Scene { width, height, noise: 0.003, camera_moves, ..Preset::Card.scene() };
     let frames = SweepScene { drift: 2.0, gain_drift: 0.03, ..SweepScene::new(scene, frames) }.render().unwrap().frames;
     let engine = Engine::new(&EngineOptions { device: Some("cpu".into()), ..EngineOptions::default() }).unwrap();
     let options = SweepOptions { settings, ..SweepOptions::default() };
@@ -175,7 +182,11 @@ fn run_sweep(replay: ReplaySolve<'_>, [width, height]: [u32; 2], frames: usize, 
     let picture = (0..width * height).map(|n| f32::from(n % width > 9)).collect();
     let mask = Some(Mask::from_image(&Frame::gray(width, height, picture).unwrap()));
     let options = SolveOptions { mask, ..SolveOptions::default() };
-    replay(0, &mut || drop(solver.solve(&frames, &options).unwrap()));
+    replay(0, &mut || {
+        let sweep = solver.solve(&frames, &options).unwrap();
+        let has_parallax = sweep.parallax.iter().any(|moves| *moves != [0.0; 2]);
+        assert_eq!(has_parallax, camera_moves != [0.0; 2]);
+    });
 }
 
 macro_rules! devices {

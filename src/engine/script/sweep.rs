@@ -78,6 +78,8 @@ pub(crate) struct HalfPairs {
     pub(crate) sharper: u32,
     /// The other frames.
     pub(crate) others: Vec<half_pair::Constants>,
+    /// The same pairs once more, for the step of parallax; none without it.
+    pub(crate) of_parallax: Vec<half_pair::Constants>,
     /// The cells where the frame can be the sharper.
     pub(crate) needed: NeededCells,
 }
@@ -97,14 +99,14 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], regis
         s.empty(Slot::Stacks, plan.size, 0..plan.layers_of(&plan.pyramid[0]));
         s.empty(Slot::Scratch, plan.size, 0..1);
         let variant = half_pair::variant(plan.slopes(), registration == RegistrationStep::Held, plan.projective());
-        for HalfPairs { sharper, others, needed } in frames {
+        for HalfPairs { sharper, others, of_parallax, needed } in frames {
             s.want(needed.clone());
             let Some((listed, grid)) = s.list(half_pair::TILE, 0) else { continue };
             s.spline(level, (Slot::Aligned, *sharper), (Slot::Stacks, 0));
             for layer in 1..plan.layers_of(level) {
                 s.stack_layer(level, 0..1, layer);
             }
-            for constants in others {
+            for constants in others.iter().chain(of_parallax) {
                 let bindings = half_pair::Bindings::on(level.index);
                 s.dispatch(bindings, &half_pair::Constants { listed, ..*constants }, variant, grid);
             }
@@ -146,12 +148,13 @@ pub(crate) fn begin_outlines(plan: &Plan) -> Script {
 /// Moves the outlines of u on a level.
 pub(crate) fn outlines(plan: &Plan, Outlines { level, search, frames, pairs }: &Outlines) -> Script {
     script(plan, level.index, |s| {
-        for (frame, constants) in frames {
-            s.aligned(level, *frame, constants, (Slot::Aligned, *frame));
-        }
         let [first, last] = [edge::COSTS, edge::REVERSED_COSTS].map(|n| n as u32);
         s.empty(Slot::Stacks, level.size, first..last + 1);
         s.outlines(level, search, |s, cells| {
+            // Parallax follows u, which is on the level by now.
+            for (frame, constants) in frames {
+                s.aligned(level, *frame, constants, (Slot::Aligned, *frame));
+            }
             for constants in pairs {
                 s.edge_costs(level, [Slot::Aligned.read(); 2], constants, edge_costs::SWEEP, cells);
             }

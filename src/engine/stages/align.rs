@@ -1,9 +1,10 @@
-//! Resamples a frame of a sweep onto the reference's pixels and matches its brightness.
+//! Resamples a frame of a sweep onto the reference's pixels, by T and by the parallax of u, and matches its brightness.
 
 use super::pass::{Memory, Pass};
-use super::segments::SEGMENT;
-use super::state::Double;
+use super::segments::{SEGMENT, segment};
+use super::state::{Displacement, Double};
 use super::{Number, Raster, spline, warp};
+use crate::base::Parallax;
 use crate::engine::vulkan::Variant;
 
 pub use super::interface::align::*;
@@ -11,19 +12,24 @@ pub use super::interface::align::*;
 impl Pass for Bindings {
     fn run<N: Number>(&self, c: &Constants, _variant: Variant, memory: &mut Memory<N>) {
         let reused = memory.take_layer(self.aligned, c.layer as usize);
-        let aligned = cpu_reference(reused, c, memory.layer(self.spline, 0));
+        let aligned = cpu_reference(reused, c, memory.layer(self.spline, 0), memory.layer(self.focus, 0));
         memory.set_layer(self.aligned, c.layer as usize, aligned);
     }
 }
 
 /// The frame on the reference's pixels, in the memory of a raster. Beyond its border it repeats the border.
-fn cpu_reference<N: Number>(reused: Raster<N>, c: &Constants, spline: &Raster<N>) -> Raster<N> {
+fn cpu_reference<N: Number>(reused: Raster<N>, c: &Constants, spline: &Raster<N>, focus: &Raster<N>) -> Raster<N> {
     let (r, centre) = (c.registration.double(), c.centre.map(f64::from));
     let shading = c.shading.double();
+    // u takes the place of V, which is in px² of the full-size image.
+    let across = c.parallax.map(|px| f64::from(px) / f64::from(c.factor));
+    let parallax = Parallax { across, along: 0.0 };
     let size = [c.width as usize, c.height as usize];
     warp::displaced(
         reused.of_size(size),
-        (&r, c.factor.into(), centre),
+        Displacement { r: &r, parallax, factor: c.factor.into(), centre },
+        #[inline(always)]
+        |[x, y]| segment(&focus.row(y)[x..]),
         #[inline(always)]
         |at, d| {
             let mut values = [N::default(); SEGMENT];

@@ -18,6 +18,15 @@
 //! of variance 1. The other is for noise as large as S: the mean of `w S² (1 + ½ ln(1 + S²/η²))` is within a tenth of
 //! the mean of w times that of S².
 //!
+//! Where the camera moved, frame k is read at `T (x + p_k u)`. The derivative by u is then that by blur and by place:
+//!
+//! ```text
+//! S_u = S_V dV/du + ∇S (p_j - p_i),  ∇S by the place in frame j
+//! ```
+//!
+//! A second run on the same pair makes the sums of a step of p instead: those with w ∇S ∇Sᵀ u and w ∇S S u in the place of
+//! the step of T, and of w ∇S ∇Sᵀ u² in that of the roughness and the spread.
+//!
 //! f, px², is the correlation of noise that pixel and low pass leave. Section 11 of `docs/method.md`.
 
 use super::pass::{Memory, Pass};
@@ -101,6 +110,7 @@ pub(crate) fn cpu_reference<N: Number>(
     };
     let [rate, grain, eta, limit, far] = [c.rate, c.grain, c.eta, c.limit, c.far].map(f64::from);
     let settings = [c.own_setting, c.other_setting].map(f64::from);
+    let (moves, per_u) = (c.baseline.map(f64::from), f64::from(c.per_u));
     let lines = rows::map(system.each_mut().map(Rows::from), |y, mut system| {
         let mut line = Line::default();
         for x in 0..focus.width {
@@ -120,18 +130,27 @@ pub(crate) fn cpu_reference<N: Number>(
             let root = 1.0 / n.sqrt();
             let left = blurred.value - other.get(x, y);
             let (s, by_v) = (root * left, root * (blurred.slope - 0.5 * left * slope / n));
+            let [jx, jy] = [blurred.dx, blurred.dy].map(|d| -root * d);
             let v_by_u = -2.0 * rate * (settings[1] - settings[0]);
-            let (by_u, by_rate) = (v_by_u * by_v, by_v * v);
+            let (by_u, by_rate) = (v_by_u * by_v + moves[0] * jx + moves[1] * jy, by_v * v);
             // A frame that is far out of focus has little texture left: mostly noise.
             let share = 1.0 / (1.0 + 4.0 * (before - limit).max(0.0) / limit);
             let w = share / (s * s + eta * eta).sqrt();
-            let [jx, jy] = [blurred.dx, blurred.dy].map(|d| -root * d);
+            let place = (x as f64 - f64::from(c.centre[0])) / f64::from(c.length);
+            if per_u != 0.0 {
+                let d = per_u * focus.get(x, y);
+                let [xx, xy, yy] = [d * w * jx * jx, d * w * jx * jy, d * w * jy * jy];
+                line.add([xx, xy, yy], [d * w * s * jx, d * w * s * jy], place);
+                line.roughness = [line.roughness[0] + d * xx, line.roughness[1] + d * xy];
+                line.spread += d * yy;
+                continue;
+            }
             line.valid += share;
             let rest = if variant.has(Variant::STAYS) {
-                let of_noise = 0.5 * grain / (n * (grain + v).powi(3)) * v_by_u.powi(2);
+                let squares = v_by_u.powi(2) / (grain + v) + moves[0].powi(2) + moves[1].powi(2);
+                let of_noise = 0.5 * grain / (n * (grain + v).powi(2)) * squares;
                 [of_noise, of_noise * s * s * (1.0 + 0.5 * (s / eta).powi(2).ln_1p())]
             } else {
-                let place = (x as f64 - f64::from(c.centre[0])) / f64::from(c.length);
                 line.add([w * jx * jx, w * jx * jy, w * jy * jy], [w * s * jx, w * s * jy], place);
                 line.energy += w * s * s;
                 line.roughness[0] += w * by_rate * by_rate;

@@ -8,7 +8,7 @@
 
 use super::pass::{Memory, Pass};
 use super::segments::{SEGMENT, Segment, place};
-use super::state::Registration;
+use super::state::{Displacement, Registration};
 use super::{Number, Raster, spline};
 use crate::base::{Homography, Parallax, Photometric, Shading};
 use crate::engine::shaders;
@@ -49,17 +49,20 @@ fn cpu_reference<N: Number>(
     let centre = c.centre.map(f64::from);
     displaced(
         reused.of_size([spline2.width, spline2.height]),
-        (r, c.factor.into(), centre),
+        Displacement { r, parallax: Parallax::NONE, factor: c.factor.into(), centre },
+        #[inline(always)]
+        |_| [N::default(); SEGMENT],
         #[inline(always)]
         |at, d| resampled(shading, centre, spline2, at, d),
     )
 }
 
-/// Fills a raster with the values of segments of pixels from (x, y) to the right, which T displaces by d on a level
-/// whose pixels are `factor` wide.
+/// Fills a raster with the values of segments of pixels from (x, y) to the right, which are displaced by d. `v` returns
+/// their V, which parallax depends on.
 pub(super) fn displaced<N: Number>(
     raster: Raster<N>,
-    (r, factor, centre): (&Registration, f64, [f64; 2]),
+    displacement: Displacement<'_>,
+    v: impl Fn([usize; 2]) -> Segment<N> + Sync,
     values: impl Fn([usize; 2], [&Segment<N>; 2]) -> Segment<N> + Sync,
 ) -> Raster<N> {
     let [raster] = Raster::fill_segments(
@@ -67,7 +70,7 @@ pub(super) fn displaced<N: Number>(
         #[inline(always)]
         |at| {
             let [mut dx, mut dy] = [[N::default(); SEGMENT]; 2];
-            r.displacements(at, factor, centre, [&mut dx, &mut dy]);
+            displacement.of_row(at, &v(at), [&mut dx, &mut dy]);
             [values(at, [&dx, &dy])]
         },
     );

@@ -5,6 +5,7 @@
 //! parameters that all pixels share: T of each frame, and c. So nothing can be submitted ahead as it is for pairs, and
 //! a sweep has no `submit`.
 
+mod contrast;
 mod device;
 #[cfg(feature = "program")]
 pub(super) mod model;
@@ -47,6 +48,9 @@ const FUSION: [f64; 2] = [0.7, 1.4];
 pub struct JointRegistration {
     /// Maps the reference's pixels to those of each frame.
     pub transforms: Vec<Homography>,
+    /// The parallax of each frame, px per setting: what is in focus at u is displaced by (u - m) times this before T, m being
+    /// the middle between the first and the last setting.
+    pub parallax: Vec<[f64; 2]>,
     /// Maps the brightness of each frame to the reference's.
     pub brightness: Vec<Brightness>,
     /// c, px² of variance by squared settings.
@@ -227,6 +231,7 @@ impl JointSolver {
         JointRegistration {
             brightness: shared.brightness.iter().map(of).collect(),
             transforms: shared.transforms,
+            parallax: shared.parallax,
             rate: shared.rate,
             settings: shared.settings,
         }

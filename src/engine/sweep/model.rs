@@ -34,6 +34,7 @@ pub(crate) fn scripts(plan: &Plan, frames: usize) -> (Vec<Script>, Vec<Script>) 
         rate: (END / last).powi(2),
         transforms: vec![Homography::IDENTITY; frames],
         resampled: vec![None; frames],
+        parallax: vec![[0.0; 2]; frames],
         brightness: vec![(1.0, Shading::NONE); frames],
         pairs_per_pixel: 1.0,
     };
@@ -49,15 +50,16 @@ pub(crate) fn scripts(plan: &Plan, frames: usize) -> (Vec<Script>, Vec<Script>) 
         }
         let [width, height] = level.size.map(|side| side as usize);
         let plane = |x: usize, _| last * (x as f64 / (width - 1) as f64 - 0.5);
-        let (frames, _) = shared.half_pairs(level, 0, &Ranges::of(&Field::from_fn(width, height, plane)));
+        let ranges = Ranges::of(&Field::from_fn(width, height, plane));
         let (system, update) = shared.step(level, shared.rate_on(level));
         let hold = level.index == 0;
         let iterations = if hold { shared.finest_iterations() } else { ITERATIONS[usize::from(level.index < first)] };
+        let registration = if hold { RegistrationStep::Held } else { RegistrationStep::Free };
+        let (frames, _) = shared.half_pairs(level, 0, &ranges, registration);
         for n in 0..iterations {
             if n == 0 || !hold {
                 scripts.push(align(level, n == 0));
             }
-            let registration = if hold { RegistrationStep::Held } else { RegistrationStep::Free };
             scripts.push(sweep::half_pairs(plan, level, &frames, registration));
             scripts.push(sweep::step(plan, level, &system, &update));
         }

@@ -63,6 +63,38 @@ fn link(pairs: &mut Vec<[usize; 2]>, frames: usize) {
 pub(super) struct PairSums {
     pub(super) frames: [usize; 2],
     pub(super) sums: Sums,
+    /// The sums of a step of parallax: N and g of w u, and of w u² in the place of the roughness and the spread. u is in
+    /// halves of the range of settings.
+    pub(super) by_u: Option<Sums>,
+}
+
+impl PairSums {
+    /// N of two unknowns. The first `unknowns` are those of T, the next two those of parallax.
+    fn normal(&self, unknowns: usize, [a, b]: [usize; 2]) -> f64 {
+        let Some(by_u) = &self.by_u else { return self.sums.normal[a][b] };
+        match [a, b].map(|n| n.checked_sub(unknowns)) {
+            [None, None] => self.sums.normal[a][b],
+            [None, Some(b)] => by_u.normal[a][b],
+            [Some(a), None] => by_u.normal[b][a],
+            [Some(0), Some(0)] => by_u.roughness[0],
+            [Some(1), Some(1)] => by_u.spread,
+            _ => by_u.roughness[1],
+        }
+    }
+
+    fn gradient(&self, unknowns: usize, a: usize) -> f64 {
+        match (&self.by_u, a.checked_sub(unknowns)) {
+            (Some(by_u), Some(a)) => by_u.gradient[a],
+            _ => self.sums.gradient[a],
+        }
+    }
+}
+
+/// The step of a frame: T by its unknowns, and parallax, pixels of the level at half the range of settings.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Step {
+    pub(super) transform: [f64; UNKNOWNS],
+    pub(super) parallax: [f64; 2],
 }
 
 /// Damping of each step, in shares of the median information about a T. Frames that the pairs hardly determine stay
@@ -76,26 +108,23 @@ const DAMPING: f64 = 0.05;
 ///
 /// A pair determines how its two frames lie to each other, so the normal equations are the Laplacian of a graph whose
 /// nodes are frames.
-pub(super) fn registration_steps(
-    pairs: &[PairSums],
-    frames: usize,
-    reference: usize,
-    unknowns: usize,
-) -> Vec<[f64; UNKNOWNS]> {
-    let mut normal = DMatrix::<f64>::zeros(frames * unknowns, frames * unknowns);
-    let mut right = DVector::<f64>::zeros(frames * unknowns);
-    for PairSums { frames: [i, j], sums } in pairs {
-        for (a, b) in (0..unknowns).flat_map(|a| (0..unknowns).map(move |b| (a, b))) {
+pub(super) fn registration_steps(pairs: &[PairSums], frames: usize, reference: usize, unknowns: usize) -> Vec<Step> {
+    let all = unknowns + if pairs.iter().any(|pair| pair.by_u.is_some()) { 2 } else { 0 };
+    let mut normal = DMatrix::<f64>::zeros(frames * all, frames * all);
+    let mut right = DVector::<f64>::zeros(frames * all);
+    for pair in pairs {
+        let [i, j] = pair.frames;
+        for (a, b) in (0..all).flat_map(|a| (0..all).map(move |b| (a, b))) {
             for (n, m, sign) in [(i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0)] {
-                normal[(n * unknowns + a, m * unknowns + b)] += sign * sums.normal[a][b];
+                normal[(n * all + a, m * all + b)] += sign * pair.normal(unknowns, [a, b]);
             }
         }
-        for a in 0..unknowns {
-            right[j * unknowns + a] -= sums.gradient[a];
-            right[i * unknowns + a] += sums.gradient[a];
+        for a in 0..all {
+            right[j * all + a] -= pair.gradient(unknowns, a);
+            right[i * all + a] += pair.gradient(unknowns, a);
         }
     }
-    for n in reference * unknowns..(reference + 1) * unknowns {
+    for n in reference * all..(reference + 1) * all {
         normal.row_mut(n).fill(0.0);
         normal.column_mut(n).fill(0.0);
         (normal[(n, n)], right[n]) = (1.0, 0.0);
@@ -103,10 +132,16 @@ pub(super) fn registration_steps(
     let mut information: Vec<f64> = normal.diagonal().iter().copied().filter(|entry| *entry > 0.0).collect();
     information.sort_by(f64::total_cmp);
     let damping = DAMPING * information.get(information.len() / 2).copied().unwrap_or(1.0);
-    (0..frames * unknowns).for_each(|n| normal[(n, n)] += damping);
-    let solved = Cholesky::new(normal).map(|cholesky| cholesky.solve(&right));
-    let step = |frame: usize, a: usize| solved.as_ref().map_or(0.0, |x| x[frame * unknowns + a]);
-    (0..frames).map(|frame| std::array::from_fn(|a| if a < unknowns { step(frame, a) } else { 0.0 })).collect()
+    (0..frames * all).for_each(|n| normal[(n, n)] += damping);
+    let Some(cholesky) = Cholesky::new(normal) else { return vec![Step::default(); frames] };
+    let solved = cholesky.solve(&right);
+    let step = |frame: usize| {
+        let mut step = Step::default();
+        (0..unknowns).for_each(|a| step.transform[a] = solved[frame * all + a]);
+        (unknowns..all).for_each(|a| step.parallax[a - unknowns] = solved[frame * all + a]);
+        step
+    };
+    (0..frames).map(step).collect()
 }
 
 #[cfg(test)]
@@ -149,14 +184,14 @@ mod tests {
                 sums.normal[a][a] = weight;
                 sums.gradient[a] = -weight * error;
             }
-            PairSums { frames, sums }
+            PairSums { frames, sums, by_u: None }
         };
         // Steps are damped, so it takes many.
         for _ in 0..100 {
             let weights = [([0, 2], 1.0), ([3, 0], 5.0), ([1, 3], 0.2), ([2, 1], 3.0)];
             let pairs = weights.map(|(frames, weight)| pair(&moved, frames, weight));
             let steps = registration_steps(&pairs, 4, 1, 2);
-            moved.iter_mut().zip(steps).for_each(|(moved, step)| (0..2).for_each(|a| moved[a] += step[a]));
+            moved.iter_mut().zip(steps).for_each(|(moved, step)| (0..2).for_each(|a| moved[a] += step.transform[a]));
         }
         for (moved, expected) in moved.iter().zip(truth) {
             (0..2).for_each(|a| assert!((moved[a] - expected[a]).abs() < 1e-6, "{moved:?} {expected:?}"));

@@ -5,7 +5,7 @@ use super::start::NOISE_CORRELATION;
 use super::validity::{self, Rectangle};
 use crate::base::{Homography, Photometric, Shading};
 use crate::engine::plan::Level;
-use crate::engine::script::sweep;
+use crate::engine::script::sweep::{self, RegistrationStep};
 use crate::engine::stages::state::Registration;
 use crate::engine::stages::{align, half_pair, system, update};
 use crate::engine::tiles::Ranges;
@@ -44,6 +44,9 @@ pub(super) struct SharedParameters {
     pub(super) transforms: Vec<Homography>,
     /// T as of the latest resampling of each frame; `None` on a level where it was not resampled yet.
     pub(super) resampled: Vec<Option<Homography>>,
+    /// The parallax of each frame: what is in focus at u is displaced by u times this before T, px of the full-size image
+    /// per setting. u is relative to the middle.
+    pub(super) parallax: Vec<[f64; 2]>,
     /// Gain and shading of each frame.
     pub(super) brightness: Vec<(f64, Shading)>,
     /// Pairs that contribute to a pixel, on average over those that count.
@@ -62,9 +65,24 @@ impl SharedParameters {
         gap(n).max(if n > 0 { gap(n - 1) } else { 0.0 })
     }
 
+    /// The parallax of a frame in pixels of a level per setting.
+    fn parallax_on(&self, level: &Level, n: usize) -> [f64; 2] {
+        self.parallax[n].map(|px| px / level.factor)
+    }
+
+    /// Whether parallax steps: if it was adopted, and with T.
+    pub(super) fn steps_parallax(&self, registration: RegistrationStep) -> bool {
+        registration == RegistrationStep::Free && self.parallax.iter().any(|moves| *moves != [0.0; 2])
+    }
+
+    /// Half the range of the settings.
+    pub(super) fn half_range(&self) -> f64 {
+        self.settings[self.settings.len() - 1] - self.middle
+    }
+
     /// The largest |u| relative to the middle.
     pub(super) fn limit(&self, level: &Level) -> f64 {
-        self.settings[self.settings.len() - 1] - self.middle + FOCUS_MARGIN / self.rate_on(level).sqrt()
+        self.half_range() + FOCUS_MARGIN / self.rate_on(level).sqrt()
     }
 
     pub(super) fn finest_iterations(&self) -> usize {
@@ -83,6 +101,7 @@ impl SharedParameters {
             centre: level.centre.map(|c| c as f32),
             registration: (&registration).into(),
             shading: shading.coefficients.map(|c| c as f32),
+            parallax: self.parallax_on(level, n).map(|px| px as f32),
         }
     }
 
@@ -93,6 +112,7 @@ impl SharedParameters {
         level: &Level,
         words: u32,
         ranges: &Ranges,
+        registration: RegistrationStep,
     ) -> (Vec<sweep::HalfPairs>, Vec<[usize; 2]>) {
         let rate = self.rate_on(level);
         let chosen = pairs::choose(&self.settings, rate);
@@ -110,7 +130,15 @@ impl SharedParameters {
             let others = constants.collect();
             let (setting, reach) = (self.settings[sharper] - self.middle, (max_blur / rate).sqrt());
             let needed = ranges.between(setting - reach, setting + reach);
-            frames.push(sweep::HalfPairs { sharper: sharper as u32, others, needed });
+            frames.push(sweep::HalfPairs { sharper: sharper as u32, others, of_parallax: Vec::new(), needed });
+        }
+        if self.steps_parallax(registration) {
+            // Their sums follow those of all pairs.
+            let (count, per_u) = (half_pairs.len() as u32 * columns * rows, (1.0 / self.half_range()) as f32);
+            for pairs in &mut frames {
+                let again = |c: &half_pair::Constants| half_pair::Constants { row: c.row + count, per_u, ..*c };
+                pairs.of_parallax = pairs.others.iter().map(again).collect();
+            }
         }
         (frames, half_pairs)
     }
@@ -118,7 +146,12 @@ impl SharedParameters {
     fn half_pair(&self, level: &Level, max_blur: f64, [sharper, other]: [usize; 2]) -> half_pair::Constants {
         let setting = |n: usize| (self.settings[n] - self.middle) as f32;
         let transform = |n: usize| self.resampled[n].unwrap_or(self.transforms[n]);
+        let [own_moves, other_moves] = [sharper, other].map(|n| self.parallax_on(level, n));
         let visible: [Rectangle; 2] = [sharper, other].map(|n| validity::visible(&transform(n), level));
+        // A frame shows what parallax displaces into it.
+        let reach = [0, 1].map(|c| self.limit(level) * own_moves[c].abs().max(other_moves[c].abs()));
+        let [left, top, right, bottom] = validity::intersection(visible);
+        let shown = [left + reach[0], top + reach[1], right - reach[0], bottom - reach[1]];
         half_pair::Constants {
             width: level.size[0],
             height: level.size[1],
@@ -137,7 +170,9 @@ impl SharedParameters {
             far: max_blur as f32,
             length: level.length as f32,
             centre: level.centre.map(|c| c as f32),
-            shown: validity::intersection(visible).map(|side| side as f32),
+            shown: shown.map(|side| side as f32),
+            baseline: [0, 1].map(|c| (other_moves[c] - own_moves[c]) as f32),
+            per_u: 0.0,
         }
     }
 

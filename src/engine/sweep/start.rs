@@ -41,69 +41,114 @@ fn coefficients(image: &Field) -> Field {
     filtered(image, [&filter; 2], 1)
 }
 
+/// How the pixels of the reference are mapped to those of a frame: by T, after what is in focus at u was displaced by u
+/// times the parallax, px of the full-size image per setting.
+#[derive(Clone, Copy)]
+pub(super) struct Motion {
+    pub(super) transform: Homography,
+    pub(super) parallax: [f64; 2],
+}
+
+impl Motion {
+    const NONE: Self = Self { transform: Homography::IDENTITY, parallax: [0.0; 2] };
+
+    /// Where a pixel of a level lies in the frame. `focus`: u of all pixels of the level; `None` without parallax.
+    fn mapped(&self, level: &Level, [x, y]: [usize; 2], focus: Option<&Field>) -> [f64; 2] {
+        let u = focus.map_or(0.0, |focus| focus.get(x, y) / level.factor);
+        mapped(&self.transform, level, [x as f64 + u * self.parallax[0], y as f64 + u * self.parallax[1]])
+    }
+}
+
 /// The frames on the reference's pixels, with its brightness.
-pub(super) fn resample(frames: &Frames, transforms: &[Homography], brightness: &[(f64, Shading)]) -> Vec<Field> {
+pub(super) fn resample(
+    frames: &Frames,
+    motions: &[Motion],
+    focus: Option<&Field>,
+    brightness: &[(f64, Shading)],
+) -> Vec<Field> {
     workers::map(frames.images.len(), |n| {
         let (spline, (gain, shading)) = (coefficients(&frames.images[n]), brightness[n]);
         Field::from_fn(spline.width, spline.height, |x, y| {
-            let at = mapped(&transforms[n], &frames.level, [x as f64, y as f64]);
+            let at = motions[n].mapped(&frames.level, [x, y], focus);
             gain * shading.at(from_centre(at, frames.level.centre)) * spline::read(&spline, at[0], at[1]).value
         })
     })
 }
 
 /// A frame on the reference's pixels.
-fn resampled(spline: &Field, t: &Homography, level: &Level) -> Field {
+fn resampled(spline: &Field, motion: &Motion, level: &Level, focus: Option<&Field>) -> Field {
     Field::from_fn(spline.width, spline.height, |x, y| {
-        let [px, py] = mapped(t, level, [x as f64, y as f64]);
+        let [px, py] = motion.mapped(level, [x, y], focus);
         spline::read(spline, px, py).value
     })
 }
 
 /// σ of the low pass under which neighbouring frames look alike whatever their blur, px of the level.
 const APPEARANCE_BLUR: f64 = 1.5;
-/// Gauss-Newton steps of a frame's registration by appearance.
-const STEPS: usize = 8;
+/// Gauss-Newton steps of a frame's registration by appearance, and again with parallax.
+const STEPS: [usize; 2] = [8, 4];
 
-/// T of each frame by appearance, each from its neighbour's, starting at the reference.
-pub(super) fn register(frames: &Frames, reference: usize, unknowns: usize) -> Vec<Homography> {
+/// What the motion of a frame is found with.
+pub(super) struct Registration<'a> {
+    /// The motion of the frames before.
+    pub(super) start: &'a [Motion],
+    /// Unknowns of T.
+    pub(super) unknowns: usize,
+    /// u relative to the middle setting, with which parallax is found too.
+    pub(super) focus: Option<&'a Field>,
+}
+
+/// The motion of each frame by appearance, each relative to its neighbour, starting at the reference; and what is left of
+/// the differences.
+pub(super) fn register(frames: &Frames, reference: usize, registration: &Registration<'_>) -> (Vec<Motion>, f64) {
     let splines = workers::map(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR)));
     // The two sides of the reference are independent.
     let sides: [Vec<usize>; 2] = [(reference + 1..splines.len()).collect(), (0..reference).rev().collect()];
-    let registered = workers::map(2, |n| register_side(&splines, reference, &sides[n], &frames.level, unknowns));
-    let mut transforms = vec![Homography::IDENTITY; splines.len()];
-    for (n, t) in sides.iter().flatten().zip(registered.into_iter().flatten()) {
-        transforms[*n] = t;
+    let registered = workers::map(2, |n| register_side(&splines, reference, &sides[n], &frames.level, registration));
+    let (mut motions, mut left) = (vec![Motion::NONE; splines.len()], 0.0);
+    for (n, (motion, of_frame)) in sides.iter().flatten().zip(registered.into_iter().flatten()) {
+        motions[*n] = motion;
+        left += of_frame;
     }
-    transforms
+    (motions, left)
 }
 
-/// T of frames in order, each from the one before it, the first from the reference.
+/// The motion of frames in order, each from the one before it, the first from the reference.
 fn register_side(
     splines: &[Field],
     reference: usize,
     frames: &[usize],
     level: &Level,
-    unknowns: usize,
-) -> Vec<Homography> {
-    let (mut before, mut t) = (reference, Homography::IDENTITY);
+    registration: &Registration<'_>,
+) -> Vec<(Motion, f64)> {
+    let (mut before, mut motion) = (reference, Motion::NONE);
     let next = |&n: &usize| {
-        let target = resampled(&splines[before], &t, level);
-        t = register_frame(&target, &splines[n], t, level, unknowns);
-        before = n;
-        t
+        let target = resampled(&splines[before], &motion, level, registration.focus);
+        let start = registration.start.get(n).copied().unwrap_or(motion);
+        let registered = register_frame(&target, &splines[n], start, level, registration);
+        (before, motion) = (n, registered.0);
+        registered
     };
     frames.iter().map(next).collect()
 }
 
-/// T of a frame that looks like the target, by Gauss-Newton steps from `t`.
-fn register_frame(target: &Field, spline: &Field, mut t: Homography, level: &Level, unknowns: usize) -> Homography {
+/// The motion of a frame that looks like the target, by Gauss-Newton steps, and the mean difference before the last one.
+fn register_frame(
+    target: &Field,
+    spline: &Field,
+    mut motion: Motion,
+    level: &Level,
+    &Registration { unknowns, focus, .. }: &Registration<'_>,
+) -> (Motion, f64) {
     let length = (target.width as f64).hypot(target.height as f64) / 4.0;
-    for _ in 0..STEPS {
-        let moved = resampled(spline, &t, level);
-        let (mut normal, mut right) = (DMatrix::<f64>::zeros(unknowns + 2, unknowns + 2), DVector::zeros(unknowns + 2));
+    let all = unknowns + if focus.is_some() { 2 } else { 0 };
+    let mut left = 0.0;
+    for _ in 0..STEPS[usize::from(focus.is_some())] {
+        let (mut sum, mut count) = (0.0, 0.0);
+        let moved = resampled(spline, &motion, level, focus);
+        let (mut normal, mut right) = (DMatrix::<f64>::zeros(all + 2, all + 2), DVector::zeros(all + 2));
         for (y, x) in (1..target.height - 1).flat_map(|y| (1..target.width - 1).map(move |x| (y, x))) {
-            let [px, py] = mapped(&t, level, [x as f64, y as f64]);
+            let [px, py] = motion.mapped(level, [x, y], focus);
             let last = [target.width as f64 - 3.0, target.height as f64 - 3.0];
             if px < 2.0 || py < 2.0 || px > last[0] || py > last[1] {
                 continue;
@@ -112,46 +157,53 @@ fn register_frame(target: &Field, spline: &Field, mut t: Homography, level: &Lev
                 [0.5 * (moved.get(x + 1, y) - moved.get(x - 1, y)), 0.5 * (moved.get(x, y + 1) - moved.get(x, y - 1))];
             let at = [(x as f64 - level.centre[0]) / length, (y as f64 - level.centre[1]) / length];
             let by = displacements(at);
-            // Gain and offset are the last two unknowns.
-            let term = |a: usize| match a.checked_sub(unknowns) {
-                None => by[a][0] * gradient[0] + by[a][1] * gradient[1],
-                Some(0) => moved.get(x, y),
-                Some(_) => 1.0,
+            let u = focus.map_or(0.0, |focus| focus.get(x, y) / level.factor);
+            // T, parallax, gain and offset.
+            let term = |a: usize| match (a < unknowns, a.checked_sub(all)) {
+                (true, _) => by[a][0] * gradient[0] + by[a][1] * gradient[1],
+                (_, None) => u * gradient[a - unknowns],
+                (_, Some(0)) => moved.get(x, y),
+                (_, Some(_)) => 1.0,
             };
             let s = moved.get(x, y) - target.get(x, y);
             let w = 1.0 / (s * s + 1e-4).sqrt();
-            for a in 0..unknowns + 2 {
+            (sum, count) = (sum + w * s * s, count + 1.0);
+            for a in 0..all + 2 {
                 right[a] -= w * term(a) * s;
                 (0..=a).for_each(|b| normal[(a, b)] += w * term(a) * term(b));
             }
         }
-        (0..unknowns + 2).for_each(|a| (0..a).for_each(|b| normal[(b, a)] = normal[(a, b)]));
-        (0..unknowns + 2).for_each(|a| normal[(a, a)] = normal[(a, a)] * (1.0 + 1e-9) + 1e-12);
-        let Some(cholesky) = normal.cholesky() else { return t };
+        left = sum / f64::max(count, 1.0);
+        (0..all + 2).for_each(|a| (0..a).for_each(|b| normal[(b, a)] = normal[(a, b)]));
+        (0..all + 2).for_each(|a| normal[(a, a)] = normal[(a, a)] * (1.0 + 1e-9) + 1e-12);
+        let Some(cholesky) = normal.cholesky() else { return (motion, left) };
         let step = cholesky.solve(&right);
         let x: [f64; UNKNOWNS] = std::array::from_fn(|a| if a < unknowns { step[a] } else { 0.0 });
-        t = t.after(&displacing(length, level.factor, x));
+        motion.transform = motion.transform.after(&displacing(length, level.factor, x));
+        if focus.is_some() {
+            (0..2).for_each(|c| motion.parallax[c] += step[unknowns + c]);
+        }
     }
-    t
+    (motion, left)
 }
 
 /// σ of the window over which mean brightness is compared, px of the level: blur moves no light across it.
 const BRIGHTNESS_WINDOW: f64 = 4.0;
 
 /// Gain and shading that map each frame to the reference's brightness.
-pub(super) fn brightness(frames: &Frames, transforms: &[Homography], reference: usize) -> Vec<(f64, Shading)> {
+pub(super) fn brightness(frames: &Frames, motions: &[Motion], reference: usize) -> Vec<(f64, Shading)> {
     let means: Vec<Field> = workers::map(frames.images.len(), |n| smoothed(&frames.images[n], BRIGHTNESS_WINDOW));
     workers::map(means.len(), |n| {
         if n == reference {
             return (1.0, Shading::NONE);
         }
         let spline = coefficients(&means[n]);
-        let moved = resampled(&spline, &transforms[n], &frames.level);
+        let moved = resampled(&spline, &motions[n], &frames.level, None);
         let places = (0..moved.height).step_by(2).flat_map(|y| (0..moved.width).step_by(2).map(move |x| [x, y]));
         let inside =
             |p: &[f64; 2]| p[0] >= 0.0 && p[1] >= 0.0 && p[0] < moved.width as f64 && p[1] < moved.height as f64;
         let samples = places.filter_map(|at| {
-            let place = Some(mapped(&transforms[n], &frames.level, at.map(|x| x as f64))).filter(inside)?;
+            let place = Some(motions[n].mapped(&frames.level, at, None)).filter(inside)?;
             Some((from_centre(place, frames.level.centre), moved.get(at[0], at[1]), means[reference].get(at[0], at[1])))
         });
         fit_brightness(&samples.collect::<Vec<_>>())

@@ -135,6 +135,7 @@ pub(super) fn front(layers: &[Layer], place: [f64; 2]) -> &Layer {
 }
 
 /// Layers ready to be rendered.
+#[derive(Clone)]
 pub(super) struct Layered {
     layers: Vec<Layer>,
     /// The texture softened by the base blur.
@@ -176,6 +177,13 @@ impl Layered {
         });
         let raster = Raster::new(values, fine[0] as usize, fine[1] as usize);
         Self { layers, waves, raster, softness: base_blur.sqrt(), kernel, size }
+    }
+
+    /// The layers after a change of where they are.
+    pub(super) fn changed(&self, change: impl FnOnce(&mut [Layer])) -> Self {
+        let mut changed = self.clone();
+        change(&mut changed.layers);
+        changed
     }
 
     /// Renders one image from its view and the signed standard deviation of each layer's blur on the sensor, px.

@@ -228,18 +228,23 @@ impl Scene {
 
     /// Renders both images with occlusion.
     fn layered_pair(&self, views: &[View; 2], layers: Vec<Layer>, lens: &Lens) -> Result<[Frame; 2], Error> {
-        let (near, far) = (lens.focus[0].min(lens.focus[1]), lens.focus[0].max(lens.focus[1]));
         let deviations =
             [0, 1].map(|image| layers.iter().map(|l| lens.signed_sigma(image, l.depth)).collect::<Vec<_>>());
         let mut moved = layers.clone();
-        for layer in &mut moved {
-            let nearness = (layer.depth.recip() - far.recip()) / (near.recip() - far.recip());
-            layer.displace(self.camera_moves.map(|px| px * (nearness - 0.5)));
-        }
+        self.displace(&mut moved, lens, 1.0);
         let layered = [layers, moved].map(|layers| self.layered(layers, deviations.iter().flatten()));
         let image = |i: usize, layered: &Layered| self.exposed(i, &[layered.image(&views[i], &deviations[i])]);
         let [first, second] = layered;
         Ok([image(0, &first?)?, image(1, &second?)?])
+    }
+
+    /// Displaces layers as a camera sees them that has made a share of its movement.
+    fn displace(&self, layers: &mut [Layer], lens: &Lens, share: f64) {
+        let (near, far) = (lens.focus[0].min(lens.focus[1]), lens.focus[0].max(lens.focus[1]));
+        for layer in layers {
+            let nearness = (layer.depth.recip() - far.recip()) / (near.recip() - far.recip());
+            layer.displace(self.camera_moves.map(|px| share * px * (nearness - 0.5)));
+        }
     }
 
     /// Prepares layers for blur of these standard deviations, px.

@@ -34,7 +34,8 @@ use crate::base::{Error, Frame, Lens, Similarity, centre};
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct SweepScene {
-    /// The scene. Its transform, exposure and blur limit apply to pairs and are ignored.
+    /// The scene. Its transform, exposure and blur limit apply to pairs and are ignored. Its camera moves from the first to
+    /// the last frame.
     pub scene: Scene,
     /// Number of frames, 3 to 999.
     pub frames: usize,
@@ -185,7 +186,8 @@ impl SweepScene {
         let layers = arrangement.layers(scene.seed, [scene.width, scene.height], lens);
         let focus = self.focus_of(&layers, lens);
         let all: Vec<f64> = shots.iter().flat_map(|shot| self.deviations(shot, &focus)).collect();
-        Ok(Content::Layers(scene.layered(layers, all.iter())?, focus))
+        let layered = Box::new(scene.layered(layers, all.iter())?);
+        Ok(Content::Layers { layered, focus, lens: Box::new(*lens) })
     }
 
     fn focus_of(&self, layers: &[Layer], lens: &Lens) -> Vec<f64> {
@@ -215,7 +217,11 @@ impl SweepScene {
                 let variance = |x| self.blur_rate * (shot.position - self.setting(surface(x).share)).powi(2);
                 self.scene.gathered(&view, variance, channels)
             }
-            Content::Layers(layered, focus) => Ok(vec![layered.image(&view, &self.deviations(shot, focus))]),
+            Content::Layers { layered, focus, lens } => {
+                let share = (shot.position - self.reference() as f64) / (self.frames - 1) as f64;
+                let moved = layered.changed(|layers| self.scene.displace(layers, lens, share));
+                Ok(vec![moved.image(&view, &self.deviations(shot, focus))])
+            }
         }
     }
 }
@@ -224,8 +230,8 @@ impl SweepScene {
 enum Content {
     /// The channels of the radiance, on one surface.
     Surface(Vec<Pattern>),
-    /// Layers, and the setting at which each is in focus.
-    Layers(Layered, Vec<f64>),
+    /// Layers, the setting at which each is in focus, and the lens that their depths are stated for.
+    Layers { layered: Box<Layered>, focus: Vec<f64>, lens: Box<Lens> },
 }
 
 /// The displacement along the drift path at a time from 0 to 1.

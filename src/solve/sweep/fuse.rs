@@ -50,13 +50,13 @@ impl FocusedFrames<'_> {
         let choice = self.choose();
         let mut values = vec![0.0f32; width * height * count];
         for n in (0..self.frames.len()).filter(|n| choice.has(*n)) {
-            let image = FrameReader::new(self.values(n), count, self.solution.registration.transforms[n], size);
+            let image = FrameReader::new(self.values(n), count, self.place_in(n), size);
             in_rows(&mut values, width * count, |y, row| {
                 let mut read = [0.0; 3];
                 for (x, pixel) in row.chunks_exact_mut(count).enumerate() {
                     let share = choice.share([x, y], n);
                     if share > 0.0 {
-                        image.read([x, y], &mut read[..count]);
+                        image.read([x, y], self.solution.focus[y * width + x], &mut read[..count]);
                         pixel.iter_mut().zip(read).for_each(|(sum, value)| *sum += share * value);
                     }
                 }
@@ -73,6 +73,20 @@ impl FocusedFrames<'_> {
     fn size(&self) -> [usize; 2] {
         let reference = &self.frames[self.reference];
         [reference.width() as usize, reference.height() as usize]
+    }
+
+    /// Where frame n shows the reference's pixels.
+    fn place_in(&self, n: usize) -> PlaceInFrame {
+        let registration = &self.solution.registration;
+        let settings = &registration.settings;
+        let middle = 0.5 * (settings[0] + settings[settings.len() - 1]);
+        let [width, height] = self.size();
+        PlaceInFrame {
+            transform: registration.transforms[n],
+            parallax: registration.parallax[n],
+            middle,
+            centre: centre(width as u32, height as u32),
+        }
     }
 
     /// Frame n with the brightness of the reference. It is decoded for the choice and again for the fusion, which takes
@@ -106,7 +120,7 @@ impl FocusedFrames<'_> {
         let deviation = if sigma < MAX_DEVIATION { sigma.max(MIN_DEVIATION) } else { MAX_DEVIATION };
         let mut best = (f32::NEG_INFINITY, self.reference as u16);
         for (n, energies) in energies.iter().enumerate() {
-            let Some(energy) = energies.at([x, y]) else { continue };
+            let Some(energy) = energies.at([x, y], u) else { continue };
             let setting = self.solution.registration.settings[n] as f32;
             let distance = if u.is_nan() { 0.0 } else { (setting - u) / deviation };
             let score = (energy + floor).ln() - 0.5 * distance * distance;
@@ -158,17 +172,17 @@ fn cells([width, height]: [usize; 2]) -> [usize; 2] {
 struct Energies {
     values: Vec<f32>,
     size: [usize; 2],
-    transform: Homography,
+    place: PlaceInFrame,
     /// The factor that converts a squared Laplacian from the frame's pixels to the reference's.
     scale: f32,
 }
 
 impl Energies {
     fn of(sweep: &FocusedFrames<'_>, n: usize) -> Self {
-        let (size, transform) = (sweep.size(), sweep.solution.registration.transforms[n]);
+        let (size, place) = (sweep.size(), sweep.place_in(n));
         let values = luminance(sweep.values(n), sweep.channels());
         let values = smoothed(&in_cells(&squared_laplacian(&values, size), size), cells(size));
-        Self { values, size, transform, scale: transform.scale().powi(4) as f32 }
+        Self { values, size, place, scale: place.transform.scale().powi(4) as f32 }
     }
 
     /// The value that all but 2 % of the cells exceed.
@@ -177,12 +191,12 @@ impl Energies {
         *all.select_nth_unstable_by(self.values.len() / 50, f32::total_cmp).1
     }
 
-    /// The value at the position of a cell of the reference; `None` if the frame does not show it with the margin.
-    fn at(&self, cell: [usize; 2]) -> Option<f32> {
-        let middle = centre(self.size[0] as u32, self.size[1] as u32);
+    /// The value at the position of a cell of the reference that is in focus at u; `None` if the frame does not show it with
+    /// the margin.
+    fn at(&self, cell: [usize; 2], u: f32) -> Option<f32> {
         let to_pixel = |cell: f64| (CELL as f64) * cell + 0.5 * (CELL as f64 - 1.0);
         let own = cell.map(|x| to_pixel(x as f64));
-        let place = self.transform.apply(own, middle);
+        let place = self.place.of(own, u);
         let from_border = |place: [f64; 2], i: usize| place[i].min(self.size[i] as f64 - 1.0 - place[i]);
         let inside = |i: usize| from_border(place, i) >= (from_border(own, i) - 0.5).min(MARGIN);
         if !(inside(0) && inside(1)) {
@@ -258,6 +272,24 @@ pub(super) fn squared_laplacian(values: &[f32], [width, height]: [usize; 2]) -> 
     squares
 }
 
+/// Where a frame shows what the reference shows.
+#[derive(Clone, Copy)]
+struct PlaceInFrame {
+    transform: Homography,
+    parallax: [f64; 2],
+    /// The setting without parallax.
+    middle: f64,
+    centre: [f64; 2],
+}
+
+impl PlaceInFrame {
+    /// The place of a pixel of the reference that is in focus at u; if u is NaN, without parallax.
+    fn of(&self, [x, y]: [f64; 2], u: f32) -> [f64; 2] {
+        let away = if u.is_nan() { 0.0 } else { f64::from(u) - self.middle };
+        self.transform.apply([x + away * self.parallax[0], y + away * self.parallax[1]], self.centre)
+    }
+}
+
 /// A frame, read at the reference's pixels.
 enum FrameReader {
     /// The reference, unchanged.
@@ -268,27 +300,27 @@ enum FrameReader {
     },
     Other {
         image: Spline,
-        transform: Homography,
+        place: PlaceInFrame,
         size: [usize; 2],
     },
 }
 
 impl FrameReader {
-    fn new(values: Vec<f32>, channels: usize, transform: Homography, size: [usize; 2]) -> Self {
-        if transform == Homography::IDENTITY {
+    fn new(values: Vec<f32>, channels: usize, place: PlaceInFrame, size: [usize; 2]) -> Self {
+        if place.transform == Homography::IDENTITY && place.parallax == [0.0; 2] {
             return Self::Reference { values, width: size[0], channels };
         }
-        Self::Other { image: Spline::through(&values, size, channels), transform, size }
+        Self::Other { image: Spline::through(&values, size, channels), place, size }
     }
 
-    /// Reads a pixel of the reference. The frame shows this pixel, since it was chosen there.
-    fn read(&self, [x, y]: [usize; 2], into: &mut [f32]) {
+    /// Reads a pixel of the reference that is in focus at u. The frame shows this pixel, since it was chosen there.
+    fn read(&self, [x, y]: [usize; 2], u: f32, into: &mut [f32]) {
         match self {
             Self::Reference { values, width, channels } => {
                 into.copy_from_slice(&values[(y * width + x) * channels..][..*channels]);
             }
-            Self::Other { image, transform, size } => {
-                let [px, py] = transform.apply([x as f64, y as f64], centre(size[0] as u32, size[1] as u32));
+            Self::Other { image, place, size } => {
+                let [px, py] = place.of([x as f64, y as f64], u);
                 image.read([px.clamp(0.0, size[0] as f64 - 1.0), py.clamp(0.0, size[1] as f64 - 1.0)], into);
             }
         }
@@ -323,6 +355,7 @@ mod tests {
             median_deviation: Some(0.1),
             registration: JointRegistration {
                 transforms: vec![Homography::IDENTITY; 2],
+                parallax: vec![[0.0; 2]; 2],
                 brightness: vec![Brightness::identity([width, height]); 2],
                 rate: 1.0,
                 settings: vec![0.0, 1.0],

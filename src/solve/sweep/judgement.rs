@@ -69,8 +69,8 @@ mod tests {
 
     /// Settings that begin at 0, and the blur of a step of 1, px.
     fn registration(settings: &[f64], blur: f64) -> JointRegistration {
-        let (transforms, brightness) = (Vec::new(), Vec::new());
-        JointRegistration { transforms, brightness, rate: blur * blur, settings: settings.to_vec() }
+        let (transforms, parallax, brightness) = (Vec::new(), Vec::new(), Vec::new());
+        JointRegistration { transforms, parallax, brightness, rate: blur * blur, settings: settings.to_vec() }
     }
 
     #[test]

@@ -329,7 +329,7 @@ impl<'a> Task<'a> {
     /// The registration of the photographs, from that of the cut frames.
     fn registered(&self, registration: JointRegistration) -> RegisteredSweep {
         let coarse = judgement::coarse_warning(&registration, self.options.settings.max_relative_blur);
-        let JointRegistration { mut transforms, mut brightness, rate, settings } = registration;
+        let JointRegistration { mut transforms, parallax, mut brightness, rate, settings } = registration;
         if self.is_cut {
             move_into(&mut transforms, &mut brightness, self.part, self.photograph);
         }
@@ -347,6 +347,7 @@ impl<'a> Task<'a> {
             positions,
             stated: stated.clone(),
             transforms,
+            parallax: parallax.iter().map(|moves| moves.map(|px| px / self.step)).collect(),
             brightness,
             blur_rate: rate / self.step.powi(2),
             decode: self.options.settings.decode.resolved([self.frames[0].format().depth]),

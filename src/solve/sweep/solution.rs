@@ -62,6 +62,9 @@ pub struct RegisteredSweep {
     pub stated: Positions,
     /// Maps the reference's pixels to those of each frame.
     pub transforms: Vec<Homography>,
+    /// The parallax of each frame, of a camera that moved, px per setting: what is in focus at u is displaced by (u - m) times
+    /// this, to the right and downwards, before the transform. m is the middle between the first and the last position.
+    pub parallax: Vec<[f64; 2]>,
     /// Maps the brightness of each frame to the reference's.
     pub brightness: Vec<Brightness>,
     /// c, the blur variance in px² at a distance of one setting from the focus.

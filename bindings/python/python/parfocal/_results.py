@@ -236,6 +236,9 @@ class Sweep:
     """The frame that each pixel of `fused` comes from, counted from 1."""
     transforms: list[NDArray[np.float64]]
     """T of each frame, 3x3, for points in px from the image centre."""
+    parallax: list[tuple[float, float]]
+    """Parallax of each frame, of a camera that moved, px per setting: what is in focus at u is displaced by (u - m) times
+    this, to the right and downwards, before T. m is the middle between the first and the last position."""
     brightness: list[Brightness]
     """Maps each frame to the brightness of the reference."""
     region: Region

@@ -29,6 +29,7 @@ _VALUES = {
     "method": '"unified", "aligned", "appearance"',
     "kernel": '"auto", "gaussian", "pillbox", "half-gaussian", or an array of samples',
     "motion": '"translation", "similarity", "affine", "homography"',
+    "parallax": '"auto", "on", "off"',
     "registration_step": '"gauss-newton", "gradient-descent"',
     "decode": '"auto" (uint8 as sRGB, other types as linear), "none", "srgb"',
     "start": "a 3x3 array",
@@ -60,7 +61,7 @@ class Settings(TypedDict, total=False):
     motion: str
     registration_step: str
     photometric: bool
-    parallax: bool
+    parallax: str
     edges: bool
     fused: bool
     keep_frames: bool

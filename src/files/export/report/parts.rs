@@ -19,6 +19,10 @@ pub struct FrameReport {
     pub file: String,
     /// T: the reference's pixel x lies at T x in this frame.
     pub transform: Homography,
+    /// Parallax of a frame of a sweep, px per setting: what is in focus at u is displaced by (u - m) times this before the
+    /// transform, m being the middle between the first and the last position.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parallax: Option<[f64; 2]>,
     /// Gain and offset, which map the frame's intensities to the reference's.
     #[serde(flatten)]
     pub photometric: Photometric,
@@ -39,7 +43,7 @@ impl FrameReport {
     fn new(transform: Homography, brightness: &Brightness) -> Self {
         let (photometric, shading) = (brightness.photometric, ShadingReport::of(brightness));
         let (file, clipped_fraction, position, focus_mm) = (String::new(), None, None, None);
-        Self { file, transform, photometric, shading, clipped_fraction, position, focus_mm }
+        Self { file, transform, parallax: None, photometric, shading, clipped_fraction, position, focus_mm }
     }
 
     /// The frames of a pair: I1, which is the reference, and I2.
@@ -60,6 +64,7 @@ impl FrameReport {
             file: files.get(*file).cloned().unwrap_or_default(),
             clipped_fraction: Some(found.clipped_fractions[n]),
             position: Some(found.positions[n]),
+            parallax: Some(found.parallax[n]).filter(|_| found.parallax.iter().any(|moves| *moves != [0.0; 2])),
             focus_mm: found.stated.millimetres().map(|at| at[n]),
             ..Self::new(found.transforms[n], &found.brightness[n])
         };
