@@ -1,6 +1,6 @@
 #version 460
-// Resamples a frame of a sweep onto the reference's pixels, by T and by the parallax of u, and matches its brightness. CPU reference:
-// src/engine/stages/align.rs.
+// Resamples a frame of a sweep onto the reference's pixels, by T and by the parallax of u, and matches its brightness.
+// CPU reference: src/engine/stages/align.rs.
 
 layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 

@@ -5,6 +5,7 @@ use nalgebra::SMatrix;
 
 use super::stages::uncertainty::LARGEST;
 use crate::base::color::LUMINANCE;
+use crate::base::statistics::median;
 
 /// Changes of a channel at a pixel: by 1 px² of V, by displacements along x and y, by a gain, by an offset.
 pub(super) const CHANGES: usize = 5;
@@ -92,7 +93,7 @@ impl ColorShift {
         });
         let is_finite = [red, blue, deviation[0], deviation[1]].iter().all(|v| v.is_finite());
         let mut shift = Self { red, blue, deviation, included: 0.0 };
-        if shift.is_certain() && shift.spread() > LEAST.max(median(uncertainty)) {
+        if shift.is_certain() && shift.spread() > LEAST.max(median_of(uncertainty)) {
             shift.included = shift.spread();
         }
         (count >= FEWEST && is_finite).then_some(shift)
@@ -129,11 +130,9 @@ impl ColorShift {
 }
 
 /// The median of the standard deviations of V where it is measured; 0 if there are none.
-fn median(uncertainty: &[f32]) -> f64 {
-    let spread = uncertainty.iter().step_by(uncertainty.len() / SAMPLES + 1);
-    let mut measured: Vec<f32> = spread.copied().filter(|deviation| *deviation < LARGEST).collect();
-    let middle = measured.len() / 2;
-    if measured.is_empty() { 0.0 } else { (*measured.select_nth_unstable_by(middle, f32::total_cmp).1).into() }
+fn median_of(uncertainty: &[f32]) -> f64 {
+    let samples = uncertainty.iter().step_by(uncertainty.len() / SAMPLES + 1);
+    median(samples.filter(|deviation| **deviation < LARGEST).map(|deviation| f64::from(*deviation))).unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -141,7 +140,8 @@ mod tests {
     use super::*;
     use crate::base::random::Random;
 
-    /// Windows of one texture in all channels, of which each lacks some V, with noise of each channel and photograph.
+    /// Windows that show one texture in red, green and blue. Each channel lacks some V. Every channel of either photograph
+    /// has its own noise.
     fn windows(lacks: [f64; 3], noise: f64, seed: u64) -> Vec<ChannelSums> {
         let mut random = Random::new(seed, 4);
         let mut window = || {

@@ -17,7 +17,7 @@ use crate::cli::options::settings::{SettingsArguments, StartUse, one_or_two};
 use crate::cli::options::solve::ResultArguments;
 use crate::cli::output::failure::Failure;
 use crate::cli::output::numbers::{decimals, depth_range, measurements};
-use crate::cli::output::summary::values_in_words;
+use crate::cli::output::summary::{camera_moved, values_in_words};
 
 /// Recover the focus of each pixel and an image that is sharp everywhere from a focus sweep
 #[derive(clap::Args, Debug)]
@@ -138,8 +138,7 @@ fn parallax(report: &Report) -> Option<String> {
     let all: Vec<[f64; 2]> = report.frames.iter().filter_map(|frame| frame.parallax).collect();
     let between = all.iter().flat_map(|a| all.iter().map(move |b| (a[0] - b[0]).hypot(a[1] - b[1])));
     let px = range * between.fold(0.0, f64::max);
-    let text = format!("parallax   the camera moved: near things are displaced against far ones by up to {px:.1} px");
-    (px > 0.0).then_some(text)
+    (px > 0.0).then(|| format!("parallax   {}", camera_moved(format_args!("{px:.1}"))))
 }
 
 /// The frame with the most clipped pixels, if any are.

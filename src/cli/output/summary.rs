@@ -1,5 +1,6 @@
 //! The summary of a solve on stderr.
 
+use std::fmt::Display;
 use std::path::Path;
 
 use parfocal::export::{FrameReport, Palette, ParallaxReport, Report};
@@ -55,11 +56,8 @@ fn found(report: &Report) -> Vec<Row> {
     rows.extend(report.frames.get(1).into_iter().flat_map(registration));
     let known = |known: TransformDeviation| format!("known to {} px at a corner", rounded(known.corner_px));
     rows.extend(report.transform_deviation.map(|deviation| ("registration", known(deviation))));
-    let parallax = |found: &ParallaxReport| {
-        let px = rounded(found.near_to_far_px);
-        format!("the camera moved: near things are displaced against far ones by up to {px} px")
-    };
-    rows.extend(report.parallax.as_ref().map(|found| ("parallax", parallax(found))));
+    let parallax = |found: &ParallaxReport| ("parallax", camera_moved(rounded(found.near_to_far_px)));
+    rows.extend(report.parallax.as_ref().map(parallax));
     let motion = |other: OtherMotion| ("motion", format!("{other} (--motion {})", other.motion.name()));
     rows.extend(report.other_motion.map(motion));
     rows.extend(clipped(&report.frames));
@@ -67,6 +65,11 @@ fn found(report: &Report) -> Vec<Row> {
         rows.push(("values", values_in_words(&report.inputs, report.values)));
     }
     rows
+}
+
+/// The parallax in words. `px`: of near things against far ones.
+pub(crate) fn camera_moved(px: impl Display) -> String {
+    format!("the camera moved: near things are displaced against far ones by up to {px} px")
 }
 
 /// The shares of clipped pixels of I1 and I2, if there are any.

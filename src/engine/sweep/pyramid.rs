@@ -287,8 +287,9 @@ impl PyramidSolver {
     fn start(&mut self, first: usize, input: &SweepInput<'_>) -> Result<(SharedParameters, Field), Error> {
         let (reference, unknowns) = (input.reference, self.plan.settings.motion.unknowns());
         let frames = self.read_frames(first)?;
+        let appearance = start::appearance(&frames);
         let (mut motions, left) =
-            start::register(&frames, reference, &Registration { start: &[], unknowns, focus: None });
+            start::register(&appearance, reference, &Registration { start: &[], unknowns, focus: None });
         let brightness = if self.plan.settings.photometric {
             start::brightness(&frames, &motions, reference)
         } else {
@@ -323,7 +324,7 @@ impl PyramidSolver {
         focus.data.iter_mut().for_each(|u| *u -= middle);
         if self.plan.settings.parallax != ParallaxSearch::Off {
             let registration = Registration { start: &motions, unknowns, focus: Some(&focus) };
-            let (with_parallax, left_then) = start::register(&frames, reference, &registration);
+            let (with_parallax, left_then) = start::register(&appearance, reference, &registration);
             if left_then < MOVED * left {
                 motions = with_parallax;
             }

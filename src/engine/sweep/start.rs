@@ -98,13 +98,22 @@ pub(super) struct Registration<'a> {
     pub(super) focus: Option<&'a Field>,
 }
 
-/// The motion of each frame by appearance, each relative to its neighbour, starting at the reference; and what is left of
-/// the differences.
-pub(super) fn register(frames: &Frames, reference: usize, registration: &Registration<'_>) -> (Vec<Motion>, f64) {
-    let splines = workers::map(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR)));
+/// The coefficients of the frames under the low pass by which they are registered.
+pub(super) fn appearance(frames: &Frames) -> Frames {
+    let spline = |n: usize| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR));
+    Frames { images: workers::map(frames.images.len(), spline), level: frames.level.clone() }
+}
+
+/// The motion of each frame by [`appearance`], each relative to its neighbour, starting at the reference; and what is left
+/// of the differences.
+pub(super) fn register(
+    Frames { images: splines, level }: &Frames,
+    reference: usize,
+    registration: &Registration<'_>,
+) -> (Vec<Motion>, f64) {
     // The two sides of the reference are independent.
     let sides: [Vec<usize>; 2] = [(reference + 1..splines.len()).collect(), (0..reference).rev().collect()];
-    let registered = workers::map(2, |n| register_side(&splines, reference, &sides[n], &frames.level, registration));
+    let registered = workers::map(2, |n| register_side(splines, reference, &sides[n], level, registration));
     let (mut motions, mut left) = (vec![Motion::NONE; splines.len()], 0.0);
     for (n, (motion, of_frame)) in sides.iter().flatten().zip(registered.into_iter().flatten()) {
         motions[*n] = motion;

@@ -12,6 +12,8 @@
 //! meets one layer, its texture has a closed form. Elsewhere the colour is a quadrature over the aperture. The base
 //! blur softens textures and edges, so that the quadrature converges: its error is below 1e-3.
 
+use std::sync::Arc;
+
 use serde::Serialize;
 
 use super::kernel::{Kernel, Rules};
@@ -139,9 +141,9 @@ pub(super) fn front(layers: &[Layer], place: [f64; 2]) -> &Layer {
 pub(super) struct Layered {
     layers: Vec<Layer>,
     /// The texture softened by the base blur.
-    waves: Waves,
+    waves: Arc<Waves>,
     /// Samples of this texture, [`FINE`] per pixel, beginning [`MARGIN`] px outside the frame.
-    raster: Raster,
+    raster: Arc<Raster>,
     /// Standard deviation of the base blur, px.
     softness: f64,
     kernel: Kernel,
@@ -175,11 +177,11 @@ impl Layered {
             let start = [-(MARGIN as f64), y as f64 * step - MARGIN as f64];
             waves.fill(kernel, &Row { view: &view, start, step: [step, 0.0], variances: &sharp }, values);
         });
-        let raster = Raster::new(values, fine[0] as usize, fine[1] as usize);
-        Self { layers, waves, raster, softness: base_blur.sqrt(), kernel, size }
+        let raster = Arc::new(Raster::new(values, fine[0] as usize, fine[1] as usize));
+        Self { layers, waves: Arc::new(waves), raster, softness: base_blur.sqrt(), kernel, size }
     }
 
-    /// The layers after a change of where they are.
+    /// The layers after a change of where they are, with the same texture.
     pub(super) fn changed(&self, change: impl FnOnce(&mut [Layer])) -> Self {
         let mut changed = self.clone();
         change(&mut changed.layers);

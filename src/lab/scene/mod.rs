@@ -230,12 +230,10 @@ impl Scene {
     fn layered_pair(&self, views: &[View; 2], layers: Vec<Layer>, lens: &Lens) -> Result<[Frame; 2], Error> {
         let deviations =
             [0, 1].map(|image| layers.iter().map(|l| lens.signed_sigma(image, l.depth)).collect::<Vec<_>>());
-        let mut moved = layers.clone();
-        self.displace(&mut moved, lens, 1.0);
-        let layered = [layers, moved].map(|layers| self.layered(layers, deviations.iter().flatten()));
+        let first = self.layered(layers, deviations.iter().flatten())?;
+        let second = first.changed(|layers| self.displace(layers, lens, 1.0));
         let image = |i: usize, layered: &Layered| self.exposed(i, &[layered.image(&views[i], &deviations[i])]);
-        let [first, second] = layered;
-        Ok([image(0, &first?)?, image(1, &second?)?])
+        Ok([image(0, &first)?, image(1, &second)?])
     }
 
     /// Displaces layers as a camera sees them that has made a share of its movement.

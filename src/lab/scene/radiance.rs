@@ -119,7 +119,6 @@ pub struct Wave {
 }
 
 /// The sum of cosines and ½.
-#[derive(Clone)]
 pub(super) struct Waves(Vec<Wave>);
 
 /// Number of waves of each correlation length.

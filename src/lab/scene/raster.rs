@@ -4,7 +4,6 @@ use super::kernel::gaussian_rule;
 use super::view::split;
 
 /// A channel as a continuous function, mirrored at the border.
-#[derive(Clone)]
 pub(super) struct Raster {
     coefficients: Vec<f64>,
     width: usize,
