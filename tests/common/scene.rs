@@ -3,7 +3,7 @@
 //! The radiance is a sum of cosines. A Gaussian blur of variance v scales each cosine by `exp(-v k²/2)`, so the blurred
 //! radiance is exact at any point.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{LN_2, LOG2_E, TAU};
 
 use parfocal::{
     Frame,
@@ -35,8 +35,47 @@ struct Wave {
     amplitude: f64,
 }
 
+/// Waves that are added side by side, so that the compiler vectorises the sum; `k` is by axis.
+#[derive(Clone, Copy, Default)]
+struct Four {
+    k: [[f64; 4]; 2],
+    phase: [f64; 4],
+    amplitude: [f64; 4],
+}
+
 /// A random radiance: the sum of four Gaussian random fields of correlation lengths 0.7 to 10 px and equal strength.
-pub struct Radiance(Vec<Wave>);
+pub struct Radiance(Vec<Four>);
+
+/// `cos x`, to 2e-7. The functions of the C library took two thirds of the time of the tests that render pairs.
+#[inline(always)]
+fn cosine(x: f64) -> f64 {
+    let turns = x * (1.0 / TAU);
+    let angle = TAU * (turns - (turns + TO_INTEGER - TO_INTEGER));
+    let z = angle * angle;
+    // Taylor's series, up to x¹⁶: |angle| is at most π.
+    let mut sum = 1.0;
+    for divisor in [240.0, 182.0, 132.0, 90.0, 56.0, 30.0, 12.0, 2.0] {
+        sum = 1.0 - sum * z * (1.0 / divisor);
+    }
+    sum
+}
+
+/// `exp(x)` for x from -700 to 0, to a relative error of 2e-7.
+#[inline(always)]
+fn exponential(x: f64) -> f64 {
+    let shifted = x * LOG2_E + TO_INTEGER;
+    let rest = x - (shifted - TO_INTEGER) * LN_2;
+    let power = f64::from_bits((shifted.to_bits() << 52).wrapping_add(1f64.to_bits()));
+    // Taylor's series, up to the sixth power: |rest| is at most ln 2 / 2.
+    let mut sum = 1.0;
+    for divisor in [6.0, 5.0, 4.0, 3.0, 2.0, 1.0] {
+        sum = 1.0 + sum * rest * (1.0 / divisor);
+    }
+    power * sum
+}
+
+/// Added to a number, it leaves no bits for a fraction: the number is rounded.
+const TO_INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
 
 impl Radiance {
     pub fn new(seed: u64) -> Self {
@@ -53,7 +92,7 @@ impl Radiance {
                 all.push(Wave { k, phase: TAU * random.uniform(), amplitude });
             }
         }
-        Self(all)
+        Self::of(&all)
     }
 
     /// Stripes of several periods, whose direction is `degrees` from that of the rows.
@@ -63,29 +102,58 @@ impl Radiance {
             let k = 0.2 + 1.8 * random.uniform();
             Wave { k: [k * across.cos(), k * across.sin()], phase: TAU * random.uniform(), amplitude: 0.06 }
         };
-        Self((0..12).map(wave).collect())
+        Self::of(&(0..12).map(wave).collect::<Vec<_>>())
     }
 
     /// Waves along x and along y of each frequency, rad per px, and amplitude.
     pub fn gratings(waves: &[[f64; 2]]) -> Self {
         let both = |&[k, amplitude]: &[f64; 2]| [[k, 0.0], [0.0, k]].map(|k| Wave { k, phase: 0.4, amplitude });
-        Self(waves.iter().flat_map(both).collect())
+        Self::of(&waves.iter().flat_map(both).collect::<Vec<_>>())
+    }
+
+    fn of(waves: &[Wave]) -> Self {
+        let four = |waves: &[Wave]| {
+            let mut four = Four::default();
+            for (n, wave) in waves.iter().enumerate() {
+                (four.k[0][n], four.k[1][n]) = (wave.k[0], wave.k[1]);
+                (four.phase[n], four.amplitude[n]) = (wave.phase, wave.amplitude);
+            }
+            four
+        };
+        Self(waves.chunks(4).map(four).collect())
+    }
+
+    /// Returns the radiance as a camera sees it that moves along a straight path, px, during the exposure.
+    fn shaken(&self, path: [f64; 2]) -> Self {
+        let shaken = |four: &Four| {
+            let mut four = *four;
+            for n in 0..4 {
+                let half = 0.5 * (four.k[0][n] * path[0] + four.k[1][n] * path[1]);
+                four.amplitude[n] *= if half == 0.0 { 1.0 } else { half.sin() / half };
+            }
+            four
+        };
+        Self(self.0.iter().map(shaken).collect())
     }
 
     /// Returns the radiance at a point, blurred by a Gaussian of variance `v` per axis, px².
-    pub fn blurred(&self, place: [f64; 2], v: f64) -> f64 {
-        self.shaken(place, v, [0.0; 2])
+    pub fn blurred(&self, [x, y]: [f64; 2], v: f64) -> f64 {
+        let mut sum = [0.0; 4];
+        for Four { k, phase, amplitude } in &self.0 {
+            for n in 0..4 {
+                let k2 = k[0][n] * k[0][n] + k[1][n] * k[1][n];
+                let wave = cosine(k[0][n] * x + k[1][n] * y + phase[n]) * exponential(-v * k2 / 2.0);
+                sum[n] += amplitude[n] * wave;
+            }
+        }
+        0.5 + sum.iter().sum::<f64>()
     }
+}
 
-    /// As [`blurred`](Self::blurred), by a camera that moves along a straight path, px, during the exposure.
-    pub fn shaken(&self, [x, y]: [f64; 2], v: f64, path: [f64; 2]) -> f64 {
-        let wave = |w: &Wave| {
-            let k2 = w.k[0] * w.k[0] + w.k[1] * w.k[1];
-            let half = 0.5 * (w.k[0] * path[0] + w.k[1] * path[1]);
-            let shaken = if half == 0.0 { 1.0 } else { half.sin() / half };
-            w.amplitude * (w.k[0] * x + w.k[1] * y + w.phase).cos() * (-v * k2 / 2.0).exp() * shaken
-        };
-        0.5 + self.0.iter().map(wave).sum::<f64>()
+#[test]
+fn fast_functions_are_those_of_the_library() {
+    for x in (-4000..4000).map(|n| 0.0317 * f64::from(n)) {
+        assert!((cosine(x) - x.cos()).abs() < 2e-7 && (exponential(-x.abs()) / (-x.abs()).exp() - 1.0).abs() < 2e-7);
     }
 }
 
@@ -154,11 +222,12 @@ fn rendered(
     let (back, c) = (transform.into().inverse(), centre(width, height));
     let mut random = Random(seed + 1000);
     [0, 1].map(|image| {
+        let radiance = radiance.shaken(paths[image]);
         let values = (0..height).flat_map(|y| (0..width).map(move |x| [f64::from(x), f64::from(y)]));
         let values = values.map(|place| {
             let v = |x| blur(x)[1] - blur(x)[0];
             let x = if image == 0 { place } else { displaced_from(back.apply(place, c), c, parallax, v) };
-            (radiance.shaken(x, blur(x)[image], paths[image]) + noise[image] * random.normal()) as f32
+            (radiance.blurred(x, blur(x)[image]) + noise[image] * random.normal()) as f32
         });
         Frame::gray(width, height, values.collect()).unwrap()
     })
