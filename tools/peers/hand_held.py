@@ -56,6 +56,7 @@ def compared(parfocal: Path, folder: Path, out: Path, options: list[str]) -> str
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in KINDS)
     if len(files) < 3:
         raise SystemExit(f"{folder}: holds {len(files)} photographs, and a sweep has three or more")
+    # Linear light, nearly: the curve of a camera is not known.
     frames = [read_grey(file) ** 2.2 for file in files]
     aligned = registered(frames)
     sharpest = np.argmax([contrast(frame) for frame in aligned], axis=0)
