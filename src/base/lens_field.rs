@@ -25,14 +25,14 @@ impl LensField {
     /// The least value of 1 + g. With less, V at a place hardly depends on depth.
     const LEAST_GAIN: f64 = 0.1;
     /// The greatest |o|, px²: that of the greatest limit of |V|.
-    const GREATEST_OFFSET: f64 = 256.0;
+    const GREATEST_OFFSET: f64 = 1024.0;
     /// Places along a side at which a field is inspected.
     const PLACES: usize = 17;
 
     /// Checks the size and the coefficients.
     ///
     /// # Errors
-    /// [`Error::Setting`] for a side of 0 px, an offset beyond ±256 px² in the frame, or a gain `1 + g` below 0.1 or
+    /// [`Error::Setting`] for a side of 0 px, an offset beyond ±1024 px² in the frame, or a gain `1 + g` below 0.1 or
     /// above 10 in the frame.
     pub fn check(&self) -> Result<(), Error> {
         if self.size.contains(&0) {
@@ -48,7 +48,7 @@ impl LensField {
         let [least, most] = self.offsets();
         let offset = if least >= -Self::GREATEST_OFFSET { most } else { least };
         if !(-Self::GREATEST_OFFSET..=Self::GREATEST_OFFSET).contains(&offset) {
-            let range = "from -256 to 256 px² all over the frame".to_string();
+            let range = "from -1024 to 1024 px² all over the frame".to_string();
             return Err(Error::Setting { name: "offset of V over the field", value: offset, range });
         }
         Ok(())

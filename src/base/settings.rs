@@ -388,10 +388,10 @@ settings! {
     /// Pyramid levels.
     /// auto halves the images while the short side stays at least 32 px.
     levels: Option<u32> = None, 1 to 12, flag "Relative blur V" "N|auto";
-    /// Largest |V|; increase it if pixels are at the limit.
-    /// V is the difference of the blurs' variances, px² of the full-size image. At a limit of 36 px², a third of the
-    /// heat sink's pixels and two thirds of the circuit board's were at the limit; at 144 px², 0 and 1 %.
-    max_relative_blur: f64 = 144.0, 1 to 256 "px²", flag "Relative blur V" "PX2";
+    /// Largest |V|; a lower one takes less memory.
+    /// V is the difference of the blurs' variances, px² of the full-size image. At a limit of 144 px², 14 % of the heat
+    /// sink's pixels and 80 % of a push button's were at the limit; at 1024 px², none.
+    max_relative_blur: f64 = 1024.0, 1 to 1024 "px²", flag "Relative blur V" "PX2";
     /// Smoothness α of V; less shows more relief and noise.
     /// auto finds α on each level, from the evidence against V and its slope (docs/method.md, section 6). The report
     /// states what it found.

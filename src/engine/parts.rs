@@ -24,6 +24,8 @@ const HALO: u32 = 48;
 const HALO_SHARE: f64 = 0.03;
 /// The least side of a part, px: smaller ones are mostly halo.
 const LEAST: u32 = 320;
+/// The least limit of |V| of the parts, px², unless the caller states less: most pairs stay below it.
+const LEAST_LIMIT: f64 = 144.0;
 
 /// The parts along one axis.
 struct Axis {
@@ -215,13 +217,17 @@ pub(crate) fn solve_pair(
 ) -> Result<Solution, Error> {
     let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
     let settings = &Settings { decode: settings.decode.resolved(formats.map(|f| f.depth)), ..settings.clone() };
-    let grid = grid(engine, size, formats, settings)?;
     let mut whole = solve_at_half_size(engine, [i1, i2], settings, options).map_err(|error| match error {
         // The pair is too narrow to be halved: the error states why the device does not hold the whole.
         Error::TooSmall { .. } => engine.plan_pair(size, formats, settings).err().unwrap_or(error),
         other => other,
     })?;
-    let own = Settings { method: Method::Aligned, photometric: false, ..settings.clone() };
+    // Parts overlap by the reach of the widest blur: that of V at half the size, with room for what is seen there less.
+    let side = f64::from(size[0]) / f64::from(whole.width);
+    let widest = whole.relative_blur.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+    let max_relative_blur = (1.2 * side * side * f64::from(widest)).max(LEAST_LIMIT).min(settings.max_relative_blur);
+    let own = Settings { method: Method::Aligned, photometric: false, max_relative_blur, ..settings.clone() };
+    let grid = grid(engine, size, formats, &own)?;
     let mut solver = PreparedSolver::new(engine, grid.side(), formats, &own, 1, None, engine.reading())?;
     empty(&mut whole, size);
     let (all, mut alpha, mut unsettled, mut scale) = (grid.count(), 0.0, 0.0, 0.0);
@@ -249,8 +255,8 @@ pub(crate) fn solve_pair(
     if let Some(shift) = whole.color_shift {
         whole.widen(|_| shift.included as f32);
     }
-    whole.recount(settings.max_relative_blur);
-    whole.findings.warnings.extend(whole.findings.saturation(settings.max_relative_blur));
+    whole.recount(max_relative_blur);
+    whole.findings.warnings.extend(whole.findings.saturation(max_relative_blur));
     whole.findings.warnings.extend(whole.findings.unexplained_warning());
     Ok(whole)
 }

@@ -217,7 +217,7 @@ impl PairSolver {
         let mut solution = match options.region {
             None => self.solve_frames([i1, i2], &settings, mask, options)?,
             Some(region) => {
-                let part = region.expanded(margin(size, &settings), size);
+                let part = region.expanded(margin(size, settings.max_relative_blur), size);
                 let [a, b] = [i1.cropped(part).map_err(Error::Region)?, i2.cropped(part).map_err(Error::Region)?];
                 let start = settings.start.about(centre(size[0], size[1]), part.centre());
                 let mask = mask.map(|mask| mask.cropped(part));
@@ -372,6 +372,6 @@ pub(super) fn reuse<L: PartialEq, S>(
 
 /// The margin around a region that is also solved so that V is valid up to its borders, px: the widest blur window, and
 /// 2 % of the longer side for the displacement.
-pub(super) fn margin([width, height]: [u32; 2], settings: &Settings) -> u32 {
-    (3.0 * settings.max_relative_blur.sqrt() + 0.02 * f64::from(width.max(height))).ceil() as u32
+pub(super) fn margin([width, height]: [u32; 2], max_relative_blur: f64) -> u32 {
+    (3.0 * max_relative_blur.sqrt() + 0.02 * f64::from(width.max(height))).ceil() as u32
 }

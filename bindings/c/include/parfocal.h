@@ -240,7 +240,7 @@ typedef struct {
   double data_eta;
   // Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
   double smoothness_eta;
-  // Limit of |V|, px², 1 to 256.
+  // Limit of |V|, px², 1 to 1024.
   double max_relative_blur;
   // Limit of the change of V per step, px² of the level, 0.01 to 100; a quarter of |V| where that is more.
   double largest_step;

@@ -118,7 +118,7 @@ pub struct parfocal_settings {
     pub data_eta: f64,
     /// Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
     pub smoothness_eta: f64,
-    /// Limit of |V|, px², 1 to 256.
+    /// Limit of |V|, px², 1 to 1024.
     pub max_relative_blur: f64,
     /// Limit of the change of V per step, px² of the level, 0.01 to 100; a quarter of |V| where that is more.
     pub largest_step: f64,

@@ -593,7 +593,7 @@ mod tests {
             let bytes = |plan: &Plan| plan.bytes().0 as f64 / f64::from(width * height);
             let packed = plan(width, height);
             let [packed, floats] = [&packed, &Plan { may_pack: false, ..packed.clone() }].map(bytes);
-            assert!(floats < 172.0 && packed < 120.0, "{width}x{height}: {floats}, {packed}");
+            assert!(floats < 196.0 && packed < 132.0, "{width}x{height}: {floats}, {packed}");
         }
     }
 

@@ -43,7 +43,7 @@ impl Composer<'_> {
             second_stack: plan.second_stack(finest),
             centre: single(finest.centre),
             mean: single(s.kernel.mean()),
-            limit: finest.limit as f32,
+            limit: finest.limit.min(ambiguity::FARTHEST) as f32,
             eta: s.data_eta as f32,
             pixels: uncertainty::WINDOW_PIXELS,
             noise: Noise::new(0),

@@ -76,6 +76,9 @@ impl Pass for Bindings {
     }
 }
 
+/// The largest other V, px². Steps of a wider limit would pass over the small V at which noise hides texture.
+pub(crate) const FARTHEST: f64 = 144.0;
+
 /// The other V of index n, px².
 fn other(n: usize, limit: f64) -> f64 {
     let share = (n / 2 + 1) as f64 / (OTHERS / 2) as f64;

@@ -32,6 +32,9 @@ const MAX_SIDE_DEVIATION: f64 = 2.0;
 /// cannot be distinguished from one in focus.
 const OUT_OF_RANGE: f64 = 0.4;
 
+/// The |V| whose blur the margin around a region holds, px².
+const REACH: f64 = 144.0;
+
 /// The largest share of clipped pixels of a frame without a warning: of most of the frame nothing is known beyond it.
 const MOST_CLIPPED: f64 = 0.5;
 
@@ -266,7 +269,7 @@ impl<'a> Task<'a> {
         let mut part = Region { x: 0, y: 0, width: photograph[0], height: photograph[1] };
         let mut mask = solve.mask.as_ref().map(Cow::Borrowed);
         if let Some(region) = solve.region {
-            part = region.expanded(margin(photograph, &options.settings), photograph);
+            part = region.expanded(margin(photograph, REACH), photograph);
             let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
             frames = cut.collect::<Result<Cow<'_, [Frame]>, Error>>()?;
             mask = mask.map(|mask| Cow::Owned(mask.cropped(part)));
