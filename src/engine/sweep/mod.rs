@@ -162,7 +162,7 @@ impl JointSolver {
             Some(parts) => {
                 let finest = self.whole.finest().clone();
                 let coarse = self.whole.focus(&finest)?;
-                parts.solve(frames, input.mask, &coarse, &shared, &mut done)?
+                parts.solve(frames, input.mask, (&coarse, self.whole.measured.as_ref()), &shared, &mut done)?
             }
         };
         Ok(JointSolution {

@@ -51,14 +51,14 @@ impl PartSolver {
         std::iter::repeat_n(self.solver.final_work(), self.grid.count())
     }
 
-    /// Solves all parts from u at half the size; returns u relative to the middle setting and its standard deviation,
-    /// and the median of the parts' median deviations before outlines move. `done` is called after each iteration of a
+    /// Solves all parts from u at half the size and what levels measured there; returns u relative to the middle setting
+    /// and its standard deviation, and the median of the parts' median deviations before outlines move. `done` is called after each iteration of a
     /// part, and each level of its search for outlines.
     pub(super) fn solve(
         &mut self,
         frames: &[Frame],
         mask: Option<&Mask>,
-        coarse: &Field,
+        coarse: (&Field, Option<&[Field; 2]>),
         shared: &SharedParameters,
         done: &mut IterationDone<'_>,
     ) -> Result<([Field; 2], Option<f64>), Error> {
@@ -79,7 +79,7 @@ impl PartSolver {
         part: Region,
         frames: &[Frame],
         mask: Option<&Mask>,
-        (coarse, shared): (&Field, &SharedParameters),
+        ((coarse, measured), shared): ((&Field, Option<&[Field; 2]>), &SharedParameters),
         done: &mut IterationDone<'_>,
     ) -> Result<[Field; 2], Error> {
         let (mut shared, places) = shared_by_part(shared, part, self.size);
@@ -89,18 +89,24 @@ impl PartSolver {
         let excluded = ExcludedPixels::new(&cut, mask.as_ref(), self.solver.settings(), 1);
         self.solver.upload(&cut, shared.reference)?;
         let start = prolonged(coarse, part, shared.limit(self.solver.finest()));
+        self.solver.measured = measured.map(|fields| fields.each_ref().map(|field| halved_part(field, part)));
         self.solver.finish_from(&start, &mut shared, &excluded, done)
     }
 }
 
 /// u of a part from u at half the size.
 fn prolonged(coarse: &Field, part: Region, limit: f64) -> Field {
+    let constants = prolong::Constants { width: part.width, height: part.height, limit: limit as f32, gain: 1.0 };
+    prolong::cpu_reference(&constants, &halved_part(coarse, part))
+}
+
+/// A part of a field at half the size.
+fn halved_part(coarse: &Field, part: Region) -> Field {
     let [x, y] = [part.x / 2, part.y / 2];
     let [width, height] =
         [(coarse.width as u32 - x).min(part.width / 2 + 1), (coarse.height as u32 - y).min(part.height / 2 + 1)];
     let data = Region { x, y, width, height }.crop(&coarse.data, coarse.width, 1);
-    let constants = prolong::Constants { width: part.width, height: part.height, limit: limit as f32, gain: 1.0 };
-    prolong::cpu_reference(&constants, &Field { width: width as usize, height: height as usize, data })
+    Field { width: width as usize, height: height as usize, data }
 }
 
 /// The shared parameters as a part sees them, and the region of each frame that it is cut to: where its middle lies

@@ -14,7 +14,7 @@ use crate::engine::script::sweep::{self, RegistrationStep};
 use crate::engine::slot::Slot;
 use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
 use crate::engine::stages::update_transform::displacing;
-use crate::engine::stages::{Field, half_pair, system, system_tiles};
+use crate::engine::stages::{Field, half_pair, prolong, system, system_tiles};
 use crate::engine::tiles::Ranges;
 
 /// The focus settings, the reference and the mask of a sweep.
@@ -64,6 +64,11 @@ const LEAST_BLUR: f64 = 1.0;
 const CONTRAST_LEVELS: usize = 2;
 /// Contrast counts if it finds at least this share of the rate of blur that differences find.
 const MISLED: f64 = 0.25;
+/// The least longer side of a level that says how certain u is, px: on smaller ones a window is a thirtieth of the frame.
+const LEAST_MEASURED: u32 = 320;
+/// The standard deviation by a level over that of the next coarser one, if its texture says as much: a window of it has a
+/// quarter of the area.
+const WIDER: f64 = 2.0;
 /// The most of the differences between frames that parallax may leave on the level of the start to be adopted. It leaves
 /// 0.69 and 0.92 of two sweeps taken by hand, 0.83 to 0.97 of generated ones with 2 to 8 px between near and far of 320 px,
 /// and 0.99 to 1.001 of ten of cameras that stood still or nearly so.
@@ -91,13 +96,15 @@ pub(super) struct PyramidSolver {
     valid_pixels: f64,
     /// The median standard deviation of u on the finest level before outlines move; `None` if no pixel has one.
     pub(super) median_deviation: Option<f64>,
+    /// u and its standard deviation by the coarser levels, on the last of them.
+    pub(super) measured: Option<[Field; 2]>,
 }
 
 impl PyramidSolver {
     /// Prepares for `frames` frames.
     pub(super) fn new(engine: &Engine, plan: Plan, frames: usize) -> Result<Self, Error> {
         let device = SweepDevice::new(engine, &plan, frames as u32)?;
-        Ok(Self { plan, device, frames, excluded_words: 0, valid_pixels: 0.0, median_deviation: None })
+        Ok(Self { plan, device, frames, excluded_words: 0, valid_pixels: 0.0, median_deviation: None, measured: None })
     }
 
     pub(super) fn set_limits(&mut self, limits: Limits) {
@@ -172,6 +179,7 @@ impl PyramidSolver {
         let (mut shared, focus) = self.start(first, input)?;
         done(self.start_work(), false);
         self.device.fill(Slot::RelativeBlur { level: first }, &focus)?;
+        self.measured = None;
         for index in (last.min(first)..=first).rev() {
             if index < first {
                 self.prolong(index, &shared)?;
@@ -183,6 +191,13 @@ impl PyramidSolver {
             for n in 1..=count {
                 self.iterate(&level, &mut shared)?;
                 done(level.pixels(), n == count);
+            }
+            if index < first && level.size[0].max(level.size[1]) >= LEAST_MEASURED {
+                self.sum_pairs(&level, &mut shared, RegistrationStep::Held)?;
+                let (focus, layers) = (self.focus(&level)?, self.system(&level)?);
+                let deviation = self.deviation(&level, &shared, FinalSystem::after_step(layers, &focus, &focus))?;
+                let deviation = self.with_coarser(&focus, deviation);
+                self.measured = Some([focus, deviation]);
             }
         }
         Ok(shared)
@@ -227,22 +242,16 @@ impl PyramidSolver {
         let mut system = None;
         for n in 1..=iterations {
             let (_, rate) = self.sum_pairs(&level, shared, RegistrationStep::Held)?;
-            let layers = self.device.read(Slot::NormalEquations, level.size, 0..half_pair::LAYERS)?;
+            let layers = self.system(&level)?;
             let before = self.focus(&level)?;
             self.step(&level, shared, rate)?;
             system = FinalSystem::after_step(layers, &before, &self.focus(&level)?).or(system);
             let is_last = n == iterations && !self.plan.settings.edges;
             done(self.finest_work() / iterations as u64, is_last);
         }
-        let focus = self.focus(&level)?;
-        let mut end = |n: usize| {
-            let mut layers = self.device.read(Slot::Aligned, level.size, n as u32..n as u32 + 1)?;
-            Ok::<_, Error>((layers.swap_remove(0), validity::visible(&shared.transforms[n], &level)))
-        };
-        let ends = [end(0)?, end(self.frames - 1)?];
-        let unknown = || Field::from_fn(focus.width, focus.height, |_, _| f64::NAN);
-        let deviation = system.map_or_else(unknown, |system: FinalSystem| system.deviation(&focus, &ends));
+        let (focus, deviation) = (self.focus(&level)?, self.deviation(&level, shared, system)?);
         self.median_deviation = median(deviation.data.iter().copied());
+        let deviation = self.with_coarser(&focus, deviation);
         match self.plan.settings.edges {
             true => {
                 let (words, per_pixel) = (excluded.words(&level, &shared.transforms), self.excluded_words as usize);
@@ -256,6 +265,42 @@ impl PyramidSolver {
             }
             false => Ok([focus, deviation]),
         }
+    }
+
+    /// The layers of the linear system of a level.
+    fn system(&mut self, level: &Level) -> Result<Vec<Field>, Error> {
+        self.device.read(Slot::NormalEquations, level.size, 0..half_pair::LAYERS)
+    }
+
+    /// The standard deviation of u by what a level shows; NaN where it shows nothing.
+    fn deviation(
+        &mut self,
+        level: &Level,
+        shared: &SharedParameters,
+        system: Option<FinalSystem>,
+    ) -> Result<Field, Error> {
+        let focus = self.focus(level)?;
+        let mut end = |n: usize| {
+            let mut layers = self.device.read(Slot::Aligned, level.size, n as u32..n as u32 + 1)?;
+            Ok::<_, Error>((layers.swap_remove(0), validity::visible(&shared.transforms[n], level)))
+        };
+        let ends = [end(0)?, end(self.frames - 1)?];
+        let unknown = || Field::from_fn(focus.width, focus.height, |_, _| f64::NAN);
+        Ok(system.map_or_else(unknown, |system| system.deviation(&focus, &ends)))
+    }
+
+    /// The standard deviation of u on a level, or what coarser levels say where that is less: photographs that are not
+    /// sharp to the pixel show their texture there. The distance from their u adds to theirs.
+    fn with_coarser(&self, focus: &Field, mut deviation: Field) -> Field {
+        let Some(measured) = &self.measured else { return deviation };
+        let [width, height] = [focus.width, focus.height].map(|side| side as u32);
+        let constants = prolong::Constants { width, height, limit: f32::MAX, gain: 1.0 };
+        let [u, of_u] = measured.each_ref().map(|field| prolong::cpu_reference(&constants, field));
+        for (i, deviation) in deviation.data.iter_mut().enumerate() {
+            // If one of them is NaN, `min` gives the other.
+            *deviation = deviation.min((WIDER * of_u.data[i]).hypot(focus.data[i] - u.data[i]));
+        }
+        deviation
     }
 
     /// u of a level, relative to the middle setting.
