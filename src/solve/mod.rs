@@ -3,6 +3,7 @@
 #[cfg(test)]
 mod faults;
 mod field_curvature;
+pub(crate) mod fill;
 mod pair_solver;
 mod queue;
 pub mod resample;

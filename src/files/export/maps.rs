@@ -15,14 +15,18 @@ const HATCH: [[u8; 4]; 2] = [[205, 205, 205, 255], [165, 165, 165, 255]];
 /// Width of a stripe along x, px.
 const HATCH_WIDTH: usize = 4;
 
+/// The share of its colour that a pixel keeps that is filled in; the rest is white.
+const PALE: f64 = 0.45;
+
 /// A quantity with the options of its picture.
 struct Map<'a> {
     size: (u32, u32),
     quantity: Quantity<'a>,
     scale: Scale,
     palette: Palette,
-    /// Pixels to hatch, since they are not measured; none if empty.
+    /// Pixels that are not measured, and what is filled in there; none if empty.
     marked: &'a [bool],
+    filled: &'a [f32],
     /// -1 or 1 where no frame of a sweep is in focus, by side; none if empty.
     beyond: &'a [i8],
     /// Whether the first frame of a sweep is focused nearest.
@@ -32,11 +36,11 @@ struct Map<'a> {
 impl<'a> Map<'a> {
     fn new(size: (u32, u32), quantity: Quantity<'a>, palette: Palette) -> Self {
         let scale = quantity.scale();
-        Self { size, quantity, scale, palette, marked: &[], beyond: &[], first_is_near: true }
+        Self { size, quantity, scale, palette, marked: &[], filled: &[], beyond: &[], first_is_near: true }
     }
 
-    /// RGBA of a pixel: the colour of its value, transparent where not valid, hatched where marked. Where no frame of a
-    /// sweep is in focus, it is hatched the other way, in the colour of the end beyond which the focus lies.
+    /// RGBA of a pixel: the colour of its value, transparent where not valid, paler where it is filled in, hatched where
+    /// it cannot be. Where no frame of a sweep is in focus, it is hatched the other way, in the colour of the end beyond which the focus lies.
     fn pixel(&self, x: usize, y: usize) -> [u8; 4] {
         let i = y * self.size.0 as usize + x;
         if let Some(side) = self.beyond.get(i).filter(|side| **side != 0) {
@@ -46,7 +50,12 @@ impl<'a> Map<'a> {
             return if stripe == 0 { [r, g, b, 255] } else { HATCH[0] };
         }
         if self.marked.get(i).is_some_and(|&marked| marked) {
-            return HATCH[(x + y) / HATCH_WIDTH % 2];
+            let Some(value) = self.filled.get(i).filter(|value| value.is_finite()) else {
+                return HATCH[(x + y) / HATCH_WIDTH % 2];
+            };
+            let pale = |c: u8| (255.0 - PALE * (255.0 - f64::from(c))).round() as u8;
+            let [r, g, b] = self.palette.color(self.scale.nearness(*value)).map(pale);
+            return [r, g, b, 255];
         }
         let value = self.quantity.values[i];
         if !value.is_finite() {
@@ -75,8 +84,8 @@ impl<'a> Map<'a> {
         };
         let comments = format!(
             "Map of {name} in {units}, {near_color} near ({near}) to {far_color} far ({far}), transparent where not \
-             valid, hatched in grey where not measured, the other way in the colour of an end where the focus lies beyond \
-             it; its key is to the right of column {}",
+             valid, paler where not measured but filled in from around, hatched in the colour of an end where the focus \
+             lies beyond it; its key is to the right of column {}",
             self.size.0
         );
         Description { units: units.into(), comments: comments.into() }
@@ -107,7 +116,8 @@ impl<'a> Map<'a> {
 pub(super) fn write(writer: impl Write, results: &Results<'_>, drawing: &Drawing) -> Result<(), String> {
     let map = Map::new(results.size(), results.best(), drawing.palette);
     let first_is_near = results.report.nearer() == Nearer::First;
-    Map { marked: &results.marked, beyond: &results.beyond, first_is_near, ..map }.write(writer, drawing)
+    let (marked, filled, beyond) = (&results.marked[..], results.filled(), &results.beyond[..]);
+    Map { marked, filled, beyond, first_is_near, ..map }.write(writer, drawing)
 }
 
 /// The picture of labels.

@@ -159,6 +159,11 @@ fn write(
         }
     }
     fields.extend(residual.as_deref().map(Readout::residual));
+    // For the map alone, which draws it paler.
+    let (scale, is_measured) = (best.scale(), results.best_measured().values);
+    let nearness = |(v, measured): (&f32, &f32)| if measured.is_nan() { scale.nearness(*v) as f32 } else { f32::NAN };
+    let filled: Vec<f32> = results.filled().iter().zip(&*is_measured).map(nearness).collect();
+    fields.push(Readout::new("filled", "Filled in", "", &filled).digits(3));
     fields.extend(more);
     let (size, to_scale) =
         (results.size(), results.footprint().map(|footprint| relief_to_scale(&best, results.size(), footprint)));

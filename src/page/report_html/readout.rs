@@ -139,7 +139,7 @@ impl<'a> Readout<'a> {
         let digits = digits_of(values, high - low, DIGITS);
         Self::new("focus", "Focus", "focus", values).digits(digits).near_and_far(Scale { low, high, nearer }).note(
             "Each pixel has the setting at which it is in focus, in the unit of the frames’ settings. Pixels that no \
-             pair of frames determines are not drawn.",
+             pair of frames determines are filled in, paler.",
         )
     }
 

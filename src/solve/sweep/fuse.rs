@@ -15,8 +15,10 @@ const WINDOW: f32 = 1.5;
 /// The least standard deviation of the focus that is assumed, steps. Between two frames the sharper one is chosen.
 const MIN_DEVIATION: f32 = 0.5;
 /// The largest standard deviation of the focus that is assumed, steps. Where the focus is not measured, it is filled
-/// in, and the neighbouring frames are equally good.
-const MAX_DEVIATION: f32 = 3.0;
+/// in, and what frames farther from it show is noise, or a halo of what is sharp beside it. In two sweeps taken by hand
+/// and one of a metal part 0.14, 0.02 and 0.17 % of these pixels have gradients that no frame has, with 3 steps 0.27,
+/// 0.38 and 0.30 %; with half a step 0.08, 0.00 and 0.17 %, but 3 to 6 % of the textured tiles less are sharp.
+const MAX_DEVIATION: f32 = 1.5;
 /// The squared Laplacian of rounding to 256 values.
 const ROUNDING: f32 = 1.5e-5;
 /// The multiple of the noise that a squared Laplacian must exceed; the noise is that of the frame's smoothest 2 %. With

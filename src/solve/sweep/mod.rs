@@ -19,7 +19,9 @@ pub use self::solution::{RegisteredSweep, Sweep};
 use crate::base::{Brightness, Error, Format, Frame, Homography, Mask, Progress, Region, Settings, centre};
 use crate::engine::{Engine, JointRegistration, JointSolution, JointSolver, SweepInput};
 use crate::solve::SolveOptions;
+use crate::solve::fill::filled;
 use crate::solve::pair_solver::{margin, reuse};
+use crate::solve::resample::luminance;
 
 /// The largest standard deviation of u at which a pixel has a result, as a share of the range of settings. It does not
 /// depend on the number of frames: of 11 frames it is two steps, of 33 six. A bound in steps narrowed with each frame.
@@ -291,18 +293,11 @@ impl<'a> Task<'a> {
     }
 
     /// The result of a solve for the cut frames, in order.
-    fn sweep(&self, solution: JointSolution) -> Result<Sweep, Error> {
+    fn sweep(&self, mut solution: JointSolution) -> Result<Sweep, Error> {
         judgement::differ_in_focus(&solution.registration, solution.median_deviation)?;
         let registered = self.registered(solution.registration.clone());
         let settings = &solution.registration.settings;
         let last = settings[settings.len() - 1];
-        let frames = FocusedFrames {
-            frames: &self.frames,
-            reference: self.reference,
-            solution: &solution,
-            decode: registered.decode,
-        };
-        let (fused, fused_channels) = (frames.fuse(), frames.channels());
         let certain = |most: f64| {
             let pixels = solution.focus.iter().zip(&solution.deviation);
             pixels.map(move |(&u, &deviation)| if f64::from(deviation) < most { u } else { f32::NAN })
@@ -313,6 +308,20 @@ impl<'a> Task<'a> {
         let in_range = certain(most).zip(&beyond).map(|(u, &side)| if side == 0 { u } else { f32::NAN });
         let focus = in_range.map(|u| (self.first + self.step * f64::from(u)) as f32).collect();
         let uncertainty = solution.deviation.iter().map(|&s| (self.step.abs() * f64::from(s)) as f32).collect();
+        // The frames are chosen by what is measured, and by what is filled in between.
+        let known = certain(most).zip(&on_side).zip(&beyond).map(|((u, far), side)| if *side == 0 { u } else { *far });
+        let known: Vec<f32> = known.collect();
+        let reference = &self.frames[self.reference];
+        let seen = luminance(reference.intensities(registered.decode), reference.format().channels);
+        let seen = seen.into_iter().map(|v| v.max(0.0).sqrt()).collect();
+        solution.focus = filled(&known, &solution.deviation, seen, reference.width() as usize);
+        let frames = FocusedFrames {
+            frames: &self.frames,
+            reference: self.reference,
+            solution: &solution,
+            decode: registered.decode,
+        };
+        let (fused, fused_channels) = (frames.fuse(), frames.channels());
         Ok(Sweep {
             width: self.part.width,
             height: self.part.height,

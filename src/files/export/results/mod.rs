@@ -7,6 +7,7 @@ mod read;
 
 use std::borrow::Cow;
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use super::fused::Fused;
 use super::report::{Report, TextureReport};
@@ -47,6 +48,8 @@ pub struct Results<'a> {
     pub(super) depth: Option<[Cow<'a, [f32]>; 2]>,
     /// Pixels without a measurement: they lack texture, or have no focus, and are filled in.
     pub(super) marked: Vec<bool>,
+    /// [`Results::filled`], computed once.
+    filled: OnceLock<Vec<f32>>,
     /// For a sweep: -1 and 1 where no frame is in focus, by side.
     pub(super) beyond: Cow<'a, [i8]>,
     /// For a sweep: the frame that supplies each pixel of the fused image; empty if the results were read.
@@ -132,6 +135,7 @@ impl<'a> Results<'a> {
             residual: &[],
             depth: None,
             marked: Vec::new(),
+            filled: OnceLock::new(),
             beyond: Cow::default(),
             frames: &[],
             fused: None,
@@ -144,6 +148,7 @@ impl<'a> Results<'a> {
             Some(texture) => texture.marked(&self.uncertainty_without_scale()),
             None => self.values().iter().map(|value| value.is_nan()).collect(),
         };
+        self.filled = OnceLock::new();
     }
 
     /// Width and height, px.

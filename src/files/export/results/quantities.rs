@@ -3,12 +3,14 @@
 use std::borrow::Cow;
 
 use super::Results;
-use crate::base::Error;
+use crate::base::{Decode, Error, Frame};
 use crate::engine::solution::confidence;
 use crate::engine::stages::scale_deviation::without_scale;
 use crate::files::export::report::{Kind, UNITS};
 use crate::files::export::scale::Quantity;
 use crate::metric::evidence;
+use crate::solve::fill::filled;
+use crate::solve::resample::luminance;
 
 impl Results<'_> {
     /// V of a pair, or the focus of a sweep.
@@ -44,6 +46,20 @@ impl Results<'_> {
     /// [`best`](Self::best) with NaN where it is not measured.
     pub fn best_measured(&self) -> Quantity<'_> {
         self.best().without(&self.marked)
+    }
+
+    /// [`best`](Self::best) with what is not measured filled in, for pictures: by σ, up to edges of the fused image. NaN
+    /// where no frame of a sweep is in focus, and at all pixels if none is measured.
+    pub(crate) fn filled(&self) -> &[f32] {
+        self.filled.get_or_init(|| {
+            let best = self.best_measured();
+            let (width, channels) = (self.report.size.width as usize, |fused: &Frame| fused.format().channels);
+            let guide = |fused: Frame| luminance(fused.intensities(Decode::None), channels(&fused));
+            let guide = self.fused().map_or_else(|_| vec![0.0; best.values.len()], guide);
+            let mut filled = filled(&best.values, &best.deviation, guide, width);
+            filled.iter_mut().zip(&*self.beyond).filter(|(_, side)| **side != 0).for_each(|(v, _)| *v = f32::NAN);
+            filled
+        })
     }
 
     /// [`measured`](Self::measured) with the standard deviations between results of one lens and setup: without that of

@@ -52,16 +52,20 @@ function colorsOf(map) {
 // The pattern of pixels without information: light and dark grey stripes.
 const HATCH = [205, 165].map((grey) => grey | (grey << 8) | (grey << 16) | (255 << 24));
 
-// A field as a picture: transparent where there is no value, striped where `isHatched`.
-function colored(values, map, field, isHatched) {
+// A field as a picture: transparent where there is no value, striped where `isHatched`; or paler, if it is `filled` in.
+function colored(values, map, field, isHatched, filled) {
   const canvas = canvasOf(grid.width, grid.height);
   const context = canvas.getContext('2d');
   const image = context.createImageData(grid.width, grid.height);
-  const colors = colorsOf(map).map(([r, g, b]) => r | (g << 8) | (b << 16) | (255 << 24));
+  const packed = ([r, g, b]) => r | (g << 8) | (b << 16) | (255 << 24);
+  const colors = colorsOf(map).map(packed);
+  const pale = colorsOf(map).map((color) => packed(color.map((c) => Math.round(255 - 0.45 * (255 - c)))));
   const pixels = new Uint32Array(image.data.buffer);
   const stripe = Math.max(2, Math.round(grid.width / 240));
   for (let i = 0; i < values.length; i++) {
-    if (!isValid(i) || Number.isNaN(values[i])) continue;
+    const unknown = !isValid(i) || Number.isNaN(values[i]);
+    if (filled?.[i] >= 0 && (unknown || isHatched(i))) pixels[i] = pale[Math.round(255 * filled[i])];
+    if (unknown || filled?.[i] >= 0) continue;
     const hatch = HATCH[Math.floor(((i % grid.width) + Math.floor(i / grid.width)) / stripe) % 2];
     pixels[i] = isHatched(i) ? hatch : colors[Math.round(255 * field.position(values[i]))];
   }
@@ -171,7 +175,7 @@ class Field {
   }
 }
 
-const fields = Object.fromEntries(data.fields.map((described) => [described.key, new Field(described)]));
+const { filled, ...fields } = Object.fromEntries(data.fields.map((described) => [described.key, new Field(described)]));
 // Where this field has no value, the other fields mean little.
 const [principal] = Object.values(fields);
 const isValid = (i) => !Number.isNaN(principal.values[i]);

@@ -155,7 +155,7 @@ async function start() {
   showTheme();
   const { width, digits } = data.surface;
   const [heights, pictures] = await Promise.all([decimals('heights', width, digits),
-    Promise.all(data.pictures.map((_, i) => picture(`picture-${i}`))), ...Object.values(fields).map((field) => field.unpack())]);
+    Promise.all(data.pictures.map((_, i) => picture(`picture-${i}`))), filled?.unpack(), ...Object.values(fields).map((field) => field.unpack())]);
   for (const field of Object.values(fields)) field.compute();
   document.documentElement.style.setProperty('--ratio', `${grid.width} / ${grid.height}`);
   showNumbers();

@@ -224,7 +224,8 @@ class MapPane extends Pane {
   layer(key) {
     const map = this.colormaps[key];
     const hatched = TRUST.includes(key) ? () => false : isUnsure;
-    return (this.layers[`${key} ${map}`] ??= colored(fields[key].values, data.colormaps[map], fields[key], hatched));
+    const under = fields[key] === main ? filled?.values : null;
+    return (this.layers[`${key} ${map}`] ??= colored(fields[key].values, data.colormaps[map], fields[key], hatched, under));
   }
 
   paint(context) {
