@@ -11,7 +11,7 @@ use parfocal::sweep::{Positions, SweepOptions};
 use parfocal::{PairSolver, Settings, SolveOptions, SweepSolver, settings::Method};
 
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
-use crate::cli::jobs::sweep::{check_alike, decode, names};
+use crate::cli::jobs::sweep::{Decoded, check_alike, decode};
 use crate::cli::options::photographs::{self, SweepFiles};
 use crate::cli::options::run::{RunArguments, check_validation, is_validation_requested};
 use crate::cli::options::series;
@@ -122,8 +122,9 @@ fn register_sweep(
     let fits = |first: &Photograph| {
         photographs::check_size([first; 2], settings, photographs::LARGE, || Ok(engine.info().clone()))
     };
-    let (frames, inputs) = decode(files, fits)?;
-    check_alike(files, &frames)?;
+    let Decoded { frames, inputs, warnings, order } = decode(files, true, fits)?;
+    check_alike(&inputs, &frames)?;
+    let reference = reference.and_then(|n| order.iter().position(|other| *other == n));
     let values = Values::of(settings.decode, &inputs)?.corrected(&inputs, &frames);
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let bar = run.bar(0.0);
@@ -134,7 +135,9 @@ fn register_sweep(
     let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
     check_validation(&engine)?;
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
-    let mut report = Report::sweep_registration(&found, &options.settings, &names(files), engine.info(), total_ms);
+    let names: Vec<String> = inputs.iter().map(|input| input.file.clone()).collect();
+    let mut report = Report::sweep_registration(&found, &options.settings, &names, engine.info(), total_ms);
+    report.warnings.splice(0..0, warnings);
     report.left_out.clone_from(left_out);
     report.values = values;
     report.set_inputs(inputs);

@@ -115,7 +115,12 @@ fn frames_in_words(report: &Report) -> String {
         [] => String::new(),
         names => format!("; left out: {}", photographs::in_short(names, ", ")),
     };
-    format!("{}, {}{left_out}", files.len(), series::ends(&files))
+    let positions = [report.frames.first(), report.frames.last()].map(|frame| frame.and_then(|frame| frame.focus_mm));
+    let positions = match positions {
+        [Some(first), Some(last)] => format!(" at {first} to {last} mm"),
+        _ => String::new(),
+    };
+    format!("{}, {}{positions}{left_out}", files.len(), series::ends(&files))
 }
 
 fn near_and_far(report: &Report, palette: Palette) -> String {

@@ -1,6 +1,6 @@
 //! A focus sweep: from its files to its results.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -33,6 +33,8 @@ pub(crate) struct SweepJob {
 pub(crate) struct SweepFrames {
     pub(crate) frames: Vec<Frame>,
     pub(crate) inputs: Vec<Input>,
+    /// What was changed about the frames: their order, how they are turned.
+    warnings: Vec<String>,
     /// The settings, with the decoding resolved.
     options: SweepOptions,
     /// The region of the frames, and their mask.
@@ -81,19 +83,23 @@ impl SweepJob {
         device: impl FnOnce() -> Result<DeviceInfo, Failure>,
     ) -> Result<Option<SweepFrames>, Failure> {
         let started = Instant::now();
-        let (frames, inputs) = decode(&self.files.frames, |first| match request.part.is_whole() {
-            true => photographs::check_size([first; 2], &request.settings, photographs::LARGE, device),
-            false => Ok(()),
-        })?;
+        let decoded =
+            decode(&self.files.frames, self.positions == Positions::Counted, |first| match request.part.is_whole() {
+                true => photographs::check_size([first; 2], &request.settings, photographs::LARGE, device),
+                false => Ok(()),
+            })?;
+        let Decoded { frames, inputs, warnings, order } = decoded;
         if settled(&inputs)? {
             return Ok(None);
         }
-        check_alike(&self.files.frames, &frames)?;
+        check_alike(&inputs, &frames)?;
         let values = Values::of(request.settings.decode, &inputs)?.corrected(&inputs, &frames);
-        let options = self.options(Settings { decode: values.decode, ..request.settings.clone() });
+        let settings = Settings { decode: values.decode, ..request.settings.clone() };
+        let reference = self.reference.and_then(|n| order.iter().position(|other| *other == n));
+        let options = SweepOptions { reference, ..self.options(settings) };
         let part = fitting(request, self.expected(), &self.out, &frames)?;
         let read_ms = started.elapsed().as_secs_f64() * 1e3;
-        Ok(Some(SweepFrames { frames, inputs, options, part, values, read_ms }))
+        Ok(Some(SweepFrames { frames, inputs, warnings, options, part, values, read_ms }))
     }
 
     /// Writes the results. Returns their report.
@@ -105,9 +111,10 @@ impl SweepJob {
         (sweep, total_ms): &(Sweep, f64),
     ) -> Result<Report, Failure> {
         let nearer = photographs::nearer_end(request.nearer, &self.positions)?;
-        let files = names(&self.files.frames);
+        let files: Vec<String> = read.inputs.iter().map(|input| input.file.clone()).collect();
         let mut report = Report::sweep(sweep, &read.options.settings, &files, device, nearer, *total_ms);
         report.left_out.clone_from(&self.files.left_out);
+        report.warnings.splice(0..0, read.warnings.iter().cloned());
         report.values = read.values;
         report.set_inputs(read.inputs.clone());
         report.validated = is_validation_requested();
@@ -119,7 +126,7 @@ impl SweepJob {
         report.request_sha256 = self.digest(request)?;
         let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
         let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
-        let names = sweep.order.iter().map(|n| series::file_name(&self.files.frames[*n])).collect();
+        let names = sweep.order.iter().map(|n| series::file_name(Path::new(&files[*n]))).collect();
         let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
         write_results(request, &self.out, results, frames, names, labels)
     }
@@ -139,32 +146,59 @@ impl SweepFrames {
     }
 }
 
-/// Decodes the frames, after checking the first.
+/// Frames as read from their files.
+pub(crate) struct Decoded {
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) inputs: Vec<Input>,
+    /// What was changed about the frames.
+    pub(crate) warnings: Vec<String>,
+    /// The index of each frame among the files.
+    pub(crate) order: Vec<usize>,
+}
+
+/// Decodes the frames, after checking the first, and puts them in the order of their times if it is `open`.
 pub(crate) fn decode(
     files: &[PathBuf],
+    open: bool,
     fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
-) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
+) -> Result<Decoded, Failure> {
     let first = Photograph::open(&files[0])?;
     fits(&first)?;
-    Ok(image_io::read_frames(first, &files[1..])?.into_iter().unzip())
+    let read = image_io::read_frames(first, &files[1..])?;
+    let mut warnings = Vec::new();
+    let turned = read.iter().filter(|(_, input)| input.is_turned_otherwise);
+    let names: Vec<String> = turned.map(|(_, input)| series::file_name(Path::new(&input.file))).collect();
+    if !names.is_empty() {
+        warnings.push(format!(
+            "{} state another orientation than {}, and all are turned as that one",
+            photographs::in_short(&names, ", "),
+            series::file_name(&files[0])
+        ));
+    }
+    let times = read.iter().map(|(_, input)| input.exif.as_ref()?.taken.as_deref()).collect::<Option<Vec<_>>>();
+    let by_time = times.filter(|_| open).and_then(|times| series::by_time(&times));
+    if let Some(order) = &by_time {
+        let ends = series::ends(&[order[0], order[order.len() - 1]].map(|n| files[n].clone()));
+        warnings
+            .push(format!("the frames are taken in the order of their times, {ends}, and not in that of their names"));
+    }
+    let order = by_time.unwrap_or_else(|| (0..files.len()).collect());
+    let mut read: Vec<Option<(Frame, Input)>> = read.into_iter().map(Some).collect();
+    let (frames, inputs) = order.iter().filter_map(|n| read[*n].take()).unzip();
+    Ok(Decoded { frames, inputs, warnings, order })
 }
 
 /// Refuses frames of different sizes or formats.
-pub(crate) fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
+pub(crate) fn check_alike(files: &[Input], frames: &[Frame]) -> Result<(), Failure> {
     let describe = |frame: &Frame| format!("{}x{}, {}", frame.width(), frame.height(), frame.format());
     let kind = |frame: &Frame| (frame.width(), frame.height(), frame.format());
     let Some(n) = frames.iter().position(|frame| kind(frame) != kind(&frames[0])) else { return Ok(()) };
     Err(Failure::Failed(format!(
         "{}: frame {} is {}, and {} is {}: frames of a sweep have one size and format; crop, resize or convert it, or take it out",
-        files[n].display(),
+        files[n].file,
         n + 1,
         describe(&frames[n]),
-        files[0].display(),
+        files[0].file,
         describe(&frames[0])
     )))
-}
-
-/// The paths as given.
-pub(crate) fn names(files: &[PathBuf]) -> Vec<String> {
-    files.iter().map(|file| file.display().to_string()).collect()
 }

@@ -124,6 +124,17 @@ pub(crate) fn sweep_frames(
             SweepFiles { frames, left_out: Vec::new() }
         }
     };
+    // A dash before a number may be a minus sign.
+    if let Positions::Settings(stated) | Positions::Distances(stated) | Positions::Stage(stated) = positions
+        && let Some(named) = series::numbers(&files.frames)
+    {
+        let unit = 10f64.powi(series::FRACTION_DIGITS as i32);
+        let is_stated = |(named, stated): (&i128, &f64)| *named == (unit * stated.abs()).round() as i128;
+        let fits = stated.len() == named.len() && named.iter().rev().zip(stated).all(is_stated);
+        if fits && !named.iter().zip(stated).all(is_stated) {
+            files.frames.reverse();
+        }
+    }
     for file in &mut files.frames {
         *file = with_format(std::mem::take(file), raw);
     }
@@ -259,6 +270,13 @@ mod tests {
         let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);
         assert_eq!(sweep_frames(&listed, &Positions::Counted, None).unwrap().frames, counted);
         assert_eq!(sweep_frames(&listed, &Positions::Settings(vec![0.0, 1.0, 2.0]), None).unwrap().frames, listed);
+        let below = paths(&["z-1.5.tif", "z-2.0.tif", "z-2.5.tif"]);
+        let [rising, falling] = [[-2.5, -2.0, -1.5], [-1.5, -2.0, -2.5]].map(|at| Positions::Stage(at.to_vec()));
+        assert_eq!(
+            sweep_frames(&below, &rising, None).unwrap().frames,
+            below.iter().rev().cloned().collect::<Vec<_>>()
+        );
+        assert_eq!(sweep_frames(&below, &falling, None).unwrap().frames, below);
         let chosen = paths(&["z_3.png", "z_1.png", "z_2.png"]);
         assert_eq!(sweep_frames(&chosen, &Positions::Counted, None).unwrap().frames, chosen);
         assert_eq!(natural_key(Path::new("9999999999999999999999.png"))[0].1, 9_999_999_999_999_999_999);

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 const FEWEST: usize = 3;
 
 /// Digits of a fraction that are compared.
-const FRACTION_DIGITS: usize = 9;
+pub(crate) const FRACTION_DIGITS: usize = 9;
 
 /// Returns each series of three or more photographs in the order of its numbers.
 ///
@@ -21,10 +21,26 @@ pub(crate) fn find(files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
             groups.entry(texts).or_default().push(Named { numbers, file: file.clone() });
         }
     }
-    join_negative(&mut groups);
+    join_signed(&mut groups);
+    join_first(&mut groups, files);
     let mut found: Vec<_> = groups.into_values().flat_map(|group| apart(ordered(group))).collect();
     found.retain(|series| series.len() >= FEWEST);
     found.into_iter().map(|series| series.into_iter().map(|named| named.file).collect()).collect()
+}
+
+/// The order of times, if it is another than the given one and its reverse. Equal times, as of a burst, leave their order
+/// open; a counter of names that began again is a rotation of it.
+pub(crate) fn by_time(times: &[&str]) -> Option<Vec<usize>> {
+    let rotated = |by: usize| (by..times.len()).chain(0..by).collect::<Vec<usize>>();
+    let mut sorted = rotated(0);
+    sorted.sort_by_key(|n| times[*n]);
+    let is_distinct = sorted.windows(2).all(|pair| times[pair[0]] != times[pair[1]]);
+    let falls = |order: &[usize]| order.windows(2).all(|pair| times[pair[0]] >= times[pair[1]]);
+    let rises = |order: &Vec<usize>| order.windows(2).all(|pair| times[pair[0]] <= times[pair[1]]);
+    if rises(&rotated(0)) || falls(&rotated(0)) {
+        return None;
+    }
+    (1..times.len()).map(rotated).find(rises).or(is_distinct.then_some(sorted))
 }
 
 /// The first and the last name of a series, for messages.
@@ -41,12 +57,14 @@ struct Named {
 }
 
 /// A number in a name, as written.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Number {
     whole: i128,
     /// The digits after a point or a comma.
     fraction: String,
     is_negative: bool,
+    /// Whether a plus is before it.
+    has_plus: bool,
 }
 
 impl Number {
@@ -77,7 +95,7 @@ fn split(file: &Path) -> (Vec<String>, Vec<Number>) {
         };
         // A number of more than 18 digits is a date or a hash. Its last 18 digits are used.
         let whole = whole[whole.len().saturating_sub(18)..].parse().unwrap_or(0);
-        numbers.push(Number { whole, fraction: fraction.to_string(), is_negative: false });
+        numbers.push(Number { whole, fraction: fraction.to_string(), ..Number::default() });
         rest = after;
     }
     let mut tail = rest.chars().rev();
@@ -85,7 +103,7 @@ fn split(file: &Path) -> (Vec<String>, Vec<Number>) {
         tail.next().filter(char::is_ascii_alphabetic).filter(|_| !tail.next().is_some_and(char::is_alphabetic));
     match letter {
         Some(letter) => {
-            numbers.push(Number { whole: i128::from(u32::from(letter)), fraction: String::new(), is_negative: false });
+            numbers.push(Number { whole: i128::from(u32::from(letter)), ..Number::default() });
             // The mark keeps letters apart from numbers.
             texts.extend([rest[..rest.len() - 1].to_string(), format!("\0.{extension}")]);
         }
@@ -99,24 +117,41 @@ fn digits(text: &str) -> (&str, &str) {
     text.split_at(text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len()))
 }
 
-/// Reads a dash before a number as a minus sign if the same names without it include the number 0: `z-5`, `z0`, `z5`.
-/// Elsewhere it is a hyphen, as in `frame-1`.
-fn join_negative(groups: &mut BTreeMap<Vec<String>, Vec<Named>>) {
-    let keys: Vec<Vec<String>> = groups.keys().cloned().collect();
-    for key in keys {
-        for n in 0..key.len() - 1 {
-            let Some(text) = key[n].strip_suffix('-') else { continue };
-            let mut positive = key.clone();
-            positive[n] = text.to_string();
-            let has_zero = |group: &Vec<Named>| group.iter().any(|named| named.numbers[n].is_zero());
-            if !groups.get(&positive).is_some_and(has_zero) {
-                continue;
+/// Reads a dash before a number as a minus sign if the same names have a plus in its place, or without it include the
+/// number 0: `z-5`, `z0`, `z5`. Elsewhere it is a hyphen, as in `frame-1`.
+fn join_signed(groups: &mut BTreeMap<Vec<String>, Vec<Named>>) {
+    for sign in ['+', '-'] {
+        for key in groups.keys().cloned().collect::<Vec<_>>() {
+            for n in 0..key.len() - 1 {
+                let Some(text) = key[n].strip_suffix(sign) else { continue };
+                let mut unsigned = key.clone();
+                unsigned[n] = text.to_string();
+                let is_sign = |named: &Named| named.numbers[n].is_zero() || named.numbers[n].has_plus;
+                if sign == '-' && !groups.get(&unsigned).is_some_and(|group| group.iter().any(is_sign)) {
+                    continue;
+                }
+                let Some(mut group) = groups.remove(&key) else { continue };
+                let numbers = group.iter_mut().map(|named| &mut named.numbers[n]);
+                numbers.for_each(|number| (number.has_plus, number.is_negative) = (sign == '+', sign == '-'));
+                groups.entry(unsigned).or_default().extend(group);
+                break;
             }
-            let Some(mut negative) = groups.remove(&key) else { continue };
-            negative.iter_mut().for_each(|named| named.numbers[n].is_negative = true);
-            groups.entry(positive).or_default().extend(negative);
-            break;
         }
+    }
+}
+
+/// Adds the first of files that a system numbered because their names were equal: `scan.png` to `scan (1).png`.
+fn join_first(groups: &mut BTreeMap<Vec<String>, Vec<Named>>, files: &[PathBuf]) {
+    let is_copied = |key: &[String]| key.last().is_some_and(|after| after.starts_with(")."));
+    for (_, group) in groups.iter_mut().filter(|(key, _)| is_copied(key)) {
+        let Named { mut numbers, file } = group[0].clone();
+        let (stem, extension) = (stem(&file), file.extension().unwrap_or_default().to_string_lossy());
+        let first =
+            stem.rsplit_once('(').map(|(before, _)| format!("{}.{extension}", before.trim_end()).to_lowercase());
+        let file = files.iter().find(|file| first.as_ref() == Some(&file_name(file).to_lowercase()));
+        numbers.pop();
+        numbers.push(Number::default());
+        group.extend(file.cloned().map(|file| Named { numbers, file }));
     }
 }
 
@@ -127,6 +162,15 @@ fn ordered(mut group: Vec<Named>) -> Vec<Named> {
         named.numbers.iter().zip(&is_count).map(|(number, is_count)| number.key(*is_count)).collect::<Vec<_>>()
     });
     group
+}
+
+/// The numbers of the photographs, in units of [`FRACTION_DIGITS`], if one number differs.
+pub(crate) fn numbers(files: &[PathBuf]) -> Option<Vec<i128>> {
+    let all: Vec<Vec<Number>> = files.iter().map(|file| split(file).1).collect();
+    let differs = |n: &usize| all.iter().any(|numbers| numbers.get(*n) != all[0].get(*n));
+    let mut differing = (0..all.first()?.len()).filter(differs);
+    let (n, None) = (differing.next()?, differing.next()) else { return None };
+    all.iter().map(|numbers| Some(numbers.get(n)?.key(false))).collect()
 }
 
 /// Whether the fractions of number `n` are numbers of their own, as in `1.9, 1.10`. A decimal is rarely padded with a
@@ -211,6 +255,9 @@ mod tests {
             &["01_5.0mm.png", "02_5.5mm.png", "03_6.0mm.png"],
             &["1.png", "2.png", "3.png"],
             &["IMG_1 (1).png", "IMG_1 (2).png", "IMG_1 (3).png"],
+            &["z-30.tif", "z-5.tif", "z+000.tif", "z+5.tif", "z+30.tif"],
+            &["z-1.5.tif", "z-0.5.tif", "z+0.5.tif", "z+1.5.tif"],
+            &["scan.png", "scan (1).png", "scan (2).png", "scan (10).png"],
             &["stack.0001.ome.tif", "stack.0002.ome.tif", "stack.0003.ome.tif"],
         ] {
             let mut shuffled = names.to_vec();
@@ -218,6 +265,16 @@ mod tests {
             shuffled.swap(0, 1);
             assert_eq!(found(&shuffled), [names]);
         }
+    }
+
+    #[test]
+    fn times_order_frames_unless_they_agree_with_the_names() {
+        assert_eq!(
+            [&["1", "2", "2", "3"][..], &["3", "2", "1"], &["2", "2", "1", "1", "2"]].map(by_time),
+            [const { None }; 3]
+        );
+        assert_eq!(by_time(&["3", "3", "4", "1", "2", "3"]), Some(vec![3, 4, 5, 0, 1, 2]));
+        assert_eq!(by_time(&["1", "4", "2", "3"]), Some(vec![0, 2, 3, 1]));
     }
 
     #[test]

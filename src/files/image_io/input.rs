@@ -31,6 +31,9 @@ pub struct Input {
     pub encoding: Option<String>,
     /// EXIF of the camera and the lens.
     pub exif: Option<Exif>,
+    /// Whether the file states another orientation than the first frame of the sweep, by which it is turned.
+    #[serde(skip)]
+    pub is_turned_otherwise: bool,
 }
 
 /// Warnings about the files of a pair; one sentence each.
@@ -240,6 +243,7 @@ mod tests {
                 f_number: Some(5.6),
                 subject_distance_mm: Some(1250.0),
                 pixel_pitch_mm: Some(0.01),
+                taken: None,
             };
             assert_eq!(input.exif, Some(expected), "{name}");
             assert_eq!((input.encoding.as_deref(), input.bits, input.channels), (Some("sRGB"), 8, 3));

@@ -22,6 +22,8 @@ pub struct Exif {
     pub subject_distance_mm: Option<f64>,
     /// Pixel pitch of the sensor, mm, from the focal plane resolution of the picture as the camera stored it.
     pub pixel_pitch_mm: Option<f64>,
+    /// Date, time and, if stated, fraction of the second when the photograph was taken: `2026:05:01 12:00:59.25`.
+    pub taken: Option<String>,
 }
 
 /// Parses the TIFF structure of EXIF, from APP1 of JPEG, eXIf of PNG, or a TIFF file. Also returns whether it states
@@ -54,7 +56,9 @@ pub(super) fn parse_exif(data: Vec<u8>) -> (Option<Exif>, bool) {
         // The default unit is the inch.
         _ => 25.4,
     };
+    let fraction = text(Tag::SubSecTimeOriginal).map_or(String::new(), |digits| format!(".{digits}"));
     let exif = Exif {
+        taken: text(Tag::DateTimeOriginal).filter(|t| !t.is_empty()).map(|taken| taken + &fraction),
         camera,
         focal_length_mm: number(Tag::FocalLength),
         focal_length_35mm_mm: number(Tag::FocalLengthIn35mmFilm),

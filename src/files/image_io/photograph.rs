@@ -5,6 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use image::metadata::Orientation;
 use sha2::{Digest, Sha256};
 
 use super::header::{DAMAGED, Header, check_size};
@@ -14,7 +15,7 @@ use super::plain::camera_raw_problem;
 use super::raster::check_end;
 use super::similar_file::similar_file;
 use super::source::{Selected, Source};
-use super::tiff_page::is_tiff;
+use super::tiff_page::{is_tiff, turned};
 use crate::base::{Depth, Error, Format, Frame, workers};
 use crate::files::bounded_read;
 
@@ -29,6 +30,10 @@ pub struct Photograph {
     header: Header,
     /// Transfer curve and EXIF that the file states.
     metadata: (Option<String>, Option<Exif>),
+    /// How the pixels are turned, if the format states it.
+    orientation: Option<Orientation>,
+    /// Whether the file states another orientation than that.
+    is_turned_otherwise: bool,
 }
 
 impl Photograph {
@@ -78,10 +83,22 @@ impl Photograph {
             let mut source = Source::open(&bytes, &selected)?;
             check_size(source.header().size)?;
             let metadata = source.encoding_and_exif(&bytes);
-            Ok((source.header().clone(), metadata))
+            Ok((source.header().clone(), metadata, source.orientation().copied()))
         };
-        let (header, metadata) = guarded(parse).map_err(wrap)?;
-        Ok(Self { path: path.to_path_buf(), selected, bytes, header, metadata })
+        let (header, metadata, orientation) = guarded(parse).map_err(wrap)?;
+        let path = path.to_path_buf();
+        Ok(Self { path, selected, bytes, header, metadata, orientation, is_turned_otherwise: false })
+    }
+
+    /// Turns the pixels as those of another photograph of the same camera, if as many are stored.
+    fn turned_as(mut self, size: (u32, u32), orientation: Option<Orientation>) -> Self {
+        if let (Some(own), Some(other)) = (self.orientation, orientation)
+            && own != other
+            && turned(self.header.size, own) == turned(size, other)
+        {
+            (self.header.size, self.orientation, self.is_turned_otherwise) = (size, orientation, true);
+        }
+        self
     }
 
     /// The path as passed.
@@ -120,6 +137,7 @@ impl Photograph {
             page: self.selected.page,
             encoding,
             exif,
+            is_turned_otherwise: self.is_turned_otherwise,
         }
     }
 
@@ -191,7 +209,12 @@ impl Photograph {
     }
 
     fn source(&self) -> Result<Source<'_>, Error> {
-        guarded(|| Source::open(&self.bytes, &self.selected)).map_err(|problem| Error::file(&self.path, problem))
+        let open = || {
+            let mut source = Source::open(&self.bytes, &self.selected)?;
+            source.orientation().zip(self.orientation).into_iter().for_each(|(stated, used)| *stated = used);
+            Ok(source)
+        };
+        guarded(open).map_err(|problem| Error::file(&self.path, problem))
     }
 }
 
@@ -278,15 +301,19 @@ fn guarded<T>(of: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
 /// Decodes frames in parallel and describes their files. The first one is already open. In addition to the frames,
 /// memory holds as many files as there are processors. Pages of one file share its bytes.
 ///
+/// All are turned as the first file states ([`Input::is_turned_otherwise`]): a camera that looks down does not know which
+/// way is up, and its statement may change from frame to frame.
+///
 /// # Errors
 /// [`Error::File`] of the first file that fails.
 pub fn read_frames(first: Photograph, others: &[PathBuf]) -> Result<Vec<(Frame, Input)>, Error> {
     let mut read: Vec<Option<Result<_, Error>>> = (0..=others.len()).map(|_| None).collect();
     let mut last = Some(first.clone());
+    let (size, orientation) = (first.header.size, first.orientation);
     let opened = others.iter().map(|path| {
         let photograph = last.take().map_or_else(|| Photograph::open(path), |last| last.open_next(path));
         last = photograph.as_ref().ok().cloned();
-        photograph
+        photograph.map(|photograph| photograph.turned_as(size, orientation))
     });
     workers::for_each([Ok(first)].into_iter().chain(opened).zip(&mut read), |(photograph, read)| {
         *read = Some(photograph.and_then(|photograph| {

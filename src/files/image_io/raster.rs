@@ -26,7 +26,7 @@ const MAX_HEADER: u64 = 8 << 20;
 pub(super) struct Raster<'a> {
     pub(super) header: Header,
     decoder: Box<dyn ImageDecoder + 'a>,
-    orientation: Orientation,
+    pub(super) orientation: Orientation,
 }
 
 impl<'a> Raster<'a> {

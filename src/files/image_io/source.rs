@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use image::metadata::Orientation;
+
 use super::header::Header;
 use super::metadata::{Exif, LINEAR, SRGB, encoding_of_icc, encoding_of_png, parse_exif};
 use super::openexr::{Exr, is_exr};
@@ -97,6 +99,15 @@ impl<'a> Source<'a> {
             Self::Pfm(s) => &s.header,
             Self::Raw(s) => &s.header,
             Self::Exr(s) => &s.header,
+        }
+    }
+
+    /// How the pixels are turned after decoding, as the file states at first; `None` if its format does not state it.
+    pub(super) fn orientation(&mut self) -> Option<&mut Orientation> {
+        match self {
+            Self::Raster(s) => Some(&mut s.orientation),
+            Self::Tiff(s) => Some(&mut s.orientation),
+            _ => None,
         }
     }
 

@@ -27,7 +27,7 @@ pub(super) struct TiffPage<'a> {
     /// Width and height as stored, px.
     size: (u32, u32),
     color: ColorType,
-    orientation: Orientation,
+    pub(super) orientation: Orientation,
 }
 
 /// Whether a file starts as classic or big TIFF, in either byte order.

@@ -149,7 +149,8 @@ impl Foreign {
 }
 
 /// Why each frame does not belong to the sweep, if it does not. The frames that belong are the largest group that fits.
-pub(super) fn foreign(frames: &[Coarse]) -> Vec<Option<Foreign>> {
+/// Frames are compared with those near them as given, and in the `order` that they show.
+pub(super) fn foreign(frames: &[Coarse], order: &[usize]) -> Vec<Option<Foreign>> {
     let mut deviations: Vec<f32> = frames.iter().map(|frame| frame.deviation).collect();
     deviations.sort_by(f32::total_cmp);
     // Up to half of the frames may be blank.
@@ -159,8 +160,13 @@ pub(super) fn foreign(frames: &[Coarse]) -> Vec<Option<Foreign>> {
     }
     let blank: Vec<bool> = frames.iter().map(|frame| frame.deviation < BLANK * usual).collect();
     let shown: Vec<usize> = (0..frames.len()).filter(|&n| !blank[n]).collect();
-    let near = |n: usize| (n + 1..(n + 1 + REACH).min(shown.len())).map(move |other| [n, other]);
-    let compared: Vec<[usize; 2]> = (0..shown.len()).flat_map(near).collect();
+    let place = |n: usize| shown.iter().position(|other| *other == n);
+    let ordered: Vec<usize> = order.iter().filter_map(|n| place(*n)).collect();
+    let near = |order: Vec<usize>| {
+        let apart = |by: usize| order.iter().zip(order.iter().skip(by)).map(|(a, b)| [*a.min(b), *a.max(b)]);
+        (1..=REACH).flat_map(apart).collect::<BTreeSet<_>>()
+    };
+    let compared: Vec<_> = near((0..shown.len()).collect()).union(&near(ordered)).copied().collect();
     let misfits = workers::map(compared.len(), |n| {
         let [a, b] = compared[n].map(|frame| &frames[shown[frame]]);
         misfit(a, b)
