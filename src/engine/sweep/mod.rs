@@ -57,6 +57,8 @@ pub struct JointRegistration {
     pub rate: f64,
     /// The focus settings of the frames, as stated or as found.
     pub settings: Vec<f64>,
+    /// The frames that do not lie on their neighbours: their registration failed.
+    pub unlike: Vec<usize>,
 }
 
 /// The result of a joint solve.
@@ -234,6 +236,7 @@ impl JointSolver {
             parallax: shared.parallax,
             rate: shared.rate,
             settings: shared.settings,
+            unlike: shared.unlike,
         }
     }
 }

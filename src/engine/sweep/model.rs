@@ -37,6 +37,7 @@ pub(crate) fn scripts(plan: &Plan, frames: usize) -> (Vec<Script>, Vec<Script>) 
         parallax: vec![[0.0; 2]; frames],
         brightness: vec![(1.0, Shading::NONE); frames],
         pairs_per_pixel: 1.0,
+        unlike: Vec::new(),
     };
     let align = |level: &Level, also_reference: bool| {
         let moved = (0..frames).filter(|&n| also_reference || n != shared.reference);

@@ -3,7 +3,7 @@
 use super::device::{Limits, SweepDevice};
 use super::pairs::{self, PairSums, Step};
 use super::shared::{ITERATIONS, SharedParameters};
-use super::start::{Frames, Registration};
+use super::start::{Frames, Motion, Registration};
 use super::validity::{self, ExcludedPixels, FinalSystem};
 use super::{contrast, outlines, spacing, start};
 use crate::base::statistics::median;
@@ -73,6 +73,9 @@ const WIDER: f64 = 2.0;
 /// 0.69 and 0.92 of two sweeps taken by hand, 0.83 to 0.97 of generated ones with 2 to 8 px between near and far of 320 px,
 /// and 0.99 to 1.001 of ten of cameras that stood still or nearly so.
 const MOVED: f64 = 0.98;
+/// A frame does not lie on the one before it if they differ by this share of their contrast, and by this multiple of what
+/// other neighbours do.
+const UNLIKE: [f64; 2] = [0.4, 3.0];
 
 /// Called after each finished part of the preparation, each iteration, and each level of the search for outlines, with
 /// the work since the last call, in pixels of an iteration, and whether the level or part ends with it.
@@ -333,8 +336,10 @@ impl PyramidSolver {
         let (reference, unknowns) = (input.reference, self.plan.settings.motion.unknowns());
         let frames = self.read_frames(first)?;
         let appearance = start::appearance(&frames);
-        let (mut motions, left) =
-            start::register(&appearance, reference, &Registration { start: &[], unknowns, focus: None });
+        let registered = start::register(&appearance, reference, &Registration { start: &[], unknowns, focus: None });
+        let mut motions: Vec<Motion> = registered.iter().map(|frame| frame.motion).collect();
+        let most = UNLIKE[0].max(UNLIKE[1] * median(registered.iter().map(|frame| frame.unlike)).unwrap_or(0.0));
+        let unlike = (0..self.frames).filter(|n| registered[*n].unlike > most).collect();
         let brightness = if self.plan.settings.photometric {
             start::brightness(&frames, &motions, reference)
         } else {
@@ -369,9 +374,11 @@ impl PyramidSolver {
         focus.data.iter_mut().for_each(|u| *u -= middle);
         if self.plan.settings.parallax != ParallaxSearch::Off {
             let registration = Registration { start: &motions, unknowns, focus: Some(&focus) };
-            let (with_parallax, left_then) = start::register(&appearance, reference, &registration);
-            if left_then < MOVED * left {
-                motions = with_parallax;
+            let with_parallax = start::register(&appearance, reference, &registration);
+            let [then, before] =
+                [&with_parallax, &registered].map(|all| all.iter().map(|frame| frame.left).sum::<f64>());
+            if then < MOVED * before {
+                motions = with_parallax.iter().map(|frame| frame.motion).collect();
             }
         }
         let shared = SharedParameters {
@@ -384,6 +391,7 @@ impl PyramidSolver {
             parallax: motions.iter().map(|motion| motion.parallax).collect(),
             brightness,
             pairs_per_pixel: 1.0,
+            unlike,
         };
         Ok((shared, focus))
     }

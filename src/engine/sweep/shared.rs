@@ -51,6 +51,8 @@ pub(super) struct SharedParameters {
     pub(super) brightness: Vec<(f64, Shading)>,
     /// Pairs that contribute to a pixel, on average over those that count.
     pub(super) pairs_per_pixel: f64,
+    /// The frames that do not lie on their neighbours.
+    pub(super) unlike: Vec<usize>,
 }
 
 impl SharedParameters {

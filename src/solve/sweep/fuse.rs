@@ -361,6 +361,7 @@ mod tests {
                 brightness: vec![Brightness::identity([width, height]); 2],
                 rate: 1.0,
                 settings: vec![0.0, 1.0],
+                unlike: Vec::new(),
             },
         };
         let (frames, solution, decode) = (&frames, &solution, Decode::None);

@@ -25,12 +25,25 @@ const MOST_DEVIATION: f64 = 0.08;
 /// a u. With 6.4 px (four frames of the metal part) it is 0.24, and 53 % have one; with 8 px 0.16, and 10 to 15 %.
 const LEAST_COMPARED: f64 = 1.0 / 3.0;
 
-/// An error if the frames do not differ in focus. `median_deviation`: of u, in settings; `None` if no pixel has one.
-pub(super) fn differ_in_focus(registration: &JointRegistration, median_deviation: Option<f64>) -> Result<(), Error> {
+/// An error if the frames do not differ in focus, or if their `contrast` shows that they do, but the solve does not.
+/// `median_deviation`: of u, in settings; `None` if no pixel has one.
+pub(super) fn differ_in_focus(
+    registration: &JointRegistration,
+    median_deviation: Option<f64>,
+    contrast: bool,
+    unlike: Option<String>,
+) -> Result<(), Error> {
     let (blur, range) = (blur(registration), registration.settings[registration.settings.len() - 1]);
     let is_noise = median_deviation.is_none_or(|deviation| deviation > MOST_DEVIATION * range);
     if blur >= MOST_BLUR_OF_NOISE || blur >= LEAST_BLUR && !is_noise {
         return Ok(());
+    }
+    if contrast {
+        return Err(Error::Mismatch(format!(
+            "the frames differ in focus, but their registration failed{}: take out frames of another view, or those that \
+             moved far",
+            unlike.map_or(String::new(), |unlike| format!("; {unlike}"))
+        )));
     }
     Err(Error::Mismatch(
         "the frames seem to be of one focus setting: they do not differ in focus beyond noise; focus each frame a step \
@@ -70,7 +83,8 @@ mod tests {
     /// Settings that begin at 0, and the blur of a step of 1, px.
     fn registration(settings: &[f64], blur: f64) -> JointRegistration {
         let (transforms, parallax, brightness) = (Vec::new(), Vec::new(), Vec::new());
-        JointRegistration { transforms, parallax, brightness, rate: blur * blur, settings: settings.to_vec() }
+        let (rate, settings, unlike) = (blur * blur, settings.to_vec(), Vec::new());
+        JointRegistration { transforms, parallax, brightness, rate, settings, unlike }
     }
 
     #[test]
@@ -87,8 +101,9 @@ mod tests {
 
     #[test]
     fn frames_of_one_focus_setting_are_refused() {
-        let judged =
-            |blur: f64, deviation: Option<f64>| differ_in_focus(&registration(&[0.0, 1.0, 2.0], blur / 2.0), deviation);
+        let judged = |blur: f64, deviation: Option<f64>| {
+            differ_in_focus(&registration(&[0.0, 1.0, 2.0], blur / 2.0), deviation, false, None)
+        };
         for (blur, deviation) in [(0.6, Some(0.02)), (1.5, Some(0.3)), (1.5, None)] {
             let error = judged(blur, deviation).unwrap_err().to_string();
             assert!(error.contains("do not differ in focus beyond noise"), "{error}");

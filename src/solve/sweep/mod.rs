@@ -294,7 +294,9 @@ impl<'a> Task<'a> {
 
     /// The result of a solve for the cut frames, in order.
     fn sweep(&self, mut solution: JointSolution) -> Result<Sweep, Error> {
-        judgement::differ_in_focus(&solution.registration, solution.median_deviation)?;
+        let unlike = unlike_warning(&solution.registration.unlike, &self.order.frames);
+        let (registration, deviation) = (&solution.registration, solution.median_deviation);
+        judgement::differ_in_focus(registration, deviation, self.order.differ_in_focus, unlike)?;
         let registered = self.registered(solution.registration.clone());
         let settings = &solution.registration.settings;
         let last = settings[settings.len() - 1];
@@ -341,7 +343,8 @@ impl<'a> Task<'a> {
     /// The registration of the photographs, from that of the cut frames.
     fn registered(&self, registration: JointRegistration) -> RegisteredSweep {
         let coarse = judgement::coarse_warning(&registration, self.options.settings.max_relative_blur);
-        let JointRegistration { mut transforms, parallax, mut brightness, rate, settings } = registration;
+        let unlike = unlike_warning(&registration.unlike, &self.order.frames);
+        let JointRegistration { mut transforms, parallax, mut brightness, rate, settings, .. } = registration;
         if self.is_cut {
             move_into(&mut transforms, &mut brightness, self.part, self.photograph);
         }
@@ -353,6 +356,7 @@ impl<'a> Task<'a> {
         let clipped_fractions: Vec<f64> =
             self.frames.iter().map(|frame| frame.clipped_fraction(levels, mask)).collect();
         let clipped = clipped_warning(&clipped_fractions, &self.order.frames);
+        let found = [unlike, uneven, coarse, clipped].into_iter().flatten();
         RegisteredSweep {
             photograph: self.photograph,
             reference: self.reference,
@@ -364,10 +368,17 @@ impl<'a> Task<'a> {
             blur_rate: rate / self.step.powi(2),
             decode: self.options.settings.decode.resolved([self.frames[0].format().depth]),
             clipped_fractions,
-            warnings: self.order.warnings.iter().cloned().chain(uneven).chain(coarse).chain(clipped).collect(),
+            warnings: self.order.warnings.iter().cloned().chain(found).collect(),
             order: self.order.frames.clone(),
         }
     }
+}
+
+/// A warning that names the frames that do not lie on their neighbours.
+fn unlike_warning(unlike: &[usize], order: &[usize]) -> Option<String> {
+    let names: Vec<String> = unlike.iter().map(|n| (order[*n] + 1).to_string()).collect();
+    let words = "moved too far to be registered, or do not show what the frames beside them show";
+    (!names.is_empty()).then(|| format!("the frames {} {words}", names.join(", ")))
 }
 
 /// A warning that names the frames with most of their pixels clipped. `order` has the index of each frame among the

@@ -6,6 +6,7 @@
 
 use super::foreign::{Coarse, Foreign, foreign, halved, merged};
 use super::fuse::squared_laplacian;
+use crate::base::statistics::median;
 use crate::base::{Decode, Error, Frame, workers};
 use crate::solve::resample::luminance;
 
@@ -16,7 +17,14 @@ pub(super) const MIN_FRAMES: usize = 3;
 pub(super) struct Order {
     pub(super) frames: Vec<usize>,
     pub(super) warnings: Vec<String>,
+    /// Whether the contrast of some frame shows that it differs in focus.
+    pub(super) differ_in_focus: bool,
 }
+
+/// The least difference of the logarithms of fine and coarse detail, in the median over the places, between frames that
+/// differ in focus. It is 1.1 to 2.8 in six real sweeps, and 0.5 and more in simulated ones that blur by 0.8 to 10 px, and up
+/// to 0.45 for one setting with noise of 0.05, or where frames move by 12 px or grow by 10 %.
+const DIFFERENT: f64 = 0.6;
 
 /// The longest side on which sharpness is compared, px. The reduction averages out the noise of single pixels.
 const LONGEST: usize = 512;
@@ -54,14 +62,15 @@ pub(super) fn judge(frames: &[Frame], rules: Rules) -> Result<Order, Error> {
     let distinct = without_repetitions(frames, rules, &mut warnings);
     let reduced = workers::map(distinct.len(), |n| Reduced::of(&frames[distinct[n]]));
     let Some(reduced) = reduced.into_iter().collect::<Option<Vec<_>>>() else {
-        return Ok(Order { frames: enough(distinct, frames.len())?, warnings });
+        return Ok(Order { frames: enough(distinct, frames.len())?, warnings, differ_in_focus: false });
     };
     let (kept, logarithms) = without_foreign(&distinct, reduced, rules, &mut warnings);
     let kept = enough(kept, frames.len())?;
+    let differ_in_focus = differ_in_focus(&logarithms);
     let (best, certain) = in_order(&logarithms);
     let best: Vec<usize> = best.into_iter().map(|n| kept[n]).collect();
     if best == kept {
-        return Ok(Order { frames: kept, warnings });
+        return Ok(Order { frames: kept, warnings, differ_in_focus });
     }
     let numbers: Vec<String> = best.iter().map(|n| (n + 1).to_string()).collect();
     let numbers = numbers.join(", ");
@@ -72,7 +81,7 @@ pub(super) fn judge(frames: &[Frame], rules: Rules) -> Result<Order, Error> {
     } else {
         format!("the frames may be out of order, and would fit better as {numbers}; they are taken as given")
     });
-    Ok(Order { frames: if certain && !rules.stated { best } else { kept }, warnings })
+    Ok(Order { frames: if certain && !rules.stated { best } else { kept }, warnings, differ_in_focus })
 }
 
 /// Returns the frames that are kept of those passed, or an error if they are too few.
@@ -186,6 +195,16 @@ fn logarithms(frames: &[&Sharpness]) -> Vec<Vec<f32>> {
         octaves.flat_map(|(values, floor)| values.iter().map(move |e| (e + floor).ln())).collect()
     };
     frames.iter().map(of).collect()
+}
+
+/// Whether fine detail changes against coarse detail between two frames: a measure that needs no registration.
+fn differ_in_focus(logarithms: &[Vec<f32>]) -> bool {
+    let ends = |frame: &Vec<f32>, place: usize| frame[place] - frame[place + (OCTAVES - 1) * PLACES * PLACES];
+    let differ = |a: &Vec<f32>, b: &Vec<f32>| {
+        let by_place = (0..PLACES * PLACES).map(|place| f64::from((ends(a, place) - ends(b, place)).abs()));
+        median(by_place).is_some_and(|difference| difference > DIFFERENT)
+    };
+    (0..logarithms.len()).any(|n| logarithms[..n].iter().any(|other| differ(&logarithms[n], other)))
 }
 
 /// How far an order is from that of a sweep at each place, the mean over octaves: how much sharpness falls before the
