@@ -151,13 +151,18 @@ fn focus_distances_and_stage_positions_give_depth_within_its_deviation() {
     let median = report["depth"]["median"].as_f64().unwrap();
     assert!((median - inverse(2.0)).abs() < 1.0, "{median}");
 
-    let output = sweep.stack(&["--focus-at", "-1,-0.5,0,0.5,1", "--stage", "--quiet", "--nearer", "2"]);
+    let output = sweep.stack(&["--focus-at", "-1,-0.5,0,0.5,1", "--stage", "up", "--json"]);
     assert!(output.status.success(), "{}", stderr_of(&output));
+    let report = printed(&output);
+    assert_eq!((&report["nearer"], &report["nearer_by"]), (&2.into(), &"stated".into()));
     let (median, within) = depth_error(&sweep, |x| -1.0 + 0.5 * slope(x));
     assert!(median < 0.025 && within > 0.9, "{median} mm, {within}");
 
-    let output = sweep.stack(&["--quiet"]);
+    // Frames of one scale do not show which is focused nearest.
+    let output = sweep.stack(&["--json"]);
     assert!(output.status.success() && !sweep.out().join("depth_mm.exr").exists());
+    assert_eq!(printed(&output)["nearer_by"], "assumed");
+    assert!(stderr_of(&output).contains("nothing shows which is focused nearer"), "{}", stderr_of(&output));
 }
 
 /// Focus of two planes. The right plane lies one step beyond the last of four frames.

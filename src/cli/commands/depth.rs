@@ -70,8 +70,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     } else if solved.report.kind == Kind::Sweep {
         let positions = arguments.focus_at.positions().filter(|_| !arguments.lens.is_given());
         let positions = positions.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
-        let nearer = photographs::nearer_end(arguments.nearer, &positions)?;
+        let (nearer, by) = photographs::nearer_end(arguments.focus_at.nearer(arguments.nearer), &positions)?;
         solved.set_positions(&positions, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
+        solved.report.nearer_by = by;
         Vec::new()
     } else {
         if arguments.focus_at.positions().is_some() || arguments.nearer.is_some() {

@@ -127,7 +127,7 @@ struct SweepArguments {
     /// c, px² per squared setting: a point in focus at u has the blur c (k - u)² in frame k [default: 36/(N - 1)²]
     #[arg(long, value_name = "PX2", help_heading = SWEEP, requires = "frames")]
     blur_rate: Option<f64>,
-    /// Magnification from the first frame to the last (-20 to 20 %) [default: 1]
+    /// Magnification from the first frame, which is focused nearest, to the last (-20 to 20 %) [default: -1]
     #[arg(long, value_name = "PERCENT", help_heading = SWEEP, requires = "frames")]
     breathing: Option<f64>,
     /// Movement from the first frame to the last, on a smooth path (0 to 1000 px) [default: 2]
@@ -150,7 +150,7 @@ impl SweepArguments {
         let sweep = SweepScene::new(scene.clone(), self.frames?);
         Some(SweepScene {
             blur_rate: self.blur_rate.unwrap_or(sweep.blur_rate),
-            breathing: self.breathing.unwrap_or(1.0) / 100.0,
+            breathing: self.breathing.unwrap_or(-1.0) / 100.0,
             drift: self.drift.unwrap_or(2.0),
             rotation: rotation.unwrap_or(ROTATION).to_radians(),
             gain_drift: self.gain_drift.unwrap_or(0.0) / 100.0,

@@ -41,9 +41,10 @@ pub(crate) struct Arguments {
     /// Frame whose pixels the results follow, from 1 [default: the middle frame]
     #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
-    /// The frame that is focused nearest: 1 the first, 2 the last [default: 1, or by --focus-at]
+    /// The frame that is focused nearest: 1 the first, 2 the last [default: as the sweep shows]
     ///
-    /// Determines which end is near in the pictures and on the page.
+    /// Determines which end is near in the pictures and on the page. By default --focus-at does, or the scale of the
+    /// frames: a lens that is extended to focus near shows things larger; or the distances that the camera stated.
     #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
     #[command(flatten)]
@@ -69,9 +70,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let part = arguments.part.part();
     let settings = arguments.settings.settings(Method::Unified, StartUse::Start)?;
-    let request = arguments.results.request(&arguments.settings, settings, part, arguments.nearer)?;
+    let request =
+        arguments.results.request(&arguments.settings, settings, part, arguments.focus_at.nearer(arguments.nearer))?;
     job.check(&request)?;
     job.files.note().iter().for_each(|note| request.run.report.print_line(note));
+    if let (Some([first, .., last]), [_]) = (job.positions.millimetres(), &arguments.frames[..]) {
+        let note = format!("note: {} are at {first} to {last} mm, in this order", series::ends(&job.files.frames));
+        request.run.report.print_line(&note);
+    }
     let mut engine = None;
     let read = job.read(&request, |_| Ok(false), || request.run.info(&mut engine))?;
     let Some(read) = read else { return Ok(()) };
@@ -115,26 +121,25 @@ fn frames_in_words(report: &Report) -> String {
         [] => String::new(),
         names => format!("; left out: {}", photographs::in_short(names, ", ")),
     };
-    let positions = [report.frames.first(), report.frames.last()].map(|frame| frame.and_then(|frame| frame.focus_mm));
-    let positions = match positions {
-        [Some(first), Some(last)] => format!(" at {first} to {last} mm"),
-        _ => String::new(),
-    };
-    format!("{}, {}{positions}{left_out}", files.len(), series::ends(&files))
+    format!("{}, {}{left_out}", files.len(), series::ends(&files))
 }
 
 fn near_and_far(report: &Report, palette: Palette) -> String {
     let [near, far] = palette.ends();
-    if report.depth.is_some() {
-        return format!("mm, {near} near, {far} far");
-    }
+    let ([near_end, far_end], unit) = (report.end_names(), if report.depth.is_some() { "mm, " } else { "" });
     let (nearest, other) = if report.nearer == Some(1) { ("first", 2) } else { ("last", 1) };
-    let ends = format!("{near} near, {far} far, the {nearest} frame");
-    match report.nearer_by {
-        Some(NearerBy::Stated) => format!("{ends} focused nearest (stated)"),
-        Some(NearerBy::Distances) => format!("{ends} focused nearest (distances)"),
-        _ => format!("{ends} taken as focused nearest; --nearer {other} swaps them"),
+    let by = match report.nearer_by {
+        Some(NearerBy::Stated) => "stated",
+        Some(NearerBy::Distances) => "distances",
+        Some(NearerBy::Scale) => "its scale",
+        Some(NearerBy::Exif) => "EXIF",
+        _ if report.depth.is_some() => "greater positions are taken as farther away: --stage up if they are nearer",
+        _ => "nothing shows which is focused nearer: --nearer 1 or 2",
+    };
+    if report.nearer_by == Some(NearerBy::Assumed) {
+        return format!("{unit}{near} {near_end}, {far} {far_end} frame; {by}");
     }
+    format!("{unit}{near} near, {far} far, the {nearest} frame focused nearest ({by}); --nearer {other} swaps them")
 }
 
 /// How far near things are displaced against far ones between two frames at most.

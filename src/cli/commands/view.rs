@@ -72,7 +72,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let results = Results::read(&arguments.results)?;
     let (quantity, fused) = (results.best(), results.fused()?);
-    let surface = Surface::of(&quantity, results.footprint(), &fused)?;
+    let mut surface = Surface::of(&quantity, results.footprint(), &fused)?;
+    surface.ends = results.report.end_names();
     let [still, turning] = views(arguments, surface.relief());
     figure::write_png(force.to(&output), &surface.picture(&still)?)?;
     if let Some(turntable) = &arguments.turntable {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use parfocal::export::{self, Kind, NearerBy, Report, Results};
+use parfocal::export::{self, Kind, Nearer, NearerBy, Report, Results};
 use parfocal::image_io::{self, Input, Photograph, Values};
 use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
@@ -110,7 +110,17 @@ impl SweepJob {
         read: &SweepFrames,
         (sweep, total_ms): &(Sweep, f64),
     ) -> Result<Report, Failure> {
-        let nearer = photographs::nearer_end(request.nearer, &self.positions)?;
+        let (mut nearer, mut by) = photographs::nearer_end(request.nearer, &self.positions)?;
+        let distance = |n: Option<&usize>| read.inputs[*n?].exif.as_ref()?.subject_distance_mm;
+        let by_camera = [sweep.order.first(), sweep.order.last()].map(distance);
+        if by.is_none() {
+            let (first, shown_by) = match (sweep.first_is_nearest(), by_camera) {
+                (Some(first), _) => (first, NearerBy::Scale),
+                (None, [Some(first), Some(last)]) if first != last => (first < last, NearerBy::Exif),
+                _ => (true, NearerBy::Assumed),
+            };
+            (nearer, by) = (if first { Nearer::First } else { Nearer::Second }, Some(shown_by));
+        }
         let files: Vec<String> = read.inputs.iter().map(|input| input.file.clone()).collect();
         let mut report = Report::sweep(sweep, &read.options.settings, &files, device, nearer, *total_ms);
         report.left_out.clone_from(&self.files.left_out);
@@ -118,11 +128,7 @@ impl SweepJob {
         report.values = read.values;
         report.set_inputs(read.inputs.clone());
         report.validated = is_validation_requested();
-        report.nearer_by = Some(match (self.positions.millimetres(), request.nearer) {
-            (_, Some(_)) => NearerBy::Stated,
-            (Some(_), None) => NearerBy::Distances,
-            (None, None) => NearerBy::Assumed,
-        });
+        report.nearer_by = by;
         report.request_sha256 = self.digest(request)?;
         let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
         let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));

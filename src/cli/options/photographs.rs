@@ -4,7 +4,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{Nearer, SIMULATED_FILES, result_files};
+use parfocal::export::{Nearer, NearerBy, SIMULATED_FILES, result_files};
 use parfocal::image_io::{Input, Photograph, RawFormat};
 use parfocal::internals::bounded_read;
 use parfocal::sweep::Positions;
@@ -124,17 +124,6 @@ pub(crate) fn sweep_frames(
             SweepFiles { frames, left_out: Vec::new() }
         }
     };
-    // A dash before a number may be a minus sign.
-    if let Positions::Settings(stated) | Positions::Distances(stated) | Positions::Stage(stated) = positions
-        && let Some(named) = series::numbers(&files.frames)
-    {
-        let unit = 10f64.powi(series::FRACTION_DIGITS as i32);
-        let is_stated = |(named, stated): (&i128, &f64)| *named == (unit * stated.abs()).round() as i128;
-        let fits = stated.len() == named.len() && named.iter().rev().zip(stated).all(is_stated);
-        if fits && !named.iter().zip(stated).all(is_stated) {
-            files.frames.reverse();
-        }
-    }
     for file in &mut files.frames {
         *file = with_format(std::mem::take(file), raw);
     }
@@ -235,28 +224,46 @@ pub(crate) struct FocusPositionArguments {
     /// Take the numbers of --focus-at as positions along the axis, from any origin
     ///
     /// For a stage that moves the camera or the scene, or a lens that is telecentric on the side of the scene: depth is
-    /// linear in them, not in their inverse.
-    #[arg(long, help_heading = INPUT, requires_if("true", "focus_at"))]
-    stage: bool,
+    /// linear in them, not in their inverse. `up`: greater positions are nearer to the camera; `down`: farther away, as
+    /// without either.
+    #[arg(long, value_name = "up|down", help_heading = INPUT, num_args = 0..=1, default_missing_value = "true",
+          value_parser = ["up", "down", "true"], hide_possible_values = true, requires = "focus_at")]
+    stage: Option<String>,
 }
 
 impl FocusPositionArguments {
     /// The stated positions.
     pub(crate) fn positions(&self) -> Option<Positions> {
         let at = self.focus_at.clone()?;
-        Some(if self.stage { Positions::Stage(at) } else { Positions::Distances(at) })
+        Some(if self.stage.is_some() { Positions::Stage(at) } else { Positions::Distances(at) })
+    }
+
+    /// The frame that is focused nearest, from `--nearer` or the direction of the stage.
+    pub(crate) fn nearer(&self, stated: Option<u8>) -> Option<u8> {
+        let ascending = self.positions().and_then(|positions| positions.first_is_nearest());
+        match (self.stage.as_deref(), ascending) {
+            (Some("up"), Some(ascending)) => Some(1 + u8::from(ascending)),
+            (Some("down"), Some(ascending)) => Some(2 - u8::from(ascending)),
+            _ => stated,
+        }
     }
 }
 
-/// The near end of the sweep, from `--nearer` and the distances. For a stage, `--nearer` takes precedence, since the
-/// direction of the stage is unknown.
-pub(crate) fn nearer_end(stated: Option<u8>, positions: &Positions) -> Result<Nearer, Failure> {
+/// The near end of the sweep, from `--nearer` and the positions, and what states it. For a stage, `--nearer` takes
+/// precedence, since the direction of the stage is unknown.
+pub(crate) fn nearer_end(stated: Option<u8>, positions: &Positions) -> Result<(Nearer, Option<NearerBy>), Failure> {
     let by_distance = positions.first_is_nearest().map(|first| if first { 1 } else { 2 });
     let contradicted = stated.is_some() && by_distance.is_some() && stated != by_distance;
     if contradicted && matches!(positions, Positions::Distances(_)) {
         return Err(Failure::Usage("--nearer contradicts --focus-at; leave --nearer out".to_string()));
     }
-    Ok(if stated.or(by_distance) == Some(2) { Nearer::Second } else { Nearer::First })
+    let by = match (stated, positions) {
+        (Some(_), _) => Some(NearerBy::Stated),
+        (None, Positions::Distances(_)) => Some(NearerBy::Distances),
+        (None, Positions::Stage(_)) => Some(NearerBy::Assumed),
+        (None, _) => None,
+    };
+    Ok((if stated.or(by_distance) == Some(2) { Nearer::Second } else { Nearer::First }, by))
 }
 
 #[cfg(test)]
@@ -270,13 +277,6 @@ mod tests {
         let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);
         assert_eq!(sweep_frames(&listed, &Positions::Counted, None).unwrap().frames, counted);
         assert_eq!(sweep_frames(&listed, &Positions::Settings(vec![0.0, 1.0, 2.0]), None).unwrap().frames, listed);
-        let below = paths(&["z-1.5.tif", "z-2.0.tif", "z-2.5.tif"]);
-        let [rising, falling] = [[-2.5, -2.0, -1.5], [-1.5, -2.0, -2.5]].map(|at| Positions::Stage(at.to_vec()));
-        assert_eq!(
-            sweep_frames(&below, &rising, None).unwrap().frames,
-            below.iter().rev().cloned().collect::<Vec<_>>()
-        );
-        assert_eq!(sweep_frames(&below, &falling, None).unwrap().frames, below);
         let chosen = paths(&["z_3.png", "z_1.png", "z_2.png"]);
         assert_eq!(sweep_frames(&chosen, &Positions::Counted, None).unwrap().frames, chosen);
         assert_eq!(natural_key(Path::new("9999999999999999999999.png"))[0].1, 9_999_999_999_999_999_999);

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 const FEWEST: usize = 3;
 
 /// Digits of a fraction that are compared.
-pub(crate) const FRACTION_DIGITS: usize = 9;
+const FRACTION_DIGITS: usize = 9;
 
 /// Returns each series of three or more photographs in the order of its numbers.
 ///
@@ -28,19 +28,12 @@ pub(crate) fn find(files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
     found.into_iter().map(|series| series.into_iter().map(|named| named.file).collect()).collect()
 }
 
-/// The order of times, if it is another than the given one and its reverse. Equal times, as of a burst, leave their order
-/// open; a counter of names that began again is a rotation of it.
+/// The order of times, if it is another than the given one and its reverse. Equal times, as of a burst, leave it open.
 pub(crate) fn by_time(times: &[&str]) -> Option<Vec<usize>> {
-    let rotated = |by: usize| (by..times.len()).chain(0..by).collect::<Vec<usize>>();
-    let mut sorted = rotated(0);
-    sorted.sort_by_key(|n| times[*n]);
-    let is_distinct = sorted.windows(2).all(|pair| times[pair[0]] != times[pair[1]]);
-    let falls = |order: &[usize]| order.windows(2).all(|pair| times[pair[0]] >= times[pair[1]]);
-    let rises = |order: &Vec<usize>| order.windows(2).all(|pair| times[pair[0]] <= times[pair[1]]);
-    if rises(&rotated(0)) || falls(&rotated(0)) {
-        return None;
-    }
-    (1..times.len()).map(rotated).find(rises).or(is_distinct.then_some(sorted))
+    let mut order: Vec<usize> = (0..times.len()).collect();
+    order.sort_by_key(|n| times[*n]);
+    let is_distinct = order.windows(2).all(|pair| times[pair[0]] != times[pair[1]]);
+    (is_distinct && !times.is_sorted() && !times.iter().rev().is_sorted()).then_some(order)
 }
 
 /// The first and the last name of a series, for messages.
@@ -164,15 +157,6 @@ fn ordered(mut group: Vec<Named>) -> Vec<Named> {
     group
 }
 
-/// The numbers of the photographs, in units of [`FRACTION_DIGITS`], if one number differs.
-pub(crate) fn numbers(files: &[PathBuf]) -> Option<Vec<i128>> {
-    let all: Vec<Vec<Number>> = files.iter().map(|file| split(file).1).collect();
-    let differs = |n: &usize| all.iter().any(|numbers| numbers.get(*n) != all[0].get(*n));
-    let mut differing = (0..all.first()?.len()).filter(differs);
-    let (n, None) = (differing.next()?, differing.next()) else { return None };
-    all.iter().map(|numbers| Some(numbers.get(n)?.key(false))).collect()
-}
-
 /// Whether the fractions of number `n` are numbers of their own, as in `1.9, 1.10`. A decimal is rarely padded with a
 /// zero to more digits than another one: two would be equal, or one of a single range would end in 0.
 fn is_count(group: &[Named], n: usize) -> bool {
@@ -269,12 +253,8 @@ mod tests {
 
     #[test]
     fn times_order_frames_unless_they_agree_with_the_names() {
-        assert_eq!(
-            [&["1", "2", "2", "3"][..], &["3", "2", "1"], &["2", "2", "1", "1", "2"]].map(by_time),
-            [const { None }; 3]
-        );
-        assert_eq!(by_time(&["3", "3", "4", "1", "2", "3"]), Some(vec![3, 4, 5, 0, 1, 2]));
-        assert_eq!(by_time(&["1", "4", "2", "3"]), Some(vec![0, 2, 3, 1]));
+        assert_eq!([&["1", "2", "2", "3"][..], &["3", "2", "1"], &["2", "1", "2"]].map(by_time), [const { None }; 3]);
+        assert_eq!(by_time(&["3", "4", "1", "2"]), Some(vec![2, 3, 0, 1]));
     }
 
     #[test]

@@ -31,12 +31,15 @@ struct Map<'a> {
     beyond: &'a [i8],
     /// Whether the first frame of a sweep is focused nearest.
     first_is_near: bool,
+    /// The names of the near and the far end.
+    ends: [&'static str; 2],
 }
 
 impl<'a> Map<'a> {
     fn new(size: (u32, u32), quantity: Quantity<'a>, palette: Palette) -> Self {
         let scale = quantity.scale();
-        Self { size, quantity, scale, palette, marked: &[], filled: &[], beyond: &[], first_is_near: true }
+        let ends = ["near", "far"];
+        Self { size, quantity, scale, palette, marked: &[], filled: &[], beyond: &[], first_is_near: true, ends }
     }
 
     /// RGBA of a pixel: the colour of its value, transparent where not valid, paler where it is filled in, hatched where
@@ -78,13 +81,14 @@ impl<'a> Map<'a> {
         let [near, far] = [1.0, 0.0].map(|nearness| self.scale.value(nearness) as f32);
         let [near_color, far_color] = self.palette.ends();
         // This text is ASCII, for PNG.
+        let [near_end, far_end] = self.ends;
         let (name, units) = match self.title() {
             ["V", _] => ("relative blur V", "px^2"),
             [name, unit] => (name, unit),
         };
         let comments = format!(
-            "Map of {name} in {units}, {near_color} near ({near}) to {far_color} far ({far}), transparent where not \
-             valid, paler where not measured but filled in from around, hatched in the colour of an end where the focus \
+            "Map of {name} in {units}, {near_color} {near_end} ({near}) to {far_color} {far_end} ({far}), transparent where \
+             not valid, paler where not measured but filled in from around, hatched in the colour of an end where the focus \
              lies beyond it; its key is to the right of column {}",
             self.size.0
         );
@@ -97,7 +101,7 @@ impl<'a> Map<'a> {
         let title = self.title().join(", ");
         let key = drawing.plotter.map_or_else(
             || RgbImage::new(0, height),
-            |plotter| (plotter.key)(&title, &self.scale, self.palette, self.size),
+            |plotter| (plotter.key)([&title, self.ends[0], self.ends[1]], &self.scale, self.palette, self.size),
         );
         let mut pixels = Vec::with_capacity(4 * (width + key.width()) as usize * height as usize);
         for y in 0..height {
@@ -115,9 +119,9 @@ impl<'a> Map<'a> {
 /// Writes `depth.png`.
 pub(super) fn write(writer: impl Write, results: &Results<'_>, drawing: &Drawing) -> Result<(), String> {
     let map = Map::new(results.size(), results.best(), drawing.palette);
-    let first_is_near = results.report.nearer() == Nearer::First;
+    let (first_is_near, ends) = (results.report.nearer() == Nearer::First, results.report.end_names());
     let (marked, filled, beyond) = (&results.marked[..], results.filled(), &results.beyond[..]);
-    Map { marked, filled, beyond, first_is_near, ..map }.write(writer, drawing)
+    Map { marked, filled, beyond, first_is_near, ends, ..map }.write(writer, drawing)
 }
 
 /// The picture of labels.

@@ -83,9 +83,14 @@ pub(crate) fn bar_width(size: f32) -> f32 {
     (0.9 + GAP) * size + text_width("−188.8", size)
 }
 
-/// Draws the key of a map of this size: a title with the unit, the bar, names of its ends, and round values. The key is
+/// Draws the key of a map of this size: a title with the unit, the bar, names of its near and far end, and round values. The key is
 /// as high as the map, and the text scales with the map.
-pub(crate) fn key(title: &str, scale: &Scale, palette: Palette, (width, height): (u32, u32)) -> RgbImage {
+pub(crate) fn key(
+    [title, near, far]: [&str; 3],
+    scale: &Scale,
+    palette: Palette,
+    (width, height): (u32, u32),
+) -> RgbImage {
     let high = height.min(MAX_SIDE) as f32;
     let size = (TEXT * width.max(height) as f32).min(high / LINES).max(LEAST_TEXT);
     let line = 1.4 * size;
@@ -97,7 +102,7 @@ pub(crate) fn key(title: &str, scale: &Scale, palette: Palette, (width, height):
     let wide = text_width(title, size).max((0.9 + GAP) * size + numbers);
     let mut canvas = Canvas::new((wide + 2.0 * size).ceil() as u32, height);
     if around > 0.0 {
-        for (words, y) in [(title, line), ("near", around), ("far", bar.bottom() + line)] {
+        for (words, y) in [(title, line), (near, around), (far, bar.bottom() + line)] {
             canvas.text(words, (bar.x, y), size, Align::Left, BLACK);
         }
     }

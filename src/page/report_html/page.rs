@@ -138,7 +138,7 @@ fn write(
         "relative_blur" => Readout::relative_blur(values, quantity.nearer),
         _ => Readout::focus(values, quantity.nearer).unit(results.focus_unit()),
     };
-    let principal = principal.rounded_by(&quantity.deviation);
+    let principal = principal.rounded_by(&quantity.deviation).between(report.end_names());
     let sigma = match quantity.name {
         "relative_blur" => Readout::deviation("uncertainty", &principal, ["σ of V", "σ"], &quantity.deviation).note(
             "σ is the standard deviation of V, px², by what the images show around each pixel. It is 1000 where they \
@@ -152,6 +152,7 @@ fn write(
     fields.extend(confidence.as_deref().map(|values| Readout::confidence(values).computed()));
     if let Some(depth) = &depth {
         let [values, sigma] = Readout::depth_with_deviation(&depth.values, &depth.deviation, depth.nearer);
+        let values = values.between(report.end_names());
         // The page itself computes depth from a lens whose field is even.
         match results.lens() {
             Some(Lens { field: None, .. }) => fields.extend([values.computed(), sigma.computed()]),

@@ -118,11 +118,17 @@ impl<'a> Readout<'a> {
         Self { ends, ..self }
     }
 
+    /// Sets the names of the near and the far end.
+    pub(super) fn between(self, [near, far]: [&'static str; 2]) -> Self {
+        let ends = if self.reversed { [near, far] } else { [far, near] };
+        self.ends(ends)
+    }
+
     /// Sets the colours; the last one is near.
     fn near_and_far(self, scale: Scale) -> Self {
         let reversed = scale.nearer == Nearer::Second;
-        let ends = if reversed { ["near", "far"] } else { ["far", "near"] };
-        Self { ramp: Ramp::Linear { low: scale.low, high: scale.high }, ends, reversed, gray: false, ..self }
+        let ramp = Ramp::Linear { low: scale.low, high: scale.high };
+        Self { ramp, reversed, gray: false, ..self }.between(["near", "far"])
     }
 
     /// V, px², on the scale of `depth.png`.

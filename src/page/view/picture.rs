@@ -51,9 +51,9 @@ impl Surface<'_> {
         let mut canvas = Canvas::new(2 * width + key.ceil() as u32, height + top);
         canvas.image(&textured, (0, top));
         canvas.image(&coded, (width, top));
-        let [near, far] = view.palette.ends();
+        let [[near, far], [near_end, far_end]] = [view.palette.ends(), self.ends];
         let [quantity, unit] = self.names;
-        let coded = format!("{quantity}: {near} near, {far} far");
+        let coded = format!("{quantity}: {near} {near_end}, {far} {far_end}");
         for (name, left) in [("Best focus", 0.0), (coded.as_str(), width as f32)] {
             canvas.text(name, (left + width as f32 / 2.0, 2.0 * TEXT), TEXT, Align::Middle, BLACK);
         }

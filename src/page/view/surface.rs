@@ -22,6 +22,8 @@ pub struct Surface<'a> {
     pub(super) names: [&'static str; 2],
     /// Relief that is true to scale, if the size of a pixel is known.
     to_scale: Option<f64>,
+    /// The names of the near and the far end.
+    pub ends: [&'static str; 2],
 }
 
 /// Camera, size, relief and colours of a picture.
@@ -106,7 +108,7 @@ impl<'a> Surface<'a> {
             let problem = format!("{} values cannot be shown under an image of {width}x{height}", values.len());
             return Err(Error::Mismatch(problem));
         }
-        Ok(Self { values, texture, scale, names, to_scale: None })
+        Ok(Self { values, texture, scale, names, to_scale: None, ends: ["near", "far"] })
     }
 }
 

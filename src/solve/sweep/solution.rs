@@ -80,6 +80,34 @@ pub struct RegisteredSweep {
     pub warnings: Vec<String>,
 }
 
+/// The least change of scale from the first frame to the last that states which is near, in standard deviations.
+const CERTAIN_SCALE: f64 = 5.0;
+
+impl RegisteredSweep {
+    /// Whether the first frame is focused nearer than the last, by their scale: a lens that is extended to focus near
+    /// shows things larger. `None` if the scale is not certain or comes from elsewhere.
+    ///
+    /// While a lens is extended by a share of its distance to the sensor, the scale changes by that share, and a blurred
+    /// point becomes as wide as this share of the aperture. Four standard deviations are the width of a disk, and no
+    /// aperture is four times as wide as the sensor. Where blur changes by more, a stage moved, or the lens is telecentric:
+    /// of a part of metal on a stage by twice as much, of five sweeps of lenses by 0.05 to 0.6 times as much.
+    pub fn first_is_nearest(&self) -> Option<bool> {
+        let count = self.positions.len() as f64;
+        let scales: Vec<f64> = self.transforms.iter().map(Homography::scale).collect();
+        let [position, scale] = [&self.positions, &scales].map(|values| values.iter().sum::<f64>() / count);
+        let (mut squares, mut product, mut all) = (0.0, 0.0, 0.0);
+        for (p, s) in self.positions.iter().map(|p| p - position).zip(scales.iter().map(|s| s - scale)) {
+            (squares, product, all) = (squares + p * p, product + p * s, all + s * s);
+        }
+        let slope = product / squares;
+        let deviation = ((all - slope * product).max(0.0) / (count - 2.0) / squares).sqrt();
+        let diagonal = f64::from(self.photograph[0]).hypot(f64::from(self.photograph[1]));
+        let is_of_lens = self.blur_rate.sqrt() < slope.abs() * diagonal;
+        let ascending = self.positions.first() < self.positions.last();
+        (is_of_lens && slope.abs() > CERTAIN_SCALE * deviation).then_some((slope < 0.0) == ascending)
+    }
+}
+
 impl Sweep {
     /// Crops the fields to a region.
     pub(super) fn crop(&mut self, part: Region) {

@@ -125,7 +125,7 @@ impl Sheet {
             }
         }
         if let Some(scale) = &row.scale {
-            let key = (PLOTTER.key)("V, px²", scale, PALETTE, (self.panel_width, height as u32));
+            let key = (PLOTTER.key)(["V, px²", "near", "far"], scale, PALETTE, (self.panel_width, height as u32));
             canvas.image(&key, (self.column(layout, self.column_count()) as u32, y as u32));
         }
     }

@@ -333,6 +333,15 @@ impl Report {
         if self.nearer == Some(2) { Nearer::Second } else { Nearer::First }
     }
 
+    /// The names of the near and the far end in pictures; of a sweep that does not show which end is near, its frames.
+    pub fn end_names(&self) -> [&'static str; 2] {
+        match (self.kind, self.nearer_by, self.nearer()) {
+            (Kind::Sweep, Some(NearerBy::Assumed), Nearer::First) => ["first", "last"],
+            (Kind::Sweep, Some(NearerBy::Assumed), Nearer::Second) => ["last", "first"],
+            _ => ["near", "far"],
+        }
+    }
+
     /// Checks a report that was read from a file. Returns a description of a contradiction in it, if there is one.
     pub(super) fn check(&self) -> Result<(), String> {
         let (count, reference) = (self.frames.len(), self.reference);

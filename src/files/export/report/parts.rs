@@ -277,6 +277,10 @@ pub enum NearerBy {
     Distances,
     /// The user.
     Stated,
+    /// The scale of the frames: a lens that is extended to focus near shows things larger.
+    Scale,
+    /// The distances that the camera stated in the first and the last frame.
+    Exif,
     /// No source; it is the default.
     Assumed,
 }

@@ -67,8 +67,9 @@ impl Kind {
 /// Draws the keys of maps and the curves of profiles. Without one, `depth.png` has no key and a profile has no picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Plotter {
-    /// Draws the key of a scale in the colours of a palette, under a title, for a map of this width and height.
-    pub key: fn(&str, &Scale, Palette, (u32, u32)) -> RgbImage,
+    /// Draws the key of a scale in the colours of a palette, with a title and the names of the near and the far end, for a
+    /// map of this width and height.
+    pub key: fn([&str; 3], &Scale, Palette, (u32, u32)) -> RgbImage,
     /// Draws a profile.
     pub profile: fn(&ProfileReport) -> RgbImage,
 }

@@ -4,7 +4,11 @@ let view = null;
 
 const nearIs = () => {
   const near = isPair ? `I${report.nearer}` : `the ${report.nearer === 1 ? 'first' : 'last'} frame`;
-  const by = { lens: 'by the lens', distances: 'by the distances', stated: 'as stated', assumed: 'assumed' }[report.nearer_by];
+  const by = {
+    lens: 'by the lens', distances: 'by the distances', stated: 'as stated', scale: 'by the scale of the frames',
+    exif: 'by the camera', assumed: 'assumed',
+  }[report.nearer_by];
+  if (!isPair && report.nearer_by === 'assumed') return 'nothing shows which end is near';
   return `near is ${near} (${by})`;
 };
 
