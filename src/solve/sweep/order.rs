@@ -44,6 +44,9 @@ const MIN_SIGNIFICANCE: f64 = 6.0;
 /// simulated sweeps in order, half of them of scenes within a third of the range, none reached the second.
 const MIN_REPAIRED: [f64; 2] = [0.02, 0.01];
 
+/// The most runs of frames that are moved: each takes a second for 999 frames.
+const MOST_MOVES: usize = 64;
+
 /// How frames are judged.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Rules {
@@ -250,7 +253,8 @@ fn best_order(logarithms: &[Vec<f32>]) -> Vec<usize> {
     });
     let mut tour: Vec<usize> = [ends].into_iter().chain(0..ends).collect();
     let least = 1e-9 * costs.iter().flatten().map(|cost| cost.abs()).sum::<f64>() / (ends + 1) as f64;
-    while let Some((first, last, after, reversed)) = best_move(&costs, &tour, least) {
+    for _ in 0..MOST_MOVES {
+        let Some((first, last, after, reversed)) = best_move(&costs, &tour, least) else { break };
         let after = tour[after];
         let mut run: Vec<usize> = tour.drain(first..=last).collect();
         if reversed {
