@@ -286,7 +286,7 @@ class Sweep:
         return _dataset(fields, self.region, {"blur_rate": self.blur_rate, "warnings": self.warnings})
 
     def _repr_html_(self) -> str:
-        # The first frame is assumed to be the nearest, as in the program.
+        # The first frame is assumed to be the nearest.
         nearness = -self.depth if self.depth is not None else -np.sign(np.ptp(self.positions[[0, -1]])) * self.focus
         pictures = [
             _picture.tag(_picture.for_display(self.fused, linear=self.decode == "srgb"), "fused"),
