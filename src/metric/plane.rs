@@ -175,12 +175,16 @@ fn residual(point: &Point, plane: &Vector3<f64>) -> f64 {
 
 /// Fits a plane by weighted least squares. `None` if the points with a weight are on a line.
 fn fit_weighted(points: &[Point], weight: impl Fn(&Point) -> f64) -> Option<Vector3<f64>> {
-    let (mut matrix, mut side) = (Matrix3::zeros(), Vector3::zeros());
+    // Sums of plain numbers take a fraction of the time of sums of matrices.
+    let mut sums = [0.0; 9];
     for point in points {
-        let (row, weight) = (Vector3::new(point.at[0], point.at[1], 1.0), weight(point));
-        matrix += weight * row * row.transpose();
-        side += weight * point.value * row;
+        let ([x, y], weight) = (point.at, weight(point));
+        let [by_x, by_y, by_value] = [weight * x, weight * y, weight * point.value];
+        let terms = [by_x * x, by_x * y, by_x, by_y * y, by_y, weight, by_value * x, by_value * y, by_value];
+        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
     }
+    let [xx, xy, x, yy, y, count, ..] = sums;
+    let (matrix, side) = (Matrix3::new(xx, xy, x, xy, yy, y, x, y, count), Vector3::from_column_slice(&sums[6..]));
     // For points on a line the determinant is only rounding error.
     let is_plane = matrix.determinant() > 1e-12 * matrix.trace().powi(3);
     matrix.cholesky().filter(|_| is_plane).map(|factors| factors.solve(&side))
