@@ -22,6 +22,8 @@ pub struct Frame {
     height: u32,
     channels: Channels,
     samples: Samples,
+    /// 1 for each pixel that is part of the picture, else 0; `None`: all are.
+    counted: Option<Vec<u8>>,
 }
 
 /// The largest magnitude of a float sample. In the least unit of intensities, 2⁻²⁰, it is 1e12: products of three such
@@ -59,7 +61,7 @@ impl Frame {
                 s[i]
             ));
         }
-        Ok(Self { width, height, channels, samples })
+        Ok(Self { width, height, channels, samples, counted: None })
     }
 
     /// Returns whether a float sample is finite and of magnitude 1e6 at most.
@@ -107,7 +109,30 @@ impl Frame {
             Samples::U16(s) => Samples::U16(region.crop(s, row, channels)),
             Samples::F32(s) => Samples::F32(region.crop(s, row, channels)),
         };
-        Ok(Self { width: region.width, height: region.height, channels: self.channels, samples })
+        let counted = self.counted.as_ref().map(|counted| region.crop(counted, row, 1));
+        Ok(Self { width: region.width, height: region.height, channels: self.channels, samples, counted })
+    }
+
+    /// Leaves out the pixels whose byte is 0, such as transparent ones: they are not part of the picture.
+    pub(crate) fn without(self, bytes: &[u8]) -> Self {
+        let own = self.counted.as_deref().unwrap_or(bytes);
+        Self { counted: Some(own.iter().zip(bytes).map(|(own, byte)| *own.min(byte)).collect()), ..self }
+    }
+
+    /// Leaves out and blackens the pixels that are not opaque, unless none is.
+    pub(crate) fn opaque(self, opaque: Option<Vec<bool>>) -> Self {
+        let Some(opaque) = opaque.filter(|opaque| opaque.contains(&true) && opaque.contains(&false)) else {
+            return self;
+        };
+        let (values, channels) = (self.intensities(Decode::None), self.channels.count() as usize);
+        let shown = values.iter().enumerate().map(|(n, v)| if opaque[n / channels] { *v } else { 0.0 });
+        let bytes: Vec<u8> = opaque.iter().map(|opaque| u8::from(*opaque)).collect();
+        self.with_intensities(&shown.collect::<Vec<_>>()).without(&bytes)
+    }
+
+    /// Returns 1 for each pixel that is part of the picture, else 0; `None` if all are.
+    pub(crate) fn counted(&self) -> Option<&[u8]> {
+        self.counted.as_deref()
     }
 
     /// Returns the intensities, interleaved, with white at 1.

@@ -26,6 +26,14 @@ impl Mask {
         Self { width: image.width(), height: image.height(), bytes }
     }
 
+    /// Returns the mask of the pixels that are part of a picture, if some are not, within another of the same size.
+    pub(crate) fn of_frame(frame: &Frame, within: Option<&Self>) -> Option<Self> {
+        let Some(counted) = frame.counted() else { return within.cloned() };
+        let within = within.map_or(counted, Self::bytes);
+        let bytes = counted.iter().zip(within).map(|(a, b)| *a.min(b)).collect();
+        Some(Self { width: frame.width(), height: frame.height(), bytes })
+    }
+
     /// Returns the mask of a region, which must lie within it.
     pub(crate) fn cropped(&self, region: Region) -> Self {
         Self { width: region.width, height: region.height, bytes: region.crop(&self.bytes, self.width as usize, 1) }

@@ -3,6 +3,8 @@
 //! It solves `Σ w (u_q - u_p) = 0` over the four neighbours q of each pixel p that is not measured, with w small across
 //! edges of the photograph, by a cascade: from single pixels to the whole, each level started by the coarser one.
 
+use crate::base::{Decode, Frame};
+
 /// Relaxation sweeps of a level, each forth and back.
 const SWEEPS: usize = 6;
 /// The step of the photograph over which w is a half, as a share of its standard deviation.
@@ -26,6 +28,21 @@ pub(crate) fn filled(values: &[f32], deviation: &[f32], guide: Vec<f32>, width: 
     let weight = |(v, sigma): (&f32, &f32)| if v.is_finite() { sigma.max(1e-3).powi(-2) } else { 0.0 };
     let weights = values.iter().zip(deviation).map(weight).collect();
     Level { size: [width, values.len() / width.max(1)], values: values.to_vec(), weights, guide }.filled(edge)
+}
+
+/// The frame with the pixels filled in that are not part of the picture, so that filters see no edge there.
+pub(crate) fn filled_frame(frame: Frame) -> Frame {
+    let Some(counted) = frame.counted() else { return frame };
+    let (mut values, width) = (frame.intensities(Decode::None), frame.width() as usize);
+    let channels = values.len() / counted.len().max(1);
+    for channel in 0..channels {
+        let own = values.iter().skip(channel).step_by(channels).zip(counted);
+        let own: Vec<f32> = own.map(|(v, counts)| if *counts == 0 { f32::NAN } else { *v }).collect();
+        let whole = filled(&own, &vec![1.0; own.len()], vec![0.0; own.len()], width);
+        let to = values.iter_mut().skip(channel).step_by(channels);
+        to.zip(whole).for_each(|(to, v)| *to = if v.is_nan() { 0.0 } else { v });
+    }
+    frame.with_intensities(&values)
 }
 
 impl Level {
@@ -84,6 +101,7 @@ impl Level {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::{Channels, Samples};
 
     #[test]
     fn gaps_are_filled_up_to_the_edges_of_the_photograph() {
@@ -101,5 +119,20 @@ mod tests {
             &found[..40]
         );
         assert!(filled(&[f32::NAN; 6], &[f32::NAN; 6], vec![0.5; 6], 3).iter().all(|u| u.is_nan()));
+    }
+
+    #[test]
+    fn pixels_that_do_not_count_continue_those_around_them() {
+        let hole = |i: usize| (6..17).contains(&(i % 23)) && (4..13).contains(&(i / 23));
+        let samples =
+            (0..23 * 17).flat_map(|i| if hole(i) { [255; 3] } else { [100 + (i % 23) as u8, 7, 90] }).collect();
+        let frame = Frame::new(23, 17, Channels::Rgb, Samples::U8(samples)).unwrap();
+        let counted: Vec<u8> = (0..23 * 17).map(|i| u8::from(!hole(i))).collect();
+        let whole = filled_frame(frame.clone().without(&counted));
+        for (i, [a, b]) in frame.bytes().chunks(3).zip(whole.bytes().chunks(3)).map(|(a, b)| [a, b]).enumerate() {
+            let is_near = b[0].abs_diff(100 + (i % 23) as u8) < 4 && b[1..] == [7, 90];
+            assert!(if hole(i) { is_near } else { a == b }, "{i}: {a:?} {b:?}");
+        }
+        assert_eq!(filled_frame(frame.without(&[0; 23 * 17])).bytes()[..3], [0; 3]);
     }
 }

@@ -213,7 +213,8 @@ impl PairSolver {
         same_size([i1, i2])?;
         let size = [i1.width(), i1.height()];
         options.check(size)?;
-        let (settings, mask) = (self.settings.clone(), options.mask.as_ref());
+        let (settings, mask) = (self.settings.clone(), Mask::of_frame(i1, options.mask.as_ref()));
+        let mask = mask.as_ref();
         let mut solution = match options.region {
             None => self.solve_frames([i1, i2], &settings, mask, options)?,
             Some(region) => {
@@ -253,7 +254,8 @@ impl PairSolver {
         options.check([frames[0].width(), frames[0].height()])?;
         let mut settings = self.settings.clone();
         let report = |progress| options.report(progress);
-        let pair = PairOptions::new(options.mask.as_ref(), &options.cancel, &report);
+        let mask = Mask::of_frame(frames[0], options.mask.as_ref());
+        let pair = PairOptions::new(mask.as_ref(), &options.cancel, &report);
         let prepared;
         if settings.method == Method::Unified {
             prepared = &mut self.solving;

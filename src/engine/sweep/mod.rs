@@ -164,7 +164,7 @@ impl JointSolver {
             Some(parts) => {
                 let finest = self.whole.finest().clone();
                 let coarse = self.whole.focus(&finest)?;
-                parts.solve(frames, input.mask, (&coarse, self.whole.measured.as_ref()), &shared, &mut done)?
+                parts.solve(frames, (&coarse, self.whole.measured.as_ref()), &shared, &mut done)?
             }
         };
         Ok(JointSolution {
@@ -210,7 +210,7 @@ impl JointSolver {
         done: &mut IterationDone<'_>,
     ) -> Result<(SharedParameters, ExcludedPixels), Error> {
         let levels = self.whole.level_count() + usize::from(self.parts.is_some());
-        let excluded = ExcludedPixels::new(frames, input.mask, &self.settings, levels);
+        let excluded = ExcludedPixels::new(frames, input.reference, &self.settings, levels);
         if self.parts.is_none() {
             self.whole.upload(frames, input.reference)?;
             done(self.whole.upload_work(), false);
@@ -267,7 +267,6 @@ mod tests {
     use std::time::Instant;
 
     use super::*;
-    use crate::base::Mask;
     use crate::base::Samples;
     use crate::engine::{EngineOptions, testing};
     use crate::lab::scene::{Preset, Scene, SimulatedSweep, SweepScene};
@@ -289,8 +288,8 @@ mod tests {
 
     const SETTINGS: [f64; FRAMES] = [0.0, 1.0, 2.0, 3.0, 4.0];
 
-    fn input<'a>(sweep: &SimulatedSweep, mask: Option<&'a Mask>) -> SweepInput<'a> {
-        SweepInput { settings: &SETTINGS, are_settings_known: true, reference: sweep.reference, mask }
+    fn input(sweep: &SimulatedSweep) -> SweepInput<'static> {
+        SweepInput { settings: &SETTINGS, are_settings_known: true, reference: sweep.reference }
     }
 
     fn solver(engine: &Engine, sweep: &SimulatedSweep, memory: u64, settings: &Settings) -> JointSolver {
@@ -300,13 +299,13 @@ mod tests {
         solver
     }
 
-    fn run(solver: &mut JointSolver, sweep: &SimulatedSweep, mask: Option<&Mask>) -> Result<JointSolution, Error> {
-        solver.solve(&sweep.frames, &input(sweep, mask), &CancellationToken::default(), &mut |_| ())
+    fn run(solver: &mut JointSolver, sweep: &SimulatedSweep) -> Result<JointSolution, Error> {
+        solver.solve(&sweep.frames, &input(sweep), &CancellationToken::default(), &mut |_| ())
     }
 
-    fn solve(sweep: &SimulatedSweep, memory: u64, settings: &Settings, mask: Option<&Mask>) -> JointSolution {
+    fn solve(sweep: &SimulatedSweep, memory: u64, settings: &Settings) -> JointSolution {
         let engine = Engine::new(&testing::options()).unwrap();
-        run(&mut solver(&engine, sweep, memory, settings), sweep, mask).unwrap()
+        run(&mut solver(&engine, sweep, memory, settings), sweep).unwrap()
     }
 
     fn bits(solution: &JointSolution) -> (Vec<u32>, Vec<u32>, &JointRegistration) {
@@ -336,7 +335,7 @@ mod tests {
         let cpu = EngineOptions { device: Some("CPU".into()), ..EngineOptions::default() };
         let [vulkan, cpu] = [testing::options(), cpu].map(|options| {
             let engine = Engine::new(&options).unwrap();
-            run(&mut solver(&engine, &sweep, MEMORY, &Settings::default()), &sweep, None).unwrap()
+            run(&mut solver(&engine, &sweep, MEMORY, &Settings::default()), &sweep).unwrap()
         });
         let mut differences: Vec<f32> = vulkan.focus.iter().zip(&cpu.focus).map(|(a, b)| (a - b).abs()).collect();
         differences.sort_by(f32::total_cmp);
@@ -360,7 +359,7 @@ mod tests {
             |i: usize| rims.iter().any(|&[x, y]| x.abs_diff(i % width).pow(2) + y.abs_diff(i / width).pow(2) <= 64);
         let around: Vec<usize> = (0..width * height).filter(|&i| near(i)).collect();
         let wrong = |edges: bool| {
-            let solution = solve(&sweep, MEMORY, &Settings { edges, ..Settings::default() }, None);
+            let solution = solve(&sweep, MEMORY, &Settings { edges, ..Settings::default() });
             let is_wrong = |&&i: &&usize| (solution.focus[i] - sweep.focus[i]).abs() > 0.3;
             around.iter().filter(is_wrong).count() as f64 / around.len() as f64
         };
@@ -373,7 +372,7 @@ mod tests {
     fn without_jumps_outlines_change_no_bit() {
         let sweep = sweep(168, 126);
         let [with, without] =
-            [true, false].map(|edges| solve(&sweep, MEMORY, &Settings { edges, ..Settings::default() }, None));
+            [true, false].map(|edges| solve(&sweep, MEMORY, &Settings { edges, ..Settings::default() }));
         assert!(bits(&with) == bits(&without));
     }
 
@@ -385,13 +384,13 @@ mod tests {
             let mut second = first.clone();
             // Another scene and a mask, so that other pairs, tiles and excluded pixels are left behind.
             second.frames.reverse();
-            let mask =
-                Mask::from_image(&Frame::gray(size[0], size[1], vec![1.0; (size[0] * size[1]) as usize]).unwrap());
+            let mask = vec![1; (size[0] * size[1]) as usize];
+            second.frames = second.frames.into_iter().map(|frame| frame.without(&mask)).collect();
             let settings = Settings::default();
-            let fresh = run(&mut solver(&engine, &first, memory, &settings), &first, None).unwrap();
+            let fresh = run(&mut solver(&engine, &first, memory, &settings), &first).unwrap();
             let mut solver = solver(&engine, &second, memory, &settings);
-            run(&mut solver, &second, Some(&mask)).unwrap();
-            assert!(bits(&run(&mut solver, &first, None).unwrap()) == bits(&fresh));
+            run(&mut solver, &second).unwrap();
+            assert!(bits(&run(&mut solver, &first).unwrap()) == bits(&fresh));
         }
     }
 
@@ -399,7 +398,7 @@ mod tests {
     fn parts_give_the_result_of_the_whole() {
         let sweep = sweep(520, 390);
         let settings = Settings::default();
-        let [whole, parts] = [MEMORY, 16 << 20].map(|memory| solve(&sweep, memory, &settings, None));
+        let [whole, parts] = [MEMORY, 16 << 20].map(|memory| solve(&sweep, memory, &settings));
         let [of_whole, of_parts] = [&whole, &parts].map(|solution| errors(solution, &sweep.focus, |_| true));
         let corners = [&whole, &parts].map(|solution| corner_error(&sweep, solution));
         let mut differences: Vec<f32> = whole.focus.iter().zip(&parts.focus).map(|(a, b)| (a - b).abs()).collect();
@@ -433,9 +432,9 @@ mod tests {
         let (sweep, engine) = (sweep(168, 126), Engine::new(&testing::options()).unwrap());
         let mut solver = solver(&engine, &sweep, MEMORY, &Settings::default());
         let mut reports = Vec::new();
-        let (input, cancel) = (input(&sweep, None), CancellationToken::default());
+        let (input, cancel) = (input(&sweep), CancellationToken::default());
         let alone = solver.register(&sweep.frames, &input, &cancel, &mut |progress| reports.push(progress)).unwrap();
-        assert_eq!(alone, run(&mut solver, &sweep, None).unwrap().registration);
+        assert_eq!(alone, run(&mut solver, &sweep).unwrap().registration);
         // Frames uploaded, start estimated, four iterations.
         assert_eq!(
             reports.iter().map(|p| (p.done, p.total)).collect::<Vec<_>>(),
@@ -456,7 +455,7 @@ mod tests {
         {
             let (sweep, mut reports) = (sweep(size[0], size[1]), Vec::new());
             let mut solver = solver(&engine, &sweep, memory, &Settings { edges, ..Settings::default() });
-            let (input, cancel) = (input(&sweep, None), CancellationToken::default());
+            let (input, cancel) = (input(&sweep), CancellationToken::default());
             solver.solve(&sweep.frames, &input, &cancel, &mut |progress| reports.push(progress)).unwrap();
             let shares: Vec<f64> = reports.iter().map(|p| p.share).collect();
             assert!(shares.is_sorted() && shares[0] > 0.0, "{shares:?}");
@@ -472,7 +471,7 @@ mod tests {
             let engine = Engine::new(options).unwrap();
             let mut solver = solver(&engine, &sweep, MEMORY, &Settings::default());
             let started = Instant::now();
-            (run(&mut solver, &sweep, None).map(drop), started.elapsed())
+            (run(&mut solver, &sweep).map(drop), started.elapsed())
         };
         // The first solve may also compile pipelines.
         let [_, (solved, whole)] = [(); 2].map(|()| solve(&testing::options()));
@@ -490,7 +489,7 @@ mod tests {
         let format = sweep.frames[0].format();
         let mut solver = JointSolver::new(&engine, [168, 126], format, FRAMES - 1, &Settings::default()).unwrap();
         for (are_settings_known, settings) in [(false, [0.0, 2.0, 3.0, 4.0]), (true, [0.0, 1.0, 2.0, 3.0])] {
-            let input = SweepInput { settings: &[0.0, 1.0, 2.0, 3.0], are_settings_known, reference: 1, mask: None };
+            let input = SweepInput { settings: &[0.0, 1.0, 2.0, 3.0], are_settings_known, reference: 1 };
             let registered =
                 solver.register(&sweep.frames, &input, &CancellationToken::default(), &mut |_| ()).unwrap();
             assert_eq!(registered.settings, settings);
@@ -507,7 +506,7 @@ mod tests {
             *frame = Frame::gray(frame.width(), frame.height(), clipped).unwrap();
         }
         let stated = Settings { white_level: Some(1.0), ..Settings::default() };
-        let solutions = [Settings::default(), stated].map(|settings| solve(&sweep, MEMORY, &settings, None));
+        let solutions = [Settings::default(), stated].map(|settings| solve(&sweep, MEMORY, &settings));
         let [plain, stated] = solutions.each_ref().map(|solution| errors(solution, &sweep.focus, |_| true));
         let corners = solutions.each_ref().map(|solution| corner_error(&sweep, solution));
         println!("plain {plain:?}, white level stated {stated:?}, corners {corners:?}");
@@ -525,11 +524,12 @@ mod tests {
             let at = |i: usize| if masked(i) { 0.5 + 0.4 * ((i % 260 + 3 * n) as f32).sin() } else { values[i] };
             *frame = Frame::gray(260, 200, (0..values.len()).map(at).collect()).unwrap();
         }
-        let picture = (0..260 * 200).map(|i| if masked(i) { 0.0 } else { 1.0 }).collect();
-        let mask = Mask::from_image(&Frame::gray(260, 200, picture).unwrap());
+        let mask: Vec<u8> = (0..260 * 200).map(|i| u8::from(!masked(i))).collect();
         let settings = Settings::default();
-        let [with, without] = [Some(&mask), None].map(|mask| solve(&dirty, MEMORY, &settings, mask));
-        let clean = solve(&clean, MEMORY, &settings, None);
+        let without = solve(&dirty, MEMORY, &settings);
+        dirty.frames = dirty.frames.into_iter().map(|frame| frame.without(&mask)).collect();
+        let with = solve(&dirty, MEMORY, &settings);
+        let clean = solve(&clean, MEMORY, &settings);
         let of =
             |solution: &JointSolution| (errors(solution, &dirty.focus, |i| !masked(i)), corner_error(&dirty, solution));
         println!("clean {:?}, masked {:?}, not {:?}", of(&clean), of(&with), of(&without));

@@ -7,7 +7,7 @@ use super::pyramid::{IterationDone, PyramidSolver};
 use super::shared::SharedParameters;
 use super::validity::ExcludedPixels;
 use crate::base::statistics::median;
-use crate::base::{Error, Frame, Mask, Region, Settings};
+use crate::base::{Error, Frame, Region, Settings};
 use crate::engine::Engine;
 use crate::engine::parts::{self, Grid};
 use crate::engine::plan::Plan;
@@ -57,7 +57,6 @@ impl PartSolver {
     pub(super) fn solve(
         &mut self,
         frames: &[Frame],
-        mask: Option<&Mask>,
         coarse: (&Field, Option<&[Field; 2]>),
         shared: &SharedParameters,
         done: &mut IterationDone<'_>,
@@ -65,7 +64,7 @@ impl PartSolver {
         let [width, height] = self.size.map(|side| side as usize);
         let (mut whole, mut medians) = ([0, 1].map(|_| Field::zeros(width, height)), Vec::new());
         for part in self.grid.parts().collect::<Vec<_>>() {
-            let solved = self.solve_part(part.solved, frames, mask, (coarse, shared), done)?;
+            let solved = self.solve_part(part.solved, frames, (coarse, shared), done)?;
             medians.extend(self.solver.median_deviation);
             for (whole, solved) in whole.iter_mut().zip(solved) {
                 part.copy_interior(&solved.data, &mut whole.data, width, 1);
@@ -78,15 +77,13 @@ impl PartSolver {
         &mut self,
         part: Region,
         frames: &[Frame],
-        mask: Option<&Mask>,
         ((coarse, measured), shared): ((&Field, Option<&[Field; 2]>), &SharedParameters),
         done: &mut IterationDone<'_>,
     ) -> Result<[Field; 2], Error> {
         let (mut shared, places) = shared_by_part(shared, part, self.size);
         let cut = frames.iter().zip(places).map(|(frame, place)| frame.cropped(place).map_err(Error::Region));
         let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
-        let mask = mask.map(|mask| mask.cropped(part));
-        let excluded = ExcludedPixels::new(&cut, mask.as_ref(), self.solver.settings(), 1);
+        let excluded = ExcludedPixels::new(&cut, shared.reference, self.solver.settings(), 1);
         self.solver.upload(&cut, shared.reference)?;
         let start = prolonged(coarse, part, shared.limit(self.solver.finest()));
         self.solver.measured = measured.map(|fields| fields.each_ref().map(|field| halved_part(field, part)));

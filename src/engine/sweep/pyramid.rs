@@ -7,7 +7,7 @@ use super::start::{Frames, Motion, Registration};
 use super::validity::{self, ExcludedPixels, FinalSystem};
 use super::{contrast, outlines, spacing, start};
 use crate::base::statistics::median;
-use crate::base::{Error, Frame, Homography, Mask, ParallaxSearch, Settings, Shading};
+use crate::base::{Error, Frame, Homography, ParallaxSearch, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::script::sweep::{self, RegistrationStep};
@@ -26,8 +26,6 @@ pub struct SweepInput<'a> {
     pub are_settings_known: bool,
     /// The frame on whose pixels the results are.
     pub reference: usize,
-    /// Which pixels of the reference count.
-    pub mask: Option<&'a Mask>,
 }
 
 /// The longest side of the level where a solve starts, px.

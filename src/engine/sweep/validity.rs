@@ -2,7 +2,7 @@
 //!
 //! A pixel is excluded where it is clipped, masked, or outside a frame.
 
-use crate::base::{Frame, Homography, Mask, Settings, workers};
+use crate::base::{Frame, Homography, Settings, workers};
 use crate::engine::plan::Level;
 use crate::engine::stages::separable::smoothed;
 use crate::engine::stages::{Field, mask};
@@ -117,55 +117,59 @@ fn nearest(at: f64, side: usize) -> usize {
 /// By level, the finest first; `None` if no pixel is excluded.
 type Levels = Option<Vec<ExclusionMask>>;
 
-/// The excluded pixels of all frames, and those that the mask of the reference excludes in every frame.
+/// The excluded pixels of all frames. What is not part of the reference's picture is excluded in every frame.
 pub(super) struct ExcludedPixels {
-    frames: Vec<Levels>,
-    masked: Levels,
+    clipped: Vec<Levels>,
+    /// Not part of the picture.
+    masked: Vec<Levels>,
+    reference: usize,
 }
 
 impl ExcludedPixels {
-    /// Finds them on a number of levels; the mask is on the pixels of the reference.
-    pub(super) fn new(frames: &[Frame], mask: Option<&Mask>, settings: &Settings, levels: usize) -> Self {
+    /// Finds them on a number of levels.
+    pub(super) fn new(frames: &[Frame], reference: usize, settings: &Settings, levels: usize) -> Self {
+        let [width, height] = [frames[0].width(), frames[0].height()].map(|side| side as usize);
         let clipped = |n: usize| {
             let (frame, limits) = (&frames[n], settings.clipped(frames[n].format().depth));
             let levels = || {
                 let counts: Field = mask::cpu_reference(frame, limits, None);
                 let excluded = counts.data.iter().map(|&counts| counts == 0.0).collect();
-                ExclusionMask::new(counts.width, counts.height, excluded).levels(levels, [0; 2])
+                ExclusionMask::new(width, height, excluded).levels(levels, [0; 2])
             };
             frame.has_clipped_pixels(limits).then(levels)
         };
-        let masked = mask.map(|mask| {
-            let [width, height] = mask.size().map(|side| side as usize);
-            let excluded = mask.bytes().iter().map(|&counts| counts == 0).collect();
-            ExclusionMask::new(width, height, excluded).levels(levels, [MASK_MARGIN, HALVED_MASK_MARGIN])
-        });
-        Self { frames: workers::map(frames.len(), clipped), masked }
+        let masked = |n: usize| {
+            let excluded = frames[n].counted()?.iter().map(|&counts| counts == 0).collect();
+            let margins = [MASK_MARGIN, HALVED_MASK_MARGIN];
+            Some(ExclusionMask::new(width, height, excluded).levels(levels, margins))
+        };
+        Self { clipped: workers::map(frames.len(), clipped), masked: workers::map(frames.len(), masked), reference }
     }
 
     /// Drops the finest level.
     pub(super) fn halved(mut self) -> Self {
-        self.frames.iter_mut().chain([&mut self.masked]).flatten().for_each(|levels| drop(levels.remove(0)));
+        self.clipped.iter_mut().chain(&mut self.masked).flatten().for_each(|levels| drop(levels.remove(0)));
         self
     }
 
     /// One bit per frame for each pixel of the reference on a level, set where the frame is excluded; empty if nothing
     /// is.
     pub(super) fn words(&self, level: &Level, transforms: &[Homography]) -> Vec<u32> {
-        if self.masked.is_none() && self.frames.iter().all(Option::is_none) {
+        if self.clipped.iter().chain(&self.masked).all(Option::is_none) {
             return Vec::new();
         }
         let [width, height] = level.size.map(|side| side as usize);
-        let words = self.frames.len().div_ceil(32);
+        let words = self.clipped.len().div_ceil(32);
         let mut all = vec![0; words * width * height];
         let rows = all.chunks_exact_mut(words * width).enumerate();
         workers::for_each(rows, |(y, row)| {
-            if let Some(levels) = &self.masked {
+            if let Some(levels) = &self.masked[self.reference] {
                 let masked = levels[level.index].excluded[y * width..][..width].iter();
                 let masked = row.chunks_exact_mut(words).zip(masked).filter(|(_, masked)| **masked);
                 masked.for_each(|(bits, _)| bits.fill(u32::MAX));
             }
-            let frames = self.frames.iter().zip(transforms).enumerate();
+            let frames =
+                [&self.clipped, &self.masked].into_iter().flat_map(|levels| levels.iter().zip(transforms).enumerate());
             for (n, (levels, t)) in frames.filter_map(|(n, (levels, t))| Some((n, (levels.as_ref()?, t)))) {
                 let mask = &levels[level.index];
                 for first in (0..width).step_by(CELL) {
@@ -332,7 +336,9 @@ mod tests {
             perspective,
         ];
         let frames: Vec<Levels> = transforms.iter().map(|_| Some(mask(&excluded))).chain([None]).collect();
-        let pixels = ExcludedPixels { frames, masked: Some(mask(&masked)) };
+        let none = (0..4).map(|_| None);
+        let masked = none.chain([Some(mask(&masked))]).collect();
+        let pixels = ExcludedPixels { clipped: frames, masked, reference: 4 };
         let transforms: Vec<Homography> = transforms.into_iter().chain([Homography::IDENTITY]).collect();
         let mut seen = [0; 5];
         for level in [0, 1].map(|index| Level::new(index, width as u32, height as u32, 10.0)) {
@@ -343,11 +349,11 @@ mod tests {
             let columns = level.size[0] as usize;
             for (i, bits) in found.iter().enumerate() {
                 let pixel = [i % columns, i / columns];
-                if of(&pixels.masked, &level).is_some_and(|mask| mask.excluded[i]) {
+                if of(&pixels.masked[4], &level).is_some_and(|mask| mask.excluded[i]) {
                     assert_eq!(*bits, u32::MAX);
                     continue;
                 }
-                for (n, (levels, t)) in pixels.frames.iter().zip(&transforms).enumerate() {
+                for (n, (levels, t)) in pixels.clipped.iter().zip(&transforms).enumerate() {
                     let [x, y] = mapped(t, &level, pixel.map(|at| at as f64));
                     let is_excluded = of(levels, &level).is_some_and(|mask| {
                         let [x, y] = [(x, mask.width), (y, mask.height)]

@@ -19,7 +19,7 @@ pub(super) struct Header {
     pub(super) bits: u32,
     /// Colour channels, without alpha.
     pub(super) channels: Channels,
-    /// Whether the file has an alpha channel, which is dropped.
+    /// Whether the file has an alpha channel.
     pub(super) alpha: bool,
     /// Pages of the file.
     pub(super) pages: usize,

@@ -18,7 +18,7 @@ pub struct Input {
     pub bits: u32,
     /// 1 for grey, 3 for colour; alpha is not counted.
     pub channels: u32,
-    /// Whether the file has an alpha channel, which is dropped.
+    /// Whether the file has an alpha channel.
     pub alpha: bool,
     /// File format: "PNG", "JPEG", "TIFF", "PNM", "PFM", "EXR", "BMP", "WebP" or "raw".
     pub format: String,

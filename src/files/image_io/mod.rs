@@ -41,8 +41,8 @@ const MAX_KERNEL_SIDE: u32 = 4096;
 
 /// Reads one photograph.
 ///
-/// 8-bit and 16-bit samples stay as they are, float and half become 32-bit float; palettes become colour. Alpha is
-/// dropped and the stored colour is kept; if it is premultiplied, as in EXR, a transparent pixel is black. A rotation
+/// 8-bit and 16-bit samples stay as they are, float and half become 32-bit float; palettes become colour. Pixels of
+/// PNG and TIFF whose alpha is below a half are not part of the picture, unless all are; other alpha is dropped. A rotation
 /// that the camera recorded (EXIF, or the orientation of a TIFF) is applied.
 ///
 /// # Errors

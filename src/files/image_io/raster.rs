@@ -78,6 +78,7 @@ fn problem(format: &str, error: &image::ImageError) -> String {
 fn frame(image: DynamicImage) -> Result<Frame, String> {
     use DynamicImage::*;
     let (width, height) = (image.width(), image.height());
+    let alpha = image.color().has_alpha().then(|| image.to_rgba8().pixels().map(|p| p.0[3] >= 128).collect::<Vec<_>>());
     let (channels, samples) = match image {
         ImageLuma8(_) | ImageLumaA8(_) => (Channels::Gray, Samples::U8(image.into_luma8().into_raw())),
         ImageLuma16(_) | ImageLumaA16(_) => (Channels::Gray, Samples::U16(image.into_luma16().into_raw())),
@@ -86,7 +87,7 @@ fn frame(image: DynamicImage) -> Result<Frame, String> {
         ImageRgb32F(_) | ImageRgba32F(_) => (Channels::Rgb, Samples::F32(image.into_rgb32f().into_raw())),
         other => return Err(format!("holds {:?} samples, which are not read; {CONVERT}", other.color())),
     };
-    Frame::new(width, height, channels, samples)
+    Ok(Frame::new(width, height, channels, samples)?.opaque(alpha))
 }
 
 /// Refuses a JPEG without an end.

@@ -77,7 +77,7 @@ fn lossless_formats_round_trip_in_their_own_bit_depth() {
 }
 
 #[test]
-fn alpha_is_dropped_and_grey_with_alpha_stays_grey() {
+fn transparent_pixels_do_not_count_and_grey_with_alpha_stays_grey() {
     let folder = TempDir::new().unwrap();
     for image in [gray8(), rgb8(), gray16(), rgb16()] {
         let (channels, samples) = samples_of(&image);
@@ -90,6 +90,13 @@ fn alpha_is_dropped_and_grey_with_alpha_stays_grey() {
         let path = save(&folder, "alpha.png", &with_alpha, ImageFormat::Png);
         assert!(read(&path).unwrap() == Frame::new(WIDTH, HEIGHT, channels, samples).unwrap());
     }
+    let mut clear = rgb8().to_rgba8();
+    clear.put_pixel(2, 1, image::Rgba([9, 9, 9, 127]));
+    let path = save(&folder, "clear.png", &clear.into(), ImageFormat::Png);
+    let frame = read(&path).unwrap();
+    let counted: Vec<u8> = (0..WIDTH * HEIGHT).map(|i| u8::from(i != WIDTH + 2)).collect();
+    assert_eq!(frame.counted(), Some(&counted[..]));
+    assert_eq!(frame.intensities(Decode::None)[3 * (WIDTH as usize + 2)..][..3], [0.0; 3]);
 }
 
 #[test]

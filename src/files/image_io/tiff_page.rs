@@ -206,6 +206,8 @@ impl SampleLayout {
     where
         Rgb<T>: Pixel<Subpixel = T>,
     {
+        let alpha = self.alpha(&values).and_then(|alpha| self.upright::<Luma<T>>(alpha));
+        let half = T::DEFAULT_MAX_VALUE / (T::one() + T::one());
         let colors = self.colors(values);
         let upright = match self.channels {
             Channels::Gray => self.upright::<Luma<T>>(colors),
@@ -214,7 +216,15 @@ impl SampleLayout {
         let values =
             upright.ok_or_else(|| format!("cannot be decoded as TIFF (it holds too few samples); {DAMAGED}"))?;
         let (width, height) = turned(self.size, self.orientation);
-        Frame::new(width, height, self.channels, wrap(values))
+        let frame = Frame::new(width, height, self.channels, wrap(values))?;
+        Ok(frame.opaque(alpha.map(|alpha| alpha.iter().map(|alpha| *alpha > half).collect())))
+    }
+
+    /// The first sample behind those of colour: alpha.
+    fn alpha<T: Copy>(&self, values: &[T]) -> Option<Vec<T>> {
+        let (pixels, colors) = (self.size.0 as usize * self.size.1 as usize, self.channels.count() as usize);
+        let [first, step] = if self.planar { [colors * pixels, 1] } else { [colors, self.samples] };
+        (self.samples > colors).then(|| values.iter().skip(first).step_by(step).take(pixels).copied().collect())
     }
 
     /// The colour samples alone, interleaved.

@@ -16,10 +16,10 @@ use self::fuse::FocusedFrames;
 use self::order::{MIN_FRAMES, Order, Rules};
 pub use self::positions::{Positions, SweepDepth};
 pub use self::solution::{RegisteredSweep, Sweep};
-use crate::base::{Brightness, Error, Format, Frame, Homography, Mask, Progress, Region, Settings, centre};
+use crate::base::{Brightness, Error, Format, Frame, Homography, Mask, Progress, Region, Settings, centre, workers};
 use crate::engine::{Engine, JointRegistration, JointSolution, JointSolver, SweepInput};
 use crate::solve::SolveOptions;
-use crate::solve::fill::filled;
+use crate::solve::fill::{filled, filled_frame};
 use crate::solve::pair_solver::{margin, reuse};
 use crate::solve::resample::luminance;
 
@@ -167,7 +167,7 @@ impl SweepSolver {
         if let Some(Region { x, y, width, height }) = options.region {
             sweep.crop(Region { x: x - task.part.x, y: y - task.part.y, width, height });
         }
-        if let Some(mask) = &options.mask {
+        if let Some(mask) = Mask::of_frame(&frames[task.order.frames[task.reference]], options.mask.as_ref()) {
             sweep.exclude(&mask.cropped(sweep.region));
         }
         if options.crop_valid {
@@ -231,14 +231,13 @@ struct Task<'a> {
     /// The positions of the frames that are solved.
     positions: Positions,
     frames: Cow<'a, [Frame]>,
+    /// The same frames as photographed, if some of their pixels are not part of the picture and were filled.
+    photographed: Option<Cow<'a, [Frame]>>,
     order: Order,
     reference: usize,
-    mask: Option<Cow<'a, Mask>>,
     photograph: [u32; 2],
     /// The part of the photographs that the frames are cut to.
     part: Region,
-    /// Whether the frames are cut.
-    is_cut: bool,
     /// The setting of the first frame, and the mean step from setting to setting, which is negative for descending
     /// settings.
     first: f64,
@@ -257,30 +256,42 @@ impl<'a> Task<'a> {
         solve.check(photograph)?;
         let rules =
             Rules { stated: options.positions != Positions::Counted, keep_foreign: options.settings.keep_frames };
-        let order = order::judge(frames, rules)?;
+        let is_masked = solve.mask.is_some() || frames.iter().any(|frame| frame.counted().is_some());
+        let filled = |frame: &Frame| match &solve.mask {
+            Some(mask) => filled_frame(frame.clone().without(mask.bytes())),
+            None => filled_frame(frame.clone()),
+        };
+        let filled = is_masked.then(|| workers::map(frames.len(), |n| filled(&frames[n])));
+        let order = order::judge(filled.as_deref().unwrap_or(frames), rules)?;
         let positions = options.positions.of(&order.frames);
         let mut reference = options.reference;
-        let mut frames = Cow::Borrowed(frames);
+        let mut part = Region { x: 0, y: 0, width: photograph[0], height: photograph[1] };
         if !order.frames.iter().copied().eq(0..frames.len()) {
             reference = reference.and_then(|given| {
                 let is_same = |n: &usize| *n == given || frames[*n].samples() == frames[given].samples();
                 order.frames.iter().position(is_same)
             });
-            frames = order.frames.iter().map(|n| frames[*n].clone()).collect();
         }
-        let mut part = Region { x: 0, y: 0, width: photograph[0], height: photograph[1] };
-        let mut mask = solve.mask.as_ref().map(Cow::Borrowed);
         if let Some(region) = solve.region {
             part = region.expanded(margin(photograph, REACH), photograph);
-            let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
-            frames = cut.collect::<Result<Cow<'_, [Frame]>, Error>>()?;
-            mask = mask.map(|mask| Cow::Owned(mask.cropped(part)));
         }
+        let solved = |mut frames: Cow<'a, [Frame]>| {
+            if !order.frames.iter().copied().eq(0..frames.len()) {
+                frames = order.frames.iter().map(|n| frames[*n].clone()).collect();
+            }
+            if solve.region.is_some() {
+                let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
+                frames = cut.collect::<Result<_, Error>>()?;
+            }
+            Ok::<_, Error>(frames)
+        };
+        let photographed = is_masked.then(|| solved(Cow::Borrowed(frames))).transpose()?;
+        let frames = solved(filled.map_or(Cow::Borrowed(frames), Cow::Owned))?;
         let (settings, last) = (positions.settings(frames.len()), frames.len() - 1);
         let (first, step) = (settings[0], (settings[last] - settings[0]) / last as f64);
         let steps = settings.iter().map(|p| (p - first) / step).collect();
-        let (reference, is_cut) = (reference.unwrap_or(frames.len() / 2), solve.region.is_some());
-        Ok(Self { options, positions, frames, order, reference, mask, photograph, part, is_cut, first, step, steps })
+        let reference = reference.unwrap_or(frames.len() / 2);
+        Ok(Self { options, positions, frames, photographed, order, reference, photograph, part, first, step, steps })
     }
 
     fn input(&self) -> SweepInput<'_> {
@@ -288,7 +299,6 @@ impl<'a> Task<'a> {
             settings: &self.steps,
             are_settings_known: self.options.positions != Positions::Counted,
             reference: self.reference,
-            mask: self.mask.as_deref(),
         }
     }
 
@@ -318,7 +328,7 @@ impl<'a> Task<'a> {
         let seen = seen.into_iter().map(|v| v.max(0.0).sqrt()).collect();
         solution.focus = filled(&known, &solution.deviation, seen, reference.width() as usize);
         let frames = FocusedFrames {
-            frames: &self.frames,
+            frames: self.photographed.as_deref().unwrap_or(&self.frames),
             reference: self.reference,
             solution: &solution,
             decode: registered.decode,
@@ -345,16 +355,15 @@ impl<'a> Task<'a> {
         let coarse = judgement::coarse_warning(&registration, self.options.settings.max_relative_blur);
         let unlike = unlike_warning(&registration.unlike, &self.order.frames);
         let JointRegistration { mut transforms, parallax, mut brightness, rate, settings, .. } = registration;
-        if self.is_cut {
+        if [self.part.width, self.part.height] != self.photograph {
             move_into(&mut transforms, &mut brightness, self.part, self.photograph);
         }
         let positions: Vec<f64> = settings.iter().map(|steps| self.first + self.step * steps).collect();
         let stated = &self.positions;
         let uneven = stated.uneven_warning(&positions, &self.order.frames);
         let levels = self.options.settings.clipped(self.frames[0].format().depth);
-        let mask = self.mask.as_deref().map(Mask::bytes);
         let clipped_fractions: Vec<f64> =
-            self.frames.iter().map(|frame| frame.clipped_fraction(levels, mask)).collect();
+            self.frames.iter().map(|frame| frame.clipped_fraction(levels, frame.counted())).collect();
         let clipped = clipped_warning(&clipped_fractions, &self.order.frames);
         let found = [unlike, uneven, coarse, clipped].into_iter().flatten();
         RegisteredSweep {

@@ -166,12 +166,20 @@ impl Reduced {
         let coarse = Coarse::of(&values, size);
         let bright = (values.iter().sum::<f32>() / values.len() as f32).max(f32::MIN_POSITIVE).powi(2);
         let sharpness = std::array::from_fn(|_| {
-            let places = at_places(&values, size).into_iter().map(|e| e / bright).collect();
+            let places = at_places(&values, size).into_iter().enumerate();
+            let places = places.map(|(n, e)| if is_shown(frame, n) { e / bright } else { 0.0 }).collect();
             (values, size) = halved(&values, size);
             places
         });
         Some(Self { sharpness, coarse })
     }
+}
+
+/// Whether the middle of a place is part of the picture. Other places are filled, and never sharp.
+fn is_shown(frame: &Frame, place: usize) -> bool {
+    let middle = |at: usize, side: u32| (2 * at + 1) * side as usize / (2 * PLACES);
+    let pixel = middle(place / PLACES, frame.height()) * frame.width() as usize + middle(place % PLACES, frame.width());
+    frame.counted().is_none_or(|counted| counted[pixel] != 0)
 }
 
 /// The mean squared Laplacian of each place, without the border, where a part of the Laplacian is missing.
@@ -185,12 +193,13 @@ fn at_places(values: &[f32], size @ [width, height]: [usize; 2]) -> Vec<f32> {
     sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
 
-/// The logarithm of sharpness by frame, octave and place, with the least 2 % of all values added as a floor.
+/// The logarithm of sharpness by frame, octave and place, with the least 2 % of all positive values added as a floor.
 fn logarithms(frames: &[&Sharpness]) -> Vec<Vec<f32>> {
     let floor = |octave: usize| {
-        let mut all: Vec<f32> = frames.iter().flat_map(|frame| frame[octave].iter().copied()).collect();
+        let all = frames.iter().flat_map(|frame| frame[octave].iter().copied());
+        let mut all: Vec<f32> = all.filter(|e| *e > 0.0).collect();
         all.sort_by(f32::total_cmp);
-        all[all.len() / 50].max(f32::MIN_POSITIVE)
+        all.get(all.len() / 50).map_or(f32::MIN_POSITIVE, |e| e.max(f32::MIN_POSITIVE))
     };
     let floors: Vec<f32> = (0..OCTAVES).map(floor).collect();
     let of = |frame: &&Sharpness| {
