@@ -85,7 +85,8 @@ pub struct EngineOptions {
     /// Bytes of the device that a pair or a sweep may use; `None`: all that it has, 4 GiB for a sweep.
     /// [`PairSolver::solve`](crate::PairSolver::solve) and sweeps solve larger photographs in parts.
     pub memory: Option<u64>,
-    /// Finds the start of T for [`Method::Sift`](crate::settings::Method::Sift). `None`: that method is refused.
+    /// Finds the start of T for [`Method::Sift`](crate::settings::Method::Sift), and a second one for frames whose
+    /// registration is in doubt. `None`: that method is refused, and there is no second start.
     pub key_points: Option<KeyPoints>,
     /// Whether solves read the device's clock between passes, for [`Timings::passes_ms`]. Reading takes time itself.
     pub timed: bool,

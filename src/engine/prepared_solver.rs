@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use super::cpu::pair::CpuPair;
 use super::device::AnyDevice;
-use super::frame_in_flight::{FrameInFlight, Memory, Start};
+use super::frame_in_flight::{FrameInFlight, Memory, SURE_CORRELATION, Start};
 use super::pair_memory::Shared;
 use super::plan::Plan;
 use super::record::{Profile, Reading, Workspace};
-use super::script::CountedPixels;
+use super::script::{CountedPixels, Script};
 use super::solution::{Registered, SolutionRef};
 use super::source::{Source, Transfer};
 use super::vulkan::{
@@ -18,7 +18,9 @@ use super::vulkan::{
 };
 use super::vulkan_pair::VulkanPair;
 use super::{Engine, KeyPoints};
-use crate::base::{CancellationToken, Error, Frame, Mask, Method, Parallax, PixelFormat, Progress, Settings, Shading};
+use crate::base::{
+    CancellationToken, Error, Frame, Mask, Method, Motion, Parallax, PixelFormat, Progress, Settings, Shading,
+};
 
 /// Everything that is prepared before the first pair: memory, recordings and compiled passes.
 pub(crate) struct PreparedSolver {
@@ -27,6 +29,9 @@ pub(crate) struct PreparedSolver {
     pool: Arc<Pool>,
     key_points: Option<KeyPoints>,
 }
+
+/// By how much another T must correlate better to be the start of a second solve. Where both are right, 0.003 to 0.02.
+const BETTER: f64 = 0.1;
 
 /// How one pair is solved.
 #[derive(Clone, Copy)]
@@ -124,16 +129,37 @@ impl PreparedSolver {
 
     /// Solves a pair and waits for it.
     pub(crate) fn solve(&mut self, frames: [&Frame; 2], options: PairOptions<'_>) -> Result<Pending, Error> {
-        let (mut frame, _) = self.upload(frames.map(Source::Frame), options)?;
-        frame.run(|script| script.parts.len(), options.progress)?;
+        let frame = self.run(frames, options, |script| script.parts.len())?;
         Ok(Pending { frame, is_fetched: [false; 2] })
     }
 
     /// Registers a pair and waits for it.
     pub(crate) fn register(&mut self, frames: [&Frame; 2], options: PairOptions<'_>) -> Result<Registered, Error> {
+        self.run(frames, options, |script| script.registered)?.registered()
+    }
+
+    /// Runs the first parts of the script, and again from key-points if T correlates worse than they do.
+    fn run(
+        &mut self,
+        frames: [&Frame; 2],
+        options: PairOptions<'_>,
+        parts: fn(&Script) -> usize,
+    ) -> Result<Lease, Error> {
         let (mut frame, _) = self.upload(frames.map(Source::Frame), options)?;
-        frame.run(|script| script.registered, options.progress)?;
-        frame.registered()
+        frame.run(parts, options.progress)?;
+        let settings = &self.shared.plan.settings;
+        let is_free = options.start.is_none() && settings.motion.unknowns() >= Motion::Similarity.unknowns();
+        let doubtful = frame.registered_correlation()?.filter(|found| is_free && *found <= SURE_CORRELATION);
+        let (Some(find), Some(found)) = (self.key_points, doubtful) else { return Ok(frame) };
+        let Ok(transform) = find(frames, settings.decode, options.mask) else { return Ok(frame) };
+        if frame.correlation(transform.into())?.is_none_or(|other| other < found + BETTER) {
+            return Ok(frame);
+        }
+        drop(frame);
+        let start = Some(Start { transform: transform.into(), ..self.start(None, None)? });
+        let (mut frame, _) = self.upload(frames.map(Source::Frame), PairOptions { start, ..options })?;
+        frame.run(parts, &|_| ())?;
+        Ok(frame)
     }
 
     /// Submits a pair. The device begins with it after `waits`.

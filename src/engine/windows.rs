@@ -20,10 +20,10 @@ use crate::base::{
 /// The side of a window, px, and about the most windows: 20,000 pixels represent the picture.
 const SIDE: u32 = 32;
 const MOST: f64 = 20.0;
-/// What a smoothed gradient needs around a window, px: three σ of the smoothing, and the difference.
-const MARGIN: u32 = 6;
+/// What a smoothed gradient needs around a window, σ of the smoothing: three, and the difference.
+const MARGIN: f64 = 4.0;
 /// σ of the smoothing, px. It leaves a thirtieth of the power of white noise.
-const SMOOTHING: f64 = 1.5;
+pub(super) const SMOOTHING: f64 = 1.5;
 /// The largest |V|, px², at which photographs are compared as they are: beyond it they differ in blur.
 const NEARLY_ALIKE: f64 = 1.0;
 /// The luminances of integers up to which, and from which on, a pixel counts as clipped.
@@ -95,6 +95,8 @@ pub(super) struct Pair<'a> {
     pub(super) relative_blur: &'a [f32],
     /// The unit of places, px.
     pub(super) length: f64,
+    /// σ of the smoothing, px.
+    pub(super) smoothing: f64,
 }
 
 /// The products of the gradients along the displacements by the unknowns of [`sums`](super::stages::sums).
@@ -260,7 +262,7 @@ impl Pair<'_> {
         let pixels = (window.y..window.y + window.height).flat_map(columns);
         let valid: Vec<(u32, u32)> = pixels.filter(|&(x, y)| self.v(x, y).is_finite()).collect();
         let Some(widest) = valid.iter().map(|&(x, y)| self.v(x, y).abs()).reduce(f64::max) else { return Ok(None) };
-        let reach = MARGIN + (3.0 * widest.sqrt()).ceil() as u32;
+        let reach = (MARGIN * self.smoothing + 3.0 * widest.sqrt()).ceil() as u32;
         let part = window.expanded(reach, self.size());
         let i1 = self.photographs[0].luminance(part)?;
         let Some(counterpart) = self.counterpart(part) else { return Ok(None) };
@@ -268,9 +270,10 @@ impl Pair<'_> {
         let steps = [Steps::of(&i1, [part.x, part.y]), Steps::of(&original, [counterpart.x, counterpart.y])];
         let photographs = [i1, self.registered(part, &original, counterpart)];
         let clear = self.clear(part, &photographs, reach as usize);
-        let alike = (widest <= NEARLY_ALIKE).then(|| photographs.each_ref().map(|i| separable::smoothed(i, SMOOTHING)));
+        let alike =
+            (widest <= NEARLY_ALIKE).then(|| photographs.each_ref().map(|i| separable::smoothed(i, self.smoothing)));
         let sides = self.sides(part, &photographs, widest);
-        let smooth = sides.each_ref().map(|side| separable::smoothed(side, SMOOTHING));
+        let smooth = sides.each_ref().map(|side| separable::smoothed(side, self.smoothing));
         let channels = self.channels(part, counterpart, widest, &smooth)?;
         let splines = sides.each_ref().map(spline);
         let whole = centre(self.size()[0], self.size()[1]);
@@ -348,7 +351,7 @@ impl Pair<'_> {
         let smooth = |weights: [f32; 3]| {
             let original = self.photographs[1].sum(counterpart, weights)?;
             let photographs = [self.photographs[0].sum(part, weights)?, self.registered(part, &original, counterpart)];
-            Ok(self.sides(part, &photographs, widest).map(|side| separable::smoothed(&side, SMOOTHING)))
+            Ok(self.sides(part, &photographs, widest).map(|side| separable::smoothed(&side, self.smoothing)))
         };
         let [red, blue] = [smooth([1.0, 0.0, 0.0])?, smooth([0.0, 0.0, 1.0])?];
         let [of_red, of_green, of_blue] = LUMINANCE.map(f64::from);

@@ -21,7 +21,14 @@ const LEAST: usize = 6;
 /// [`Error::TooFewKeyPoints`].
 pub fn key_points([i1, i2]: [&Frame; 2], decode: Decode, mask: Option<&Mask>) -> Result<Similarity, Error> {
     let unit = unit::cpu_reference([i1, i2], decode, LUMINANCE);
-    let [mut a, b] = [i1, i2].map(|frame| detect(&ingest::in_units(Field::default(), frame, decode, LUMINANCE, unit)));
+    let images = [i1, i2].map(|frame| ingest::in_units(Field::default(), frame, decode, LUMINANCE, unit));
+    let register =
+        |least: f32| register(images.each_ref().map(|image| detect(image, least)), [i1.width(), i1.height()], mask);
+    register(LEAST_RESPONSE).or_else(|problem| register(WEAK * LEAST_RESPONSE).map_err(|_| problem))
+}
+
+/// Registers by key-points. The mask is on the pixels of I1.
+fn register([mut a, b]: [Features; 2], size: [u32; 2], mask: Option<&Mask>) -> Result<Similarity, Error> {
     if let Some(mask) = mask {
         a.retain(|[x, y]| mask.contains(x, y));
     }
@@ -29,7 +36,7 @@ pub fn key_points([i1, i2]: [&Frame; 2], decode: Decode, mask: Option<&Mask>) ->
     enough("key-points in I2", b.places.len())?;
     let matches = matches(&a, &b);
     enough("matches of key-points", matches.len())?;
-    let (transform, agreeing) = fit(&matches, centre(i1.width(), i1.height()));
+    let (transform, agreeing) = fit(&matches, centre(size[0], size[1]));
     enough("matches that agree on a similarity", agreeing)?;
     Ok(transform)
 }
@@ -46,6 +53,8 @@ const MOST_PIXELS: usize = 1 << 22;
 /// Least response of a key-point, in [units](unit) of intensity, as in OpenCV. In a blurred photograph few key-points
 /// reach Lowe's 0.03.
 const LEAST_RESPONSE: f32 = 0.04 / 3.0;
+/// The share of it that key-points have at least if there are too few of the others: of texture of little contrast.
+const WEAK: f32 = 0.2;
 /// Length to which descriptors are scaled. Their components, at most 0.2 before, then fit a byte.
 const LENGTH: f32 = 512.0;
 
@@ -69,11 +78,11 @@ impl Features {
     }
 }
 
-/// Detects the key-points in a luminance image in units.
-fn detect(luminance: &Field) -> Features {
+/// Detects the key-points in a luminance image in units, of at least this response.
+fn detect(luminance: &Field, response: f32) -> Features {
     let (image, factor) = reduced(luminance.clone());
     let Ok(image) = GrayImage::new(image.width, image.height, image.to_f32()) else { return Features::default() };
-    let sift = Sift::new(SiftConfig { contrast_threshold: LEAST_RESPONSE, ..SiftConfig::default() });
+    let sift = Sift::new(SiftConfig { contrast_threshold: response, ..SiftConfig::default() });
     let mut found = sift.unwrap_or_default().detect_and_compute(&image);
     found.sort_by(|a, b| b.keypoint.response.total_cmp(&a.keypoint.response));
     found.truncate(MOST_KEY_POINTS);
@@ -259,7 +268,10 @@ fn weights(all: &[Displaced], linear: &Linear) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Settings;
     use crate::engine::stages::harness::random;
+    use crate::engine::{Engine, EngineOptions};
+    use crate::solve::{PairSolver, SolveOptions};
 
     #[test]
     fn a_blob_is_detected_at_its_position() {
@@ -268,23 +280,48 @@ mod tests {
                 let (dx, dy) = (x as f64 - x0, y as f64 - y0);
                 0.1 + 0.8 * (-(dx * dx + dy * dy) / (2.0 * sigma * sigma)).exp()
             });
-            let found = detect(&blob);
+            let found = detect(&blob, LEAST_RESPONSE);
             let nearest = found.places.iter().map(|p| (p[0] - x0).hypot(p[1] - y0)).fold(f64::MAX, f64::min);
             assert!(nearest < 0.1, "{nearest} px away, σ {sigma}");
         }
     }
 
+    /// Noise of wavelengths about 5 px, moved by 9 and -7 px: coarse levels show nothing of it.
+    #[test]
+    fn key_points_start_a_registration_that_is_in_doubt() {
+        let noise = Field { data: random(180 * 140, 3), ..Field::zeros(180, 140) };
+        let [fine, coarse] = [1.0, 1.8].map(|sigma| separable::smoothed(&noise, sigma));
+        let frames = [[10, 10], [1, 17]].map(|[x, y]| {
+            let value = |i: usize| {
+                let at = (i / 160 + y) * 180 + i % 160 + x;
+                (0.4 + fine.data[at] - coarse.data[at]) as f32
+            };
+            Frame::gray(160, 120, (0..160 * 120).map(value).collect()).unwrap()
+        });
+        let register = |key_points| {
+            let device = Some("CPU".into());
+            let engine = Engine::new(&EngineOptions { device, key_points, ..EngineOptions::default() }).unwrap();
+            let mut solver = PairSolver::new(&engine, &Settings::default()).unwrap();
+            solver.register(frames.each_ref(), &SolveOptions::default()).unwrap()
+        };
+        let found = register(Some(key_points));
+        let truth = Similarity { tx: 9.0, ty: -7.0, ..Similarity::IDENTITY };
+        let error = found.transform.corner_distance(truth, 160, 120);
+        assert!(error < 0.1 && found.converged, "{error} {:?}", found.warnings);
+        assert!(!register(None).converged);
+    }
+
     #[test]
     fn images_without_key_points_have_none() {
-        assert!(detect(&Field::from_fn(64, 48, |_, _| 0.5)).places.is_empty());
-        assert!(detect(&Field::from_fn(16, 16, |x, _| x as f64 / 16.0)).places.is_empty());
+        assert!(detect(&Field::from_fn(64, 48, |_, _| 0.5), LEAST_RESPONSE).places.is_empty());
+        assert!(detect(&Field::from_fn(16, 16, |x, _| x as f64 / 16.0), LEAST_RESPONSE).places.is_empty());
         // Stripes and a checkerboard have extrema without a distinct position.
         for field in [
             Field::from_fn(64, 48, |x, _| (x / 3 % 2) as f64),
             Field::from_fn(64, 48, |x, y| ((x / 3 + y / 3) % 2) as f64),
             Field::from_fn(16, 700, |x, y| 0.5 + 0.5 * (x as f64).sin() * (y as f64 / 2.0).cos()),
         ] {
-            assert!(detect(&field).places.iter().flatten().all(|p| p.is_finite()));
+            assert!(detect(&field, LEAST_RESPONSE).places.iter().flatten().all(|p| p.is_finite()));
         }
     }
 
