@@ -69,6 +69,12 @@ const MAX_ERROR: f64 = 0.1;
 /// The least share of a step that the frames determine, and not the damping: a hundredth of the median information. A
 /// step beyond the scene, where nothing is near focus, would else be found as it was assumed, by all bands alike.
 const LEAST_DETERMINED: f64 = 0.9;
+/// The least step, in median steps, at which the estimate is adopted. A frame that was shaken is more blurred than any
+/// setting between its neighbours' explains, and seems to lie beside one of them: 0.05 to 0.07.
+const LEAST_STEP: f64 = 0.1;
+/// The least growth of steps, in median steps, and in standard errors.
+const GROWTH: f64 = 0.25;
+const CERTAIN: f64 = 4.0;
 /// Fewer steps do not determine which of them is the odd one.
 const MIN_STEPS: usize = 3;
 
@@ -107,10 +113,10 @@ impl Estimate {
         sorted[(sorted.len() - 1) / 2]
     }
 
-    /// Whether a step differs from the others.
+    /// Whether a step differs from the others, or steps grow.
     fn is_uneven(&self) -> bool {
-        let median = self.median();
-        self.errors.len() >= MIN_STEPS && self.steps().any(|step| differs(step, median))
+        let steps: Vec<f64> = self.steps().collect();
+        self.errors.len() >= MIN_STEPS && are_uneven(&steps, self.median())
     }
 
     /// The steps but those at either end that are not certain: beyond the scene nothing comes into focus.
@@ -127,9 +133,12 @@ impl Estimate {
     /// steps. Steps at the ends that are not certain are taken as the median.
     fn adopted(&self) -> Option<Vec<f64>> {
         let (median, certain) = (self.median(), self.certain()?);
+        if self.steps().any(|step| step < LEAST_STEP * median) {
+            return None;
+        }
         let steps = self.steps().enumerate().map(|(k, step)| if certain.contains(&k) { step } else { median });
         let steps: Vec<f64> = steps.collect();
-        if !steps.iter().any(|step| differs(*step, median)) {
+        if !are_uneven(&steps, median) {
             return None;
         }
         let mean = steps.iter().sum::<f64>() / steps.len() as f64;
@@ -159,9 +168,16 @@ fn whole(steps: &[f64], median: f64) -> Option<Vec<f64>> {
     (are_near && single < steps.len() && 2 * single > steps.len()).then_some(multiples)
 }
 
-/// Whether a step counts as different from the median.
-fn differs(step: f64, median: f64) -> bool {
-    (step / median - 1.0).abs() > TOLERANCE
+/// Whether a step differs from the median, or the last third of them from the first by more than their scatter
+/// explains, as of a motor that moves ever faster.
+fn are_uneven(steps: &[f64], median: f64) -> bool {
+    let (count, third) = (steps.len(), steps.len() / 3);
+    let mean = |steps: &[f64]| steps.iter().sum::<f64>() / steps.len() as f64;
+    let growth = (mean(&steps[count - third..]) - mean(&steps[..third])).abs();
+    let bends = steps.windows(3).map(|s| (s[0] - 2.0 * s[1] + s[2]).powi(2));
+    let scatter = (bends.sum::<f64>() / (6 * (count - 2)) as f64).sqrt();
+    let grows = growth > (GROWTH * median).max(CERTAIN * scatter * (2.0 / third as f64).sqrt());
+    grows || steps.iter().any(|step| (step / median - 1.0).abs() > TOLERANCE)
 }
 
 /// Moves the settings, by less than `change` if a step would change too much.
@@ -385,9 +401,12 @@ mod tests {
 
     /// The settings found for it.
     fn found(frames: usize, left_out: &[usize]) -> Option<Vec<f64>> {
-        let fields = frames_of_relief(frames, left_out);
+        found_for(&frames_of_relief(frames, left_out))
+    }
+
+    fn found_for(fields: &[Field]) -> Option<Vec<f64>> {
         let settings: Vec<f64> = (0..fields.len()).map(|n| n as f64).collect();
-        uneven_settings(&fields, &settings, RATE, || Ok::<_, ()>(None)).unwrap()
+        uneven_settings(fields, &settings, RATE, || Ok::<_, ()>(None)).unwrap()
     }
 
     #[test]
@@ -423,6 +442,18 @@ mod tests {
     fn missing_frames_leave_gaps() {
         assert_eq!(found(7, &[]), None);
         assert_eq!(found(9, &[2, 5, 6]), Some(vec![0.0, 1.0, 3.0, 4.0, 7.0, 8.0]));
+    }
+
+    #[test]
+    fn a_shaken_frame_leaves_even_steps() {
+        for shaken in [2, 4, 7] {
+            let mut fields = frames_of_relief(9, &[]);
+            let sharp = fields[shaken].clone();
+            let at =
+                |x: usize, y: usize| (0..9).map(|n| sharp.clamped(x as isize + n - 4, y as isize)).sum::<f64>() / 9.0;
+            fields[shaken] = Field::from_fn(sharp.width, sharp.height, at);
+            assert_eq!(found_for(&fields), None, "{shaken}");
+        }
     }
 
     /// Frames that are added beyond the scene, where none of it comes into focus.

@@ -20,6 +20,9 @@ pub enum Positions {
     Stage(Vec<f64>),
 }
 
+/// The most by which a step differs from the mean of its neighbours, twice, in mean steps, of steps that grow evenly.
+const MOST_BEND: f64 = 0.35;
+
 /// Converts 1/mm to 1/m, and back.
 const PER_METRE: f64 = 1e3;
 
@@ -114,6 +117,11 @@ impl Positions {
         }
         let all: Vec<String> = settings.iter().map(|p| format!("{}", (100.0 * p).round() / 100.0)).collect();
         let used = format!("positions are taken as {}; state them if that is wrong", all.join(","));
+        // Steps that grow or shrink evenly are those of a motor, and need no confirmation.
+        let bends = settings.windows(4).map(|p| (p[3] - 3.0 * p[2] + 3.0 * p[1] - p[0]).abs());
+        if bends.fold(0.0, f64::max) < MOST_BEND {
+            return None;
+        }
         if steps().any(|step| step.fract() != 0.0) {
             return Some(format!("the frames seem to be focused at steps that are uneven in 1/distance: {used}"));
         }
@@ -222,6 +230,7 @@ mod tests {
         assert!(gaps.contains("positions are taken as 0,1,3,6,7;"), "{gaps}");
         let uneven = warning(&[0.0, 0.511, 1.0, 2.6, 4.0]).unwrap();
         assert!(uneven.contains("uneven in 1/distance") && uneven.contains("0,0.51,1,2.6,4"), "{uneven}");
+        assert_eq!(warning(&[0.0, 0.75, 1.58, 2.49, 3.48, 4.55, 5.7, 7.0]), None);
         assert_eq!(Positions::Settings(vec![0.0, 2.0, 3.0]).uneven_warning(&[0.0, 2.0, 3.0], &[0, 1, 2]), None);
     }
 
