@@ -94,11 +94,12 @@ impl Contrast {
 /// The gradients along both axes.
 const ALL: [f64; 3] = [1.0, 0.0, 1.0];
 
-/// The correlation of the gradients of both images over all windows; `None` without gradients.
-pub(super) fn correlation(windows: &[Contrast]) -> Option<f64> {
+/// The correlation of the gradients of both images over all windows, and the power of those of the softer one; `None`
+/// without gradients.
+pub(super) fn correlation(windows: &[Contrast]) -> Option<(f64, f64)> {
     let sum = Contrast::sum(windows);
     let [first, second, both] = [sum.first, sum.second, sum.both].map(|sums| sums[0] + sums[2]);
-    Some(both / (first * second).sqrt()).filter(|correlation| correlation.is_finite())
+    Some((both / (first * second).sqrt(), first.min(second))).filter(|(correlation, _)| correlation.is_finite())
 }
 
 /// The least and the largest V, px², by which two photographs may differ that differ alike everywhere, from their
