@@ -143,8 +143,8 @@ impl Findings {
     pub(crate) fn saturation(&self, max_relative_blur: f64) -> Option<String> {
         (self.saturated_fraction > MOST_SATURATED).then(|| {
             let share = 100.0 * self.saturated_fraction;
-            let advice = if max_relative_blur < Settings::default().max_relative_blur {
-                "leave out max_relative_blur, or focus the two nearer to each other"
+            let advice = if max_relative_blur < 1024.0 {
+                "raise max_relative_blur, up to 1024 px², or focus the two nearer to each other"
             } else {
                 "focus the two nearer to each other, close the aperture, or take a sweep"
             };
