@@ -391,8 +391,8 @@ settings! {
     /// Largest |V|; increase it if pixels are at the limit.
     /// V is the difference of the blurs' variances, px² of the full-size image. At a limit of 144 px², 14 % of the heat
     /// sink's pixels were at the limit; at 256 px², 0.03 %. A wider one takes memory, and on GPUs time: blur stacks
-    /// are packed up to 256 px².
-    max_relative_blur: f64 = 256.0, 1 to 1024 "px²", flag "Relative blur V" "PX2";
+    /// are packed up to 144 px².
+    max_relative_blur: f64 = 144.0, 1 to 1024 "px²", flag "Relative blur V" "PX2";
     /// Smoothness α of V; less shows more relief and noise.
     /// auto finds α on each level, from the evidence against V and its slope (docs/method.md, section 6). The report
     /// states what it found.
