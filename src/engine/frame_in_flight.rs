@@ -1,6 +1,6 @@
 //! A frame in flight: one pair in the memory of a device, and its cancellation.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use super::contrast::correlation;
@@ -80,6 +80,8 @@ pub(super) struct FrameInFlight {
     phases: Phases,
     cancel: Arc<CancelFlag>,
     signal: Arc<CancelSignal>,
+    /// The correlation of the latest pair by the T that was registered, once it was asked for.
+    correlation: OnceLock<Option<f64>>,
 }
 
 impl Drop for FrameInFlight {
@@ -101,6 +103,7 @@ impl FrameInFlight {
             cancel,
             shared,
             memory,
+            correlation: OnceLock::new(),
         })
     }
 
@@ -115,6 +118,7 @@ impl FrameInFlight {
             pair.begin()?;
         }
         (self.started, self.phases, self.deadline) = (Instant::now(), Phases::default(), Deadline::after(limit));
+        self.correlation = OnceLock::new();
         self.cancel.end();
         self.cancel = self.memory.pair_mut().cancel_flag()?;
         self.signal = self.cancel.signal();
@@ -423,8 +427,18 @@ impl FrameInFlight {
 
     /// The correlation by T that was registered, if the solve found it.
     pub(super) fn registered_correlation(&self) -> Result<Option<f64>, Error> {
-        let transform = self.state(Slot::RegisteredState)?.registration().transform;
-        if self.shared.plan.solves_transform() { self.correlation(transform) } else { Ok(None) }
+        if !self.shared.plan.solves_transform() {
+            return Ok(None);
+        }
+        // A pair that was encoded may be executed again, on other photographs.
+        let is_encoded = matches!(&self.memory, Memory::Vulkan(pair) if pair.is_encoded());
+        if let Some(known) = self.correlation.get().filter(|_| !is_encoded) {
+            return Ok(*known);
+        }
+        let found = self.correlation(self.state(Slot::RegisteredState)?.registration().transform)?;
+        // Set already only for a pair that was encoded, which does not read it.
+        let _ = self.correlation.set(found);
+        Ok(found)
     }
 
     /// Device time by its clock; without one, from the submission to the end of the wait.

@@ -263,7 +263,7 @@ fn best_order(logarithms: &[Vec<f32>]) -> Vec<usize> {
     let mut tour: Vec<usize> = [ends].into_iter().chain(0..ends).collect();
     let least = 1e-9 * costs.iter().flatten().map(|cost| cost.abs()).sum::<f64>() / (ends + 1) as f64;
     for _ in 0..MOST_MOVES {
-        let Some((first, last, after, reversed)) = best_move(&costs, &tour, least) else { break };
+        let Some(Move { first, last, after, reversed }) = best_move(&costs, &tour, least) else { break };
         let after = tour[after];
         let mut run: Vec<usize> = tour.drain(first..=last).collect();
         if reversed {
@@ -280,9 +280,18 @@ fn best_order(logarithms: &[Vec<f32>]) -> Vec<usize> {
     order
 }
 
-/// The run of a tour, the place after which to insert it and whether to reverse it, that shortens the tour most, by more
-/// than `least`.
-fn best_move(costs: &[Vec<f64>], tour: &[usize], least: f64) -> Option<(usize, usize, usize, bool)> {
+/// A run of a tour that is moved: its first and last place, the place after which it is inserted, and whether it is
+/// reversed.
+#[derive(Clone, Copy)]
+struct Move {
+    first: usize,
+    last: usize,
+    after: usize,
+    reversed: bool,
+}
+
+/// The move that shortens a tour most, by more than `least`.
+fn best_move(costs: &[Vec<f64>], tour: &[usize], least: f64) -> Option<Move> {
     let at = |n: usize| tour[n % tour.len()];
     let firsts = workers::map(tour.len() - 1, |n| {
         let first = n + 1;
@@ -290,12 +299,12 @@ fn best_move(costs: &[Vec<f64>], tour: &[usize], least: f64) -> Option<(usize, u
         for last in first..tour.len() {
             let [before, start, end, next] = [at(first - 1), at(first), at(last), at(last + 1)];
             let closed = costs[before][next] - costs[before][start] - costs[end][next];
-            for place in (0..first).chain(last + 1..tour.len()) {
-                let [a, b] = if place + 1 == first { [before, next] } else { [at(place), at(place + 1)] };
+            for after in (0..first).chain(last + 1..tour.len()) {
+                let [a, b] = if after + 1 == first { [before, next] } else { [at(after), at(after + 1)] };
                 for (reversed, [s, e]) in [(false, [start, end]), (true, [end, start])] {
                     let change = closed + costs[a][s] + costs[e][b] - costs[a][b];
                     if change < best.0 {
-                        best = (change, Some((first, last, place, reversed)));
+                        best = (change, Some(Move { first, last, after, reversed }));
                     }
                 }
             }
