@@ -350,7 +350,7 @@ def test_a_result_has_html_and_can_be_pickled(result):
         (ValueError, "must have the same size|96x80", {"i2": FAR[:70]}),
         (ValueError, "not a number", {"i2": np.full_like(FAR, np.nan)}),
         (TypeError, "did you mean max_relative_blur", {"max_relativ_blur": 3}),
-        (ValueError, "max_relative_blur is 1000", {"max_relative_blur": 1000}),
+        (ValueError, "max_relative_blur is 2000", {"max_relative_blur": 2000}),
         (ValueError, "give unified, aligned, appearance", {"method": "sift"}),
         (TypeError, "levels='many'", {"levels": "many"}),
         (ValueError, "not invertible", {"start": np.zeros((3, 3))}),
