@@ -1,5 +1,6 @@
 //! How V changes over the field of a lens.
 
+use crate::base::settings::Settings;
 use crate::base::Error;
 use crate::base::smooth_field::{QUADRATIC, TERMS, sum, terms};
 
@@ -25,7 +26,7 @@ impl LensField {
     /// The least value of 1 + g. With less, V at a place hardly depends on depth.
     const LEAST_GAIN: f64 = 0.1;
     /// The greatest |o|, px²: that of the greatest limit of |V|.
-    const GREATEST_OFFSET: f64 = 1024.0;
+    const GREATEST_OFFSET: f64 = Settings::WIDEST_BLUR;
     /// Places along a side at which a field is inspected.
     const PLACES: usize = 17;
 
@@ -48,7 +49,7 @@ impl LensField {
         let [least, most] = self.offsets();
         let offset = if least >= -Self::GREATEST_OFFSET { most } else { least };
         if !(-Self::GREATEST_OFFSET..=Self::GREATEST_OFFSET).contains(&offset) {
-            let range = "from -1024 to 1024 px² all over the frame".to_string();
+            let range = format!("from -{0} to {0} px² all over the frame", Self::GREATEST_OFFSET);
             return Err(Error::Setting { name: "offset of V over the field", value: offset, range });
         }
         Ok(())

@@ -357,10 +357,16 @@ macro_rules! settings {
             /// Checks the range of each field that has one.
             fn check_fields(&self) -> Result<(), Error> {
                 $($(if let Some(value) = self.$name.number() {
-                    in_range(stringify!($name), value, [f64::from($low), f64::from($high)], [stringify!($low), stringify!($high)])?;
+                    in_range(stringify!($name), value, range::$name, [stringify!($low), stringify!($high)])?;
                 })?)*
                 Ok(())
             }
+        }
+
+        /// The range of each field that has one.
+        #[allow(non_upper_case_globals, reason = "named like the fields")]
+        mod range {
+            $($(pub(super) const $name: [f64; 2] = [$low as f64, $high as f64];)?)*
         }
     };
 }
@@ -388,11 +394,10 @@ settings! {
     /// Pyramid levels.
     /// auto halves the images while the short side stays at least 32 px.
     levels: Option<u32> = None, 1 to 12, flag "Relative blur V" "N|auto";
-    /// Largest |V|; increase it if pixels are at the limit.
-    /// V is the difference of the blurs' variances, px² of the full-size image. At a limit of 144 px², 14 % of the heat
-    /// sink's pixels were at the limit; at 256 px², 0.03 %. A wider one takes memory, and on GPUs time: blur stacks
-    /// are packed up to 144 px².
-    max_relative_blur: f64 = 144.0, 1 to 1024 "px²", flag "Relative blur V" "PX2";
+    /// Largest |V|.
+    /// V is the difference of the blurs' variances, px² of the full-size image. auto is 144 px², and 1024 for a pair that
+    /// reaches it at more than a tenth of its pixels: it is solved again. A wide limit takes memory, and on GPUs time.
+    max_relative_blur: Option<f64> = None, 1 to 1024 "px²", flag "Relative blur V" "PX2";
     /// Smoothness α of V; less shows more relief and noise.
     /// auto finds α on each level, from the evidence against V and its slope (docs/method.md, section 6). The report
     /// states what it found.
@@ -444,6 +449,16 @@ fn in_range(name: &'static str, value: f64, [low, high]: [f64; 2], text: [&str; 
 }
 
 impl Settings {
+    /// The limit of |V| that `auto` starts from, px². GPUs pack the blur stacks up to it.
+    pub(crate) const USUAL_BLUR: f64 = 144.0;
+    /// The widest limit of |V|, px².
+    pub(crate) const WIDEST_BLUR: f64 = range::max_relative_blur[1];
+
+    /// The limit of |V| of a solve by these settings, px².
+    pub(crate) fn blur_limit(&self) -> f64 {
+        self.max_relative_blur.unwrap_or(Self::USUAL_BLUR)
+    }
+
     /// Black and white level of samples of this kind, integers on a scale from 0 to 1.
     pub(crate) fn clipped(&self, depth: Depth) -> [f32; 2] {
         let greatest = match depth {

@@ -286,6 +286,7 @@ impl FrameInFlight {
             shading: state.applied_shading(),
             solved: Region { x: 0, y: 0, width, height },
             regularization: state.alpha.into(),
+            max_relative_blur: settings.blur_limit(),
             kernel_shape: (settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
             separation: (state.separation > 0.0).then(|| state.separation.into()),
             parallax: state.parallax.double(),
@@ -300,9 +301,9 @@ impl FrameInFlight {
         let maps = self.memory.pair().maps()?;
         let pixels = width as usize * height as usize;
         let [v, deviation, residual] = [0, 1, 2].map(|layer| &maps[layer * pixels..(layer + 1) * pixels]);
-        let counts = Counts::new([v, deviation, residual], &findings, settings.max_relative_blur);
+        let counts = Counts::new([v, deviation, residual], &findings);
         findings.set_counts(&counts);
-        findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::coverage), counts.texture());
+        findings.judge(&state, self.mask.as_ref().map_or(1.0, Mask::coverage), counts.texture());
         if !self.shared.plan.solves_transform() {
             findings.doubt(&self.registered()?);
         } else if findings.converged || findings.is_stopped() {
@@ -322,7 +323,7 @@ impl FrameInFlight {
         let shift = findings.color_shift.filter(|shift| shift.included > 0.0);
         let widened = shift.map(|shift| widened(deviation, v, |_| shift.included as f32));
         if let Some(widened) = &widened {
-            findings.set_counts(&Counts::new([v, widened, residual], &findings, settings.max_relative_blur));
+            findings.set_counts(&Counts::new([v, widened, residual], &findings));
         }
         self.phases.end("collect");
         findings.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;

@@ -38,10 +38,10 @@ const UNDETERMINED: &str = "the photographs do not determine V, because brightne
 const MOST_SHADING: f64 = 0.2;
 
 impl Solution {
-    /// Counts valid, saturated and confident pixels again. |V| is limited to `max_relative_blur` px².
-    pub(crate) fn recount(&mut self, max_relative_blur: f64) {
+    /// Counts valid, saturated and confident pixels again.
+    pub(crate) fn recount(&mut self) {
         let maps = [&self.relative_blur[..], &self.uncertainty, &self.residual];
-        let counts = Counts::new(maps, &self.findings, max_relative_blur);
+        let counts = Counts::new(maps, &self.findings);
         self.findings.set_counts(&counts);
     }
 }
@@ -57,7 +57,7 @@ impl Findings {
 
     /// Judges whether the result can be believed. A mask leaves the share `counted` of the pixels; `texture` is the
     /// mean confidence without the deviation of V's scale.
-    pub(crate) fn judge(&mut self, state: &State, settings: &Settings, counted: f64, texture: f64) {
+    pub(crate) fn judge(&mut self, state: &State, counted: f64, texture: f64) {
         let pixels = f64::from(self.width) * f64::from(self.height);
         let clipping = Clipping::new(state, pixels * counted, pixels * self.valid_fraction);
         self.clipped_fractions = clipping.fractions;
@@ -77,7 +77,7 @@ impl Findings {
             }
         });
         self.converged = doubt.is_none() && clipping.is_determined();
-        let saturation = self.saturation(settings.max_relative_blur);
+        let saturation = self.saturation();
         let warnings =
             [clipping.warning(), doubt, shading_warning(&self.shading), saturation, self.unexplained_warning()];
         self.warnings = warnings.into_iter().flatten().collect();
@@ -139,17 +139,16 @@ impl Findings {
         self.warnings.extend(filtered_warning(&gradients.noise));
     }
 
-    /// A warning, if many pixels are at the limit of |V|, px².
-    pub(crate) fn saturation(&self, max_relative_blur: f64) -> Option<String> {
+    /// A warning, if many pixels are at the limit of |V|.
+    pub(crate) fn saturation(&self) -> Option<String> {
         (self.saturated_fraction > MOST_SATURATED).then(|| {
-            let share = 100.0 * self.saturated_fraction;
-            let advice = if max_relative_blur < 1024.0 {
-                "raise max_relative_blur, up to 1024 px², or focus the two nearer to each other"
-            } else {
-                "focus the two nearer to each other, close the aperture, or take a sweep"
+            let (share, limit) = (100.0 * self.saturated_fraction, self.max_relative_blur);
+            let advice = match limit < Settings::WIDEST_BLUR {
+                true => format!("raise max_relative_blur, up to {} px²", Settings::WIDEST_BLUR),
+                false => "close the aperture, take a sweep".to_string(),
             };
             format!(
-                "{share:.0} % of the valid pixels are at the limit of |V|, {max_relative_blur} px², and count as not measured: {advice}"
+                "{share:.0} % of the valid pixels are at the limit of |V|, {limit} px², and count as not measured: {advice}, or focus the two nearer to each other"
             )
         })
     }
@@ -254,12 +253,8 @@ const CHUNK: usize = 1 << 16;
 
 impl Counts {
     /// Counts fields. Sums of chunks are added in order, so that they do not depend on the number of threads.
-    pub(crate) fn new(
-        [relative_blur, uncertainty, residual]: [&[f32]; 3],
-        of: &Findings,
-        max_relative_blur: f64,
-    ) -> Self {
-        let (limit, explained) = (at_limit(max_relative_blur), (UNEXPLAINED * of.noise) as f32);
+    pub(crate) fn new([relative_blur, uncertainty, residual]: [&[f32]; 3], of: &Findings) -> Self {
+        let (limit, explained) = (at_limit(of.max_relative_blur), (UNEXPLAINED * of.noise) as f32);
         let scale = of.scale_deviation as f32;
         let chunk = |n: usize| {
             let part = n * CHUNK..((n + 1) * CHUNK).min(relative_blur.len());

@@ -24,9 +24,6 @@ const HALO: u32 = 48;
 const HALO_SHARE: f64 = 0.03;
 /// The least side of a part, px: smaller ones are mostly halo.
 const LEAST: u32 = 320;
-/// The least limit of |V| of the parts, px², unless the caller states less: most pairs stay below it.
-const LEAST_LIMIT: f64 = 144.0;
-
 /// The parts along one axis.
 struct Axis {
     /// The length of each part, px.
@@ -225,7 +222,9 @@ pub(crate) fn solve_pair(
     // Parts overlap by the reach of the widest blur: that of V at half the size, with room for what is seen there less.
     let side = f64::from(size[0]) / f64::from(whole.width);
     let widest = whole.relative_blur.iter().fold(0.0f32, |most, v| most.max(v.abs()));
-    let max_relative_blur = (1.2 * side * side * f64::from(widest)).max(LEAST_LIMIT).min(settings.max_relative_blur);
+    // At least the usual one, which most pairs stay below, unless the caller states less.
+    let limit = (1.2 * side * side * f64::from(widest)).max(Settings::USUAL_BLUR).min(settings.blur_limit());
+    let max_relative_blur = Some(limit);
     let own = Settings { method: Method::Aligned, photometric: false, max_relative_blur, ..settings.clone() };
     let grid = grid(engine, size, formats, &own)?;
     let mut solver = PreparedSolver::new(engine, grid.side(), formats, &own, 1, None, engine.reading())?;
@@ -255,8 +254,9 @@ pub(crate) fn solve_pair(
     if let Some(shift) = whole.color_shift {
         whole.widen(|_| shift.included as f32);
     }
-    whole.recount(max_relative_blur);
-    whole.findings.warnings.extend(whole.findings.saturation(max_relative_blur));
+    whole.max_relative_blur = limit;
+    whole.recount();
+    whole.findings.warnings.extend(whole.findings.saturation());
     whole.findings.warnings.extend(whole.findings.unexplained_warning());
     Ok(whole)
 }
@@ -285,7 +285,7 @@ fn grid(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settin
     let sides = (share * f64::from(size[0]) * f64::from(size[1])).sqrt().min(engine.info().max_image_size.into());
     let mut most = (sides as u32).max(LEAST);
     loop {
-        let halo = HALO + (3.0 * settings.max_relative_blur.sqrt() + HALO_SHARE * f64::from(most)).ceil() as u32;
+        let halo = HALO + (3.0 * settings.blur_limit().sqrt() + HALO_SHARE * f64::from(most)).ceil() as u32;
         let grid = Grid::covering(size, most, halo);
         match engine.plan_pair(grid.side(), formats, settings) {
             Err(Error::TooLarge { .. }) if most > LEAST => most = (most * 7 / 8).max(LEAST),
@@ -312,7 +312,7 @@ fn solve_at_half_size(
         let small = [halved(i1, settings.decode)?, halved(i2, settings.decode)?];
         sizes.push(size);
         settings.decode = Decode::None;
-        settings.max_relative_blur = (settings.max_relative_blur / 4.0).max(1.0);
+        settings.max_relative_blur = Some((settings.blur_limit() / 4.0).max(1.0));
         settings.start = halved_transform(&settings.start, size);
         let (side, formats) = ([small[0].width(), small[0].height()], small.each_ref().map(Frame::format));
         if let Some(plan) = engine.plan_whole(side, formats, &settings)? {
@@ -326,7 +326,7 @@ fn solve_at_half_size(
     let mut solution = solver.solve([&i1, &i2], options)?.wait()?.to_owned();
     // Pixels at the limit of |V| at half the size need not be at the full one, and V is another.
     let colors = |solution: &Solution| solution.color_shift.and_then(|shift| shift.warning());
-    let restated = [solution.saturation(settings.max_relative_blur), colors(&solution)];
+    let restated = [solution.saturation(), colors(&solution)];
     solution.warnings.retain(|warning| !restated.iter().flatten().any(|restated| restated == warning));
     for &size in sizes.iter().rev() {
         solution.transform = doubled_transform(&solution.transform, size);

@@ -313,7 +313,7 @@ mod tests {
         for (kernel, may_pack, relaxation_sweeps) in plans {
             // Six iterations suffice: later ones repeat the first two. The finest of the three levels is warped.
             // With this limit both stacks of the coarsest level fit as floats.
-            let max_relative_blur = if may_pack { 30.0 } else { Settings::default().max_relative_blur };
+            let max_relative_blur = may_pack.then_some(30.0);
             let settings =
                 Settings { outer_iterations: 6, kernel, max_relative_blur, relaxation_sweeps, ..Settings::default() };
             let gray = Format { channels: Channels::Gray, depth: Depth::F32 };

@@ -123,7 +123,7 @@ mod tests {
         });
         let [i1, i2] = &images;
         // Depth edges are decisions, which a step may turn.
-        let settings = Settings { edges: false, max_relative_blur: 30.0, ..Settings::default() };
+        let settings = Settings { edges: false, max_relative_blur: Some(30.0), ..Settings::default() };
         let packed = Plan::new(width, height, [i1.format(), i2.format()], &settings).unwrap();
         let plan = Plan { may_pack: false, ..packed.clone() };
         assert!(packed.packs(&packed.pyramid[0]) && packed.stack_layers() < plan.stack_layers());

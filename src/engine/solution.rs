@@ -31,6 +31,8 @@ pub struct Findings {
     pub solved: Region,
     /// α of the finest level, stated or found.
     pub regularization: f64,
+    /// The limit of |V|, px², stated or found.
+    pub max_relative_blur: f64,
     /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk.
     pub kernel_shape: Option<f64>,
     /// How far the two focus settings are apart, if it was found: the variance of the blur in one photograph of what is

@@ -67,10 +67,11 @@ impl FieldCurvature {
         sum(&terms(self.size, place), &self.coefficients) - self.coefficients[0]
     }
 
-    /// Subtracts the field from V of a solution for photographs of its size, with |V| limited to `limit` px². A pixel
-    /// at the limit stays there, and no other pixel reaches it, because the limit marks V as a bound only.
-    pub fn flatten(&self, solution: &mut Solution, limit: f64) {
-        let (reached, below) = (0.999 * limit as f32, 0.998 * limit as f32);
+    /// Subtracts the field from V of a solution for photographs of its size. A pixel at the limit of |V| stays there,
+    /// and no other pixel reaches it, because the limit marks V as a bound only.
+    pub fn flatten(&self, solution: &mut Solution) {
+        let limit = solution.max_relative_blur as f32;
+        let (reached, below) = (0.999 * limit, 0.998 * limit);
         self.change(solution, |v, curvature| if v.abs() >= reached { v } else { (v - curvature).clamp(-below, below) });
     }
 

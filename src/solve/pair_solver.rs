@@ -205,24 +205,55 @@ impl PairSolver {
     /// [`EngineOptions::memory`](crate::EngineOptions::memory), is solved in parts, with T and brightness from half its
     /// size. `origin`, `width` and `height` of the solution state the part of I1 that it covers.
     ///
+    /// A pair of which more than a tenth reaches the limit of |V| is solved again with the widest one, unless a limit is
+    /// stated. [`Findings::max_relative_blur`](crate::results::Findings::max_relative_blur) is the limit in the end.
+    ///
     /// # Errors
     /// As for [`PairSolver::for_frames`] and [`SolveOptions::check`]. With the method SIFT, [`Error::NoKeyPoints`] or
     /// the error of the key-point function. [`Error::Busy`] if all frames in flight are in use; [`Error::Cancelled`],
     /// [`Error::Timeout`].
-    pub fn solve(&mut self, [i1, i2]: [&Frame; 2], options: &SolveOptions) -> Result<Solution, Error> {
-        same_size([i1, i2])?;
-        let size = [i1.width(), i1.height()];
-        options.check(size)?;
-        let (settings, mask) = (self.settings.clone(), Mask::of_frame(i1, options.mask.as_ref()));
+    pub fn solve(&mut self, frames: [&Frame; 2], options: &SolveOptions) -> Result<Solution, Error> {
+        same_size(frames)?;
+        options.check([frames[0].width(), frames[0].height()])?;
+        let settings = self.settings.clone();
+        let solution = self.solve_by(&settings, frames, options)?;
+        if settings.max_relative_blur.is_some() || solution.saturation().is_none() {
+            return Ok(solution);
+        }
+        let wider = Settings { max_relative_blur: Some(Settings::WIDEST_BLUR), ..settings };
+        let mut options = options.clone();
+        if let Some(report) = options.progress.take() {
+            let half = move |now: Progress| report(Progress { share: 0.5 + 0.5 * now.share, ..now });
+            options.progress = Some(Arc::new(half));
+        }
+        match self.solve_by(&wider, frames, &options) {
+            Err(Error::TooLarge { .. }) => Ok(solution),
+            Err(error) => Err(error),
+            Ok(mut wide) => {
+                wide.timings.total_ms += solution.timings.total_ms;
+                wide.timings.gpu_ms += solution.timings.gpu_ms;
+                Ok(wide)
+            }
+        }
+    }
+
+    /// Solves the part of a pair that the options name.
+    fn solve_by(
+        &mut self,
+        settings: &Settings,
+        [i1, i2]: [&Frame; 2],
+        options: &SolveOptions,
+    ) -> Result<Solution, Error> {
+        let (size, mask) = ([i1.width(), i1.height()], Mask::of_frame(i1, options.mask.as_ref()));
         let mask = mask.as_ref();
         let mut solution = match options.region {
-            None => self.solve_frames([i1, i2], &settings, mask, options)?,
+            None => self.solve_frames([i1, i2], settings, mask, options)?,
             Some(region) => {
-                let part = region.expanded(margin(size, settings.max_relative_blur), size);
+                let part = region.expanded(margin(size, settings.blur_limit()), size);
                 let [a, b] = [i1.cropped(part).map_err(Error::Region)?, i2.cropped(part).map_err(Error::Region)?];
                 let start = settings.start.about(centre(size[0], size[1]), part.centre());
                 let mask = mask.map(|mask| mask.cropped(part));
-                let settings = Settings { start, ..settings };
+                let settings = Settings { start, ..settings.clone() };
                 let mut solution = self.solve_frames([&a, &b], &settings, mask.as_ref(), options)?;
                 solution.place_in(part, size);
                 solution.crop(Region { x: region.x - part.x, y: region.y - part.y, ..region })?;
@@ -236,9 +267,9 @@ impl PairSolver {
             }
         }
         // Before the flat reference is subtracted: the limit of |V| applies to the blur in the photographs.
-        solution.recount(self.settings.max_relative_blur);
+        solution.recount();
         if let Some(flat) = &options.flat {
-            flat.flatten(&mut solution, self.settings.max_relative_blur);
+            flat.flatten(&mut solution);
         }
         Ok(solution)
     }
@@ -261,7 +292,7 @@ impl PairSolver {
             prepared = &mut self.solving;
         } else {
             // Blur is not solved for, so it gets no memory.
-            (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
+            (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, Some(1.0));
             prepared = &mut self.registering;
         }
         let engine = &self.engine;

@@ -70,8 +70,8 @@ use crate::solve::sweep::{Sweep, SweepOptions, SweepSolver};
 /// in flight; the others wait, or are solved and not yet read. Only reading makes room.
 ///
 /// **Order.** Results come in the order in which pairs were pushed, one for each pair. They equal those of
-/// [`PairSolver::solve`](crate::PairSolver::solve) bit by bit. A device much slower than the others delays all results;
-/// leave it out.
+/// [`PairSolver::solve`](crate::PairSolver::solve) bit by bit, but each pair is solved once: the limit of |V| stays, and a
+/// registration in doubt is not tried again. A device much slower than the others delays all results; leave it out.
 ///
 /// **Errors.** The error of one pair, another size for example, is its result; later pairs are unaffected. If a device
 /// fails or exceeds [`EngineOptions::timeout`](crate::EngineOptions::timeout), the stream stops using it, and the other

@@ -66,6 +66,7 @@ pub fn report_of_pair((width, height): (usize, usize), nearer: u8) -> serde_json
         photograph: [width, height],
         solved: Region { x: 0, y: 0, width, height },
         regularization: 0.003,
+        max_relative_blur: 144.0,
         converged: true,
         valid_fraction: 1.0,
         mean_confidence: 0.5,

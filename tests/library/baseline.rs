@@ -66,7 +66,7 @@ fn appearance_registers_a_slanted_plane_and_its_blur_is_solved() {
 #[test]
 fn appearance_agrees_with_the_reference() {
     let [i1, i2] = pair([151, 131], Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(151), 0.0, 5);
-    let settings = Settings { max_relative_blur: 9.0, ..settings_of(Method::Appearance) };
+    let settings = Settings { max_relative_blur: Some(9.0), ..settings_of(Method::Appearance) };
     let expected = reference::solve(&i1, &i2, &settings).unwrap();
     let found = TestEngine::new().solve([&i1, &i2], &settings);
     assert!(found.transform.corner_distance(expected.transform, 151, 131) < 1e-3, "{:?}", found.transform);

@@ -60,7 +60,7 @@ fn small_pair() -> [Frame; 2] {
 #[test]
 fn pairs_have_the_results_of_a_vulkan_device() {
     let [i1, i2] = &small_pair();
-    let settings = Settings { max_relative_blur: 36.0, ..Settings::default() };
+    let settings = Settings { max_relative_blur: Some(36.0), ..Settings::default() };
     check("unified", [i1, i2], &settings, None);
     for motion in [Motion::Translation, Motion::Affine, Motion::Homography] {
         check(&format!("{motion:?}"), [i1, i2], &Settings { motion, ..settings.clone() }, None);

@@ -26,7 +26,7 @@ fn solving_in_parts_agrees_with_solving_at_once() {
     let truth = Similarity::new(4.3, -2.9, 0.15, 1.006);
     let [i1, i2] = pair(SIZE, truth, slanted(SIZE[0]), 0.002, 3);
     let i2 = brightened(&i2);
-    let settings = Settings { max_relative_blur: 16.0, ..Settings::default() };
+    let settings = Settings { max_relative_blur: Some(16.0), ..Settings::default() };
     let whole = solve(&TestEngine::new(), [&i1, &i2], None, &settings);
     let small = Engine::new(&EngineOptions { memory: Some(20 << 20), ..options() }).unwrap();
     let formats = [i1.format(), i2.format()];

@@ -157,7 +157,7 @@ fn masks_agree_with_the_reference() {
     // Returns whether all levels took as many iterations as in the reference.
     let compare = |start: u32| {
         let start = Similarity::new(1e-6 * f64::from(start), 0.0, 0.0, 1.0).into();
-        let settings = Settings { max_relative_blur: 9.0, start, ..Settings::default() };
+        let settings = Settings { max_relative_blur: Some(9.0), start, ..Settings::default() };
         let expected = reference::solve_masked(&i1, &i2, &settings, Some(&mask)).unwrap();
         let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &settings).unwrap();
         let options = SolveOptions { mask: Some(mask.clone()), ..SolveOptions::default() };

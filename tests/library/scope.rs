@@ -17,7 +17,7 @@ fn clean_pair() -> [Frame; 2] {
 }
 
 fn settings() -> Settings {
-    Settings { max_relative_blur: 16.0, ..Settings::default() }
+    Settings { max_relative_blur: Some(16.0), ..Settings::default() }
 }
 
 fn solve(scope: &SolveOptions, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
@@ -111,7 +111,7 @@ fn a_flat_reference_is_subtracted() {
     println!("largest |V| {largest:.3} px²");
     assert!(largest < 0.2, "{largest}");
     // Pixels at the limit of |V| stay at the limit, and V can be restored.
-    let limited = Settings { max_relative_blur: 2.0, ..settings() };
+    let limited = Settings { max_relative_blur: Some(2.0), ..settings() };
     let flat = scope.flat.clone();
     let bounded = solve(&SolveOptions { flat: flat.clone(), ..SolveOptions::default() }, [&i1, &i2], &limited);
     let before = solve(&SolveOptions::default(), [&i1, &i2], &limited);

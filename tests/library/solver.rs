@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::common::scene::{Random, luminance, pair, slanted};
+use crate::common::scene::{Radiance, Random, luminance, pair, pair_of, slanted};
 use crate::common::{TestEngine, blur_error, options, progress_log};
 use parfocal::{
     Engine, EngineOptions, Error, Frame, PairSolver, Pending, Progress, Settings, SolveOptions,
@@ -29,7 +29,7 @@ fn the_device_agrees_with_the_cpu_reference_if_i2_is_resampled() {
 }
 
 fn check_reference([i1, i2]: [Frame; 2]) {
-    let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
+    let settings = Settings { max_relative_blur: Some(9.0), ..Settings::default() };
     let expected = reference::solve(&i1, &i2, &settings).unwrap();
     let found = TestEngine::alone().solve([&i1, &i2], &settings);
     // Single and double precision differ over all iterations, because each continues from the previous one.
@@ -230,8 +230,26 @@ fn the_smallest_size_and_odd_sizes_are_solved() {
     let engine = TestEngine::new();
     for size in [[16, 16], [17, 33], [33, 16], [129, 31]] {
         let [i1, i2] = pair(size, Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
-        let solution = engine.solve([&i1, &i2], &Settings { max_relative_blur: 2.0, ..Settings::default() });
+        let solution = engine.solve([&i1, &i2], &Settings { max_relative_blur: Some(2.0), ..Settings::default() });
         assert!(solution.relative_blur.iter().any(|v| !v.is_nan()), "{size:?}");
+    }
+}
+
+#[test]
+fn a_pair_that_reaches_the_usual_limit_is_solved_with_the_widest() {
+    let texture = Radiance::gratings(&[[0.06, 0.1], [0.11, 0.1], [0.23, 0.06], [0.61, 0.05]]);
+    let [i1, i2] = pair_of(&texture, [200, 160], Similarity::IDENTITY, |x| [0.5, 0.5 + 1.2 * x[0]], 0.001, 1);
+    let solve = |max_relative_blur| {
+        let settings =
+            Settings { max_relative_blur, method: Method::Aligned, edges: false, fused: false, ..Settings::default() };
+        TestEngine::on_any().solve([&i1, &i2], &settings)
+    };
+    for (stated, limit, share) in [(None, 1024.0, 0.0..0.02), (Some(144.0), 144.0, 0.1..1.0)] {
+        let found = solve(stated);
+        let is_warned = found.warnings.iter().any(|warning| warning.contains("raise max_relative_blur"));
+        println!("{limit} px²: {:.3} saturated, {:?}", found.saturated_fraction, found.warnings);
+        assert_eq!((found.max_relative_blur, is_warned), (limit, stated.is_some()));
+        assert!(share.contains(&found.saturated_fraction));
     }
 }
 

@@ -240,7 +240,7 @@ typedef struct {
   double data_eta;
   // Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
   double smoothness_eta;
-  // Limit of |V|, px², 1 to 1024.
+  // Limit of |V|, px², 1 to 1024. 0: 144, and for a pair that reaches it 1024.
   double max_relative_blur;
   // Limit of the change of V per step, px² of the level, 0.01 to 100; a quarter of |V| where that is more.
   double largest_step;
@@ -390,6 +390,8 @@ typedef struct {
   double parallax[3];
   // Standard deviations of these numbers.
   double parallax_deviation[3];
+  // Limit of |V|, px², as set or as found. NaN for a registration.
+  double max_relative_blur;
 } parfocal_solution_view;
 
 // A lens that is focused at one distance for each photograph of a pair. It has no field: V is taken as

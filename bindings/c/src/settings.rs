@@ -118,7 +118,7 @@ pub struct parfocal_settings {
     pub data_eta: f64,
     /// Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
     pub smoothness_eta: f64,
-    /// Limit of |V|, px², 1 to 1024.
+    /// Limit of |V|, px², 1 to 1024. 0: 144, and for a pair that reaches it 1024.
     pub max_relative_blur: f64,
     /// Limit of the change of V per step, px² of the level, 0.01 to 100; a quarter of |V| where that is more.
     pub largest_step: f64,
@@ -164,7 +164,7 @@ unsafe impl Versioned for parfocal_settings {
             continuation: s.continuation,
             data_eta: s.data_eta,
             smoothness_eta: s.smoothness_eta,
-            max_relative_blur: s.max_relative_blur,
+            max_relative_blur: s.max_relative_blur.unwrap_or(0.0),
             largest_step: s.largest_step,
             black_level: f64::NAN,
             white_level: f64::NAN,
@@ -231,7 +231,7 @@ fn settings(stated: &parfocal_settings) -> Result<Settings, Fault> {
         continuation: stated.continuation,
         data_eta: stated.data_eta,
         smoothness_eta: stated.smoothness_eta,
-        max_relative_blur: stated.max_relative_blur,
+        max_relative_blur: Some(stated.max_relative_blur).filter(|&limit| limit != 0.0),
         largest_step: stated.largest_step,
         kernel: one_of("kernel", stated.kernel, &Kernel::NAMED)?,
         motion: one_of("motion", stated.motion, &Motion::ALL)?,

@@ -25,8 +25,6 @@ pub struct parfocal_solution {
     warnings: Vec<CString>,
     transform: Homography,
     resampling: Resampling,
-    /// Largest |V|, px².
-    limit: f64,
 }
 
 /// The parameters that resample other photographs onto the results.
@@ -111,6 +109,8 @@ pub struct parfocal_solution_view {
     pub parallax: [f64; 3],
     /// Standard deviations of these numbers.
     pub parallax_deviation: [f64; 3],
+    /// Limit of |V|, px², as set or as found. NaN for a registration.
+    pub max_relative_blur: f64,
 }
 
 // SAFETY: `repr(C)`, numbers and pointers, the size first.
@@ -151,6 +151,7 @@ unsafe impl Versioned for parfocal_solution_view {
             separation: nan,
             parallax: [nan; 3],
             parallax_deviation: [nan; 3],
+            max_relative_blur: nan,
         }
     }
 }
@@ -199,12 +200,13 @@ impl parfocal_solution {
             separation: fields.separation.unwrap_or(f64::NAN),
             parallax: fields.parallax.numbers(),
             parallax_deviation: fields.parallax_deviation.numbers(),
+            max_relative_blur: fields.max_relative_blur,
             ..parfocal_solution_view::start()
         };
         let (photograph, region) = (fields.photograph, fields.region());
         let resampling = Resampling { brightness: fields.brightness(), decode: settings.decode, photograph, region };
-        let (transform, limit) = (fields.transform, settings.max_relative_blur);
-        Self { view, fields: Some(fields), warnings, transform, resampling, limit }
+        let transform = fields.transform;
+        Self { view, fields: Some(fields), warnings, transform, resampling }
     }
 
     pub(crate) fn registered(registration: Registered, settings: &Settings) -> Self {
@@ -226,14 +228,7 @@ impl parfocal_solution {
         let photograph = [registration.width, registration.height];
         let resampling =
             Resampling { brightness: registration.brightness(), decode: settings.decode, photograph, region };
-        Self {
-            view,
-            fields: None,
-            warnings,
-            transform: registration.transform,
-            resampling,
-            limit: settings.max_relative_blur,
-        }
+        Self { view, fields: None, warnings, transform: registration.transform, resampling }
     }
 }
 
@@ -312,7 +307,7 @@ pub unsafe extern "C" fn parfocal_solution_depth(
         lens.check()?;
         check_count("depth", count, fields.relative_blur.len())?;
         let (scale, blur) = (fields.transform.scale(), &fields.relative_blur);
-        let metric = MetricDepth::new(&lens, scale, solution.limit, fields.width, blur, &fields.uncertainty);
+        let metric = MetricDepth::new(&lens, scale, fields.max_relative_blur, fields.width, blur, &fields.uncertainty);
         // SAFETY: by the C contract `depth` has room for `count` floats.
         unsafe { slice_mut(depth, count, "depth") }?.copy_from_slice(&metric.depth);
         if !deviation.is_null() {

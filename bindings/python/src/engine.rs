@@ -381,7 +381,7 @@ pub(crate) fn of_solution<'py>(py: Python<'py>, s: Solution, settings: &Settings
     result.set_item("unsettled_fraction", s.unsettled_fraction)?;
     result.set_item("unexplained_fraction", s.unexplained_fraction)?;
     result.set_item("noise", s.noise)?;
-    result.set_item("max_relative_blur", settings.max_relative_blur)?;
+    result.set_item("max_relative_blur", s.max_relative_blur)?;
     result.set_item("decode", decode_name(settings.decode))?;
     result.set_item("total_ms", s.timings.total_ms)?;
     result.set_item("gpu_ms", s.timings.gpu_ms)?;

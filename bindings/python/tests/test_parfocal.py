@@ -465,7 +465,7 @@ def test_the_type_of_the_settings_has_every_setting():
 
 def test_the_settings_are_documented():
     for text in (parfocal.Settings.__doc__, parfocal.solve.__doc__, parfocal.stack.__doc__):
-        assert "    max_relative_blur: " in text and "Range: px², 1 to 1024. Default: 144." in text
+        assert "    max_relative_blur: " in text and "Range: px², 1 to 1024. Default: auto." in text
         assert "    edges: " in text and "Default: True." in text
     for kind in (parfocal.Result, parfocal.Sweep, parfocal.Registration):
         source = inspect.getsource(kind)

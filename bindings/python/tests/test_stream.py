@@ -158,8 +158,8 @@ def test_invalid_arguments_are_reported():
     ]:
         with pytest.raises(error, match=words):
             parfocal.Stream(**arguments)
-    with parfocal.Stream(max_relative_blur=1000) as stream:
-        with pytest.raises(ValueError, match="max_relative_blur is 1000"):
+    with parfocal.Stream(max_relative_blur=2000) as stream:
+        with pytest.raises(ValueError, match="max_relative_blur is 2000"):
             stream.push(*PAIRS[0])
         with pytest.raises(ValueError, match="timeout"):
             stream.next(-1)

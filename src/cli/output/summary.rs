@@ -169,13 +169,14 @@ fn blur(report: &Report) -> String {
     let marked = report.texture.map_or(0.0, |texture| texture.marked_fraction);
     let valid = report.valid_fraction.unwrap_or(0.0);
     format!(
-        "{} to {} px², median {}; {:.1} % of the pixels measured ({:.1} % valid, {:.1} % at the limit)",
+        "{} to {} px², median {}; {:.1} % of the pixels measured ({:.1} % valid, {:.1} % at the limit of {} px²)",
         signed(min.into(), 2),
         signed(max.into(), 2),
         signed(median.into(), 2),
         100.0 * (valid - marked),
         100.0 * valid,
-        100.0 * valid * report.saturated_fraction.unwrap_or(0.0)
+        100.0 * valid * report.saturated_fraction.unwrap_or(0.0),
+        report.max_relative_blur.unwrap_or(f64::NAN)
     )
 }
 

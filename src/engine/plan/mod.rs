@@ -46,7 +46,7 @@ const ITERATIONS_A_CHECK: usize = 2;
 const UNWARPED_LEVELS: usize = 2;
 /// The widest limit of |V| at which blur stacks are packed, px². Filters of packed layers have at most 60 weights
 /// (glsl/separable.comp), and wider blur needs more.
-const WIDEST_PACKED: f64 = 144.0;
+const WIDEST_PACKED: f64 = Settings::USUAL_BLUR;
 /// The stack of I2 is read at s² V₁: a fifth above the limit leaves room for s up to 1.095.
 const READ_BEYOND: f64 = 1.2;
 
@@ -92,7 +92,7 @@ impl Plan {
         }
         let solved = solved_levels(width, height, settings)?;
         let mut pyramid: Vec<Level> =
-            (0..solved).map(|l| Level::new(l, width, height, settings.max_relative_blur)).collect();
+            (0..solved).map(|l| Level::new(l, width, height, settings.blur_limit())).collect();
         if settings.kernel == Kernel::Auto {
             // A lens blurs both photographs, one of them by more than |V|.
             pyramid.iter_mut().for_each(|level| level.nodes += 1);
@@ -331,7 +331,7 @@ impl Plan {
 
     /// Whether blur stacks are packed, at least those of the finest level.
     pub(crate) fn packs_stacks(&self) -> bool {
-        self.may_pack && self.slopes() == Slopes::Laplacian && self.settings.max_relative_blur <= WIDEST_PACKED
+        self.may_pack && self.slopes() == Slopes::Laplacian && self.settings.blur_limit() <= WIDEST_PACKED
     }
 
     /// Layers of both blur stacks as a device stores them, and of the results.

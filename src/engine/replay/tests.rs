@@ -105,7 +105,7 @@ fn pairs() -> [Pair; 6] {
                 Preset::Card,
                 [161, 123],
                 (gray, Depth::U8),
-                Settings { motion: Motion::Affine, max_relative_blur: 30.0, levels: Some(4), ..settings.clone() },
+                Settings { motion: Motion::Affine, max_relative_blur: Some(30.0), levels: Some(4), ..settings.clone() },
             )
         },
         Pair {

@@ -47,7 +47,7 @@ impl Composer<'_> {
         let plan = self.plan;
         let [sides, end] = [edge::SIDES, edge::SIDES + 1].map(|n| n as u32);
         self.empty(Slot::Stacks, plan.size, sides..end);
-        let is_searched = |level: &&Level| is_searched(level.index, plan.settings.max_relative_blur);
+        let is_searched = |level: &&Level| is_searched(level.index, plan.settings.blur_limit());
         for level in plan.pyramid.iter().filter(is_searched).rev() {
             let cells = edge_cells::Constants::of_pair(level.index, level.size, plan.solved, plan.size);
             let coarsening = edge_coarsen::Constants::of_pair(level, plan.size);

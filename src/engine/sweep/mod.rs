@@ -115,11 +115,12 @@ impl JointSolver {
                 "the kernel {name} is not centred: behind the focus of a sweep it would lie mirrored; choose a symmetric kernel"
             )));
         }
-        let (timeout, max_relative_blur) = (engine.timeout(), settings.max_relative_blur.min(MAX_RELATIVE_BLUR));
+        let (timeout, limit) = (engine.timeout(), settings.blur_limit().min(MAX_RELATIVE_BLUR));
         let decode = settings.decode.resolved([format.depth]);
         // Sweeps do not look for a kernel.
         let kernel = if settings.kernel == Kernel::Auto { Kernel::Gaussian } else { settings.kernel.clone() };
         let relaxation_sweeps = RELAXATION_SWEEPS;
+        let max_relative_blur = Some(limit);
         let settings = Settings { kernel, max_relative_blur, relaxation_sweeps, decode, ..settings.clone() };
         let plan = Plan::new(size[0], size[1], [format; 2], &settings)?.for_device(engine.info());
         let is_small = plan.sweep_bytes(frames as u32) <= memory;
@@ -128,7 +129,7 @@ impl JointSolver {
             return Ok(Self { settings, size, timeout, whole, parts: None });
         }
         let parts = Some(PartSolver::new(engine, &plan, frames, memory / 2)?);
-        let max_relative_blur = (max_relative_blur / 4.0).max(1.0);
+        let max_relative_blur = Some((limit / 4.0).max(1.0));
         let half = Settings { max_relative_blur, decode: Decode::None, levels: None, ..settings.clone() };
         let format = Format { channels: Channels::Gray, depth: Depth::F32 };
         let plan = Plan::new(size[0].div_ceil(2), size[1].div_ceil(2), [format; 2], &half)?;

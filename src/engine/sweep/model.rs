@@ -17,7 +17,7 @@ const END: f64 = 6.0;
 
 /// The plan of a sweep.
 pub(crate) fn plan([width, height]: [u32; 2], format: Format) -> Result<Plan, Error> {
-    let (max_relative_blur, relaxation_sweeps) = (MAX_RELATIVE_BLUR, RELAXATION_SWEEPS);
+    let (max_relative_blur, relaxation_sweeps) = (Some(MAX_RELATIVE_BLUR), RELAXATION_SWEEPS);
     let settings = Settings { kernel: Kernel::Gaussian, max_relative_blur, relaxation_sweeps, ..Settings::default() };
     Plan::new(width, height, [format; 2], &settings)
 }

@@ -336,8 +336,8 @@ mod tests {
     fn the_report_has_the_fields_that_scripts_read() {
         let text = report().to_json().unwrap();
         let json: Value = serde_json::from_str(&text).unwrap();
-        let expected = "program kind version frames reference regularization method settings size kernel_shape separation scale_deviation levels transform_deviation \
-             converged relative_blur valid_fraction mean_confidence saturated_fraction unsettled_fraction unexplained_fraction nearer nearer_by \
+        let expected = "program kind version frames reference regularization max_relative_blur method settings size \
+             kernel_shape separation scale_deviation levels transform_deviation converged relative_blur valid_fraction mean_confidence saturated_fraction unsettled_fraction unexplained_fraction nearer nearer_by \
              warnings device validated values inputs photograph region texture timings_ms";
         let mut expected: Vec<&str> = expected.split(' ').collect();
         expected.sort_unstable();

@@ -122,7 +122,7 @@ fn write(
     writer: &mut dyn Write,
 ) -> Result<(), String> {
     let report = &results.report;
-    let limit = report.settings.max_relative_blur;
+    let limit = report.blur_limit();
     let lens = results.lens().map(|_| json!({ "scale": results.magnification(), "limit": limit }));
     let frames = (report.kind == Kind::Sweep).then_some(report.frames.len());
     // Parsed from the report's text, so that floats have the same few digits as in the file.

@@ -352,7 +352,7 @@ impl<'a> Task<'a> {
 
     /// The registration of the photographs, from that of the cut frames.
     fn registered(&self, registration: JointRegistration) -> RegisteredSweep {
-        let coarse = judgement::coarse_warning(&registration, self.options.settings.max_relative_blur);
+        let coarse = judgement::coarse_warning(&registration, self.options.settings.blur_limit());
         let unlike = unlike_warning(&registration.unlike, &self.order.frames);
         let JointRegistration { mut transforms, parallax, mut brightness, rate, settings, .. } = registration;
         if [self.part.width, self.part.height] != self.photograph {

@@ -175,7 +175,7 @@ class Result(Registration):
     noise: float
     """Standard deviation of the noise in the difference of the two photographs, intensities."""
     max_relative_blur: float
-    """The limit of |V|, px²."""
+    """The limit of |V|, px², as set or as found."""
 
     @property
     def fused_image(self) -> NDArray[Any] | None:

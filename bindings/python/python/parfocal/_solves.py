@@ -55,7 +55,7 @@ class Settings(TypedDict, total=False):
     continuation: float
     data_eta: float
     smoothness_eta: float
-    max_relative_blur: float
+    max_relative_blur: float | str | None
     largest_step: float
     kernel: str | ArrayLike
     motion: str

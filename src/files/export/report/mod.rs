@@ -86,6 +86,9 @@ pub struct Report {
     /// Smoothness α of the finest level of a pair, as set or as estimated.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub regularization: Option<f64>,
+    /// The limit of |V| of a pair, px², as set or as found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_relative_blur: Option<f64>,
     /// The estimated shape of the kernel: 0 is a Gaussian, 1 a disk. `None` if it was not estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kernel_shape: Option<f64>,
@@ -228,6 +231,7 @@ impl Report {
             transform_deviation: solution.transform_deviation,
             other_motion: solution.other_motion,
             regularization: Some(solution.regularization),
+            max_relative_blur: Some(solution.max_relative_blur),
             kernel_shape: solution.kernel_shape,
             separation: solution.separation,
             parallax: ParallaxReport::of(solution),
@@ -326,6 +330,11 @@ impl Report {
     /// Whether a file of this name belongs to the results.
     pub fn has_file(&self, name: &str) -> bool {
         self.files.iter().any(|file| file == name)
+    }
+
+    /// The limit of |V|, px².
+    pub(crate) fn blur_limit(&self) -> f64 {
+        self.max_relative_blur.unwrap_or(self.settings.blur_limit())
     }
 
     /// The photograph, or the end of the sweep, that is focused nearer.

@@ -56,7 +56,7 @@ impl Results<'_> {
     /// contradicts the lens.
     pub fn set_lens(&mut self, lens: &Lens) -> Vec<String> {
         let (metric, blur) = self.depth_through(lens);
-        let (scale, limit) = (self.magnification(), self.report.settings.max_relative_blur);
+        let (scale, limit) = (self.magnification(), self.report.blur_limit());
         let doubts: Vec<String> = self.field_doubt(lens).into_iter().chain(metric.doubt(scale, limit, &blur)).collect();
         let depth = DepthReport::new(&metric.depth, &metric.deviation, metric.out_of_range);
         self.report.depth = Some(DepthReport { lens: Some(*lens), ..depth });
@@ -71,7 +71,7 @@ impl Results<'_> {
     /// Returns depth through a lens, and V as it would be at the image centre.
     fn depth_through(&self, lens: &Lens) -> (MetricDepth, Cow<'_, [f32]>) {
         let (scale, limit, width) =
-            (self.magnification(), self.report.settings.max_relative_blur, self.report.size.width);
+            (self.magnification(), self.report.blur_limit(), self.report.size.width);
         let [blur, deviation] = self.blur_at_centre(lens);
         (MetricDepth::new(lens, scale, limit, width, &blur, &deviation), blur)
     }
@@ -81,7 +81,7 @@ impl Results<'_> {
         let fields = [self.values(), self.uncertainty()];
         match &lens.field {
             Some(field) if self.field_doubt(lens).is_none() => {
-                let (Region { x, y, .. }, limit) = (self.report.region, self.report.settings.max_relative_blur);
+                let (Region { x, y, .. }, limit) = (self.report.region, self.report.blur_limit());
                 field.to_centre(fields, self.report.size.width, [x, y], limit).map(Cow::from)
             }
             _ => fields.map(Cow::from),

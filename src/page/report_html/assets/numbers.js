@@ -89,7 +89,7 @@ function pairRows() {
     ...ranges('Relative blur V, of the valid pixels', report.relative_blur, 4, 'px²'),
     row('Smoothness α, as asked or as found', Number(report.regularization.toPrecision(2))),
     row('Clipped pixels of I1 and I2', report.frames.map((frame) => percent(frame.clipped_fraction ?? 0, 2)).join(' and ')),
-    row('At the limit of |V|', percent(report.saturated_fraction, 2)),
+    row(`At the limit of |V|, ${report.max_relative_blur} px²`, percent(report.saturated_fraction, 2)),
     row('Still changing at the end', percent(report.unsettled_fraction, 2)),
     row('Mean confidence', report.mean_confidence === null ? missing : report.mean_confidence.toPrecision(4)),
     group('Pixels'),

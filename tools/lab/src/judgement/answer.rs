@@ -103,7 +103,7 @@ fn solve_pair(runner: &mut Runner, pair: &Pair) -> Result<Answer, Error> {
     let corner = pair.has_transform.then(|| displacement(&solution, pair));
     let field = |i: usize| pixel_of(&solution, i).map(|p| [solution.relative_blur[p], solution.uncertainty[p]]);
     let truth = &pair.known.relative_blur;
-    let beyond = beyond(&pair.parts, pair.known.images[0].width(), settings.max_relative_blur, |i| {
+    let beyond = beyond(&pair.parts, pair.known.images[0].width(), solution.max_relative_blur, |i| {
         field(i).map(|[v, deviation]| [v, deviation, truth[i]].map(f64::from))
     });
     let measured = |i| field(i).filter(|[_, deviation]| *deviation < LARGEST).map_or(f32::NAN, |[v, _]| v);
