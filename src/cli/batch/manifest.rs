@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use parfocal::image_io::RawFormat;
 use parfocal::internals::bounded_read;
-use parfocal::sweep::Positions;
 use serde::Deserialize;
 
 use crate::cli::options::photographs::{self, SweepFiles};
@@ -54,7 +53,7 @@ impl Line {
                     let folder = path.display();
                     return Err(format!("there is no folder {folder}; give that of the frames, or a list of them"));
                 }
-                let frames = photographs::sweep_frames(std::slice::from_ref(&path), &Positions::Counted, raw);
+                let frames = photographs::sweep_frames(std::slice::from_ref(&path), false, raw);
                 (frames.map_err(|failure| failure.message())?, file_name(&path))
             }
             _ => return Err(format!("is not {JSON}")),

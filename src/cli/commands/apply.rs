@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use parfocal::export::{FrameRegistration, Registration, registered_ending, registered_kind, write_registered};
 use parfocal::image_io::Photograph;
-use parfocal::{Frame, frame::Depth, image_io, resample, sweep::Positions, transform::Brightness};
+use parfocal::{Frame, frame::Depth, image_io, resample, transform::Brightness};
 
 use crate::cli::options::photographs;
 use crate::cli::options::run::ReportArguments;
@@ -59,7 +59,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return list(arguments, &names);
     }
     // One photograph for each frame of a sweep, all written or none.
-    let files = photographs::sweep_frames(&arguments.images, &Positions::Counted, None)?;
+    let files = photographs::sweep_frames(&arguments.images, false, None)?;
     files.note().iter().for_each(|note| arguments.report.print_line(note));
     let images = files.frames;
     let count = registration.frames.len();

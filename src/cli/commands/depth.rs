@@ -63,19 +63,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut solved = Results::read(results)?;
     let pixel = arguments.pixel.pixel_size;
     solved.report.pixel_size_um = pixel.or(solved.report.pixel_size_um);
-    let is_stated = arguments.lens.is_given() || arguments.focus_at.positions().is_some() || arguments.nearer.is_some();
+    let is_stated = arguments.lens.is_given() || arguments.focus_at.is_given() || arguments.nearer.is_some();
     let doubts = if pixel.is_some() && !is_stated {
         // Depth stays as it is.
         Vec::new()
     } else if solved.report.kind == Kind::Sweep {
-        let positions = arguments.focus_at.positions().filter(|_| !arguments.lens.is_given());
+        let frames = solved.report.frames.len();
+        let positions = arguments.focus_at.positions(frames).filter(|_| !arguments.lens.is_given());
         let positions = positions.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
-        let (nearer, by) = photographs::nearer_end(arguments.focus_at.nearer(arguments.nearer), &positions)?;
+        let (nearer, by) = photographs::nearer_end(arguments.focus_at.nearer(arguments.nearer, &positions), &positions)?;
         solved.set_positions(&positions, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
         solved.report.nearer_by = by;
         Vec::new()
     } else {
-        if arguments.focus_at.positions().is_some() || arguments.nearer.is_some() {
+        if arguments.focus_at.is_given() || arguments.nearer.is_some() {
             return Err(usage("holds a pair, which needs a lens for depth; leave out --focus-at and --nearer"));
         }
         solved.set_lens(&arguments.lens.required(&solved)?)

@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use parfocal::export::{self, FileKind, FrameReport, Report};
 use parfocal::image_io::{Photograph, Values};
-use parfocal::sweep::{Positions, SweepOptions};
+use parfocal::sweep::SweepOptions;
 use parfocal::{PairSolver, Settings, SolveOptions, SweepSolver, settings::Method};
 
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
@@ -95,7 +95,7 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     if settings.method != Method::Unified {
         return Err(Failure::Usage("--method is of pairs; a sweep is registered together with the blur".to_string()));
     }
-    let files = photographs::sweep_frames(&arguments.images, &Positions::Counted, arguments.settings.raw())?;
+    let files = photographs::sweep_frames(&arguments.images, false, arguments.settings.raw())?;
     let reference = arguments.reference.map(|n| n as usize - 1);
     let fits =
         SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.frames.len());

@@ -286,7 +286,7 @@ mod tests {
 
     #[test]
     fn each_option_is_printed_with_a_comment() {
-        assert!(text("stack").contains("\n# focus-at = 1\n"), "{}", text("stack"));
+        assert!(text("stack").contains("\n# focus-at = \"MM,MM,...|START:STEP\"\n"), "{}", text("stack"));
         assert!(text("batch").contains("\nresume = false\n"), "{}", text("batch"));
         let text = text("solve");
         for part in [

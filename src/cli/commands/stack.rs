@@ -10,7 +10,7 @@ use parfocal::sweep::Positions;
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT};
 use crate::cli::jobs::sweep::SweepJob;
 use crate::cli::options::part::PartArguments;
-use crate::cli::options::photographs::{self, FocusPositionArguments};
+use crate::cli::options::photographs::{self, FocusPositionArguments, FramePositions};
 use crate::cli::options::run::check_validation;
 use crate::cli::options::series;
 use crate::cli::options::settings::{SettingsArguments, StartUse, one_or_two};
@@ -33,9 +33,9 @@ pub(crate) struct Arguments {
     ///
     /// Ascending or descending, and linear in 1/distance, as the travel of a lens is. Without them, steps are even
     /// unless the sweep shows that frames are missing or steps are uneven; a warning then states the positions.
-    #[arg(long, value_name = "P,P,...", help_heading = INPUT, value_delimiter = ',', allow_hyphen_values = true,
+    #[arg(long, value_name = "P,P,...|START:STEP", help_heading = INPUT, allow_hyphen_values = true,
           conflicts_with = "focus_at")]
-    positions: Option<Vec<f64>>,
+    positions: Option<FramePositions>,
     #[command(flatten)]
     focus_at: FocusPositionArguments,
     /// Frame whose pixels the results follow, from 1 [default: the middle frame]
@@ -60,18 +60,20 @@ pub(crate) struct Arguments {
 
 /// Solves a sweep and writes the results. Inexpensive checks come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let by_mm = arguments.focus_at.positions();
-    let positions = by_mm.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
+    let has_positions = arguments.focus_at.is_given() || arguments.positions.is_some();
+    let files = photographs::sweep_frames(&arguments.frames, has_positions, arguments.settings.raw())?;
+    let count = files.frames.len();
+    let by_setting = arguments.positions.as_ref().map(|positions| Positions::Settings(positions.of(count)));
     let job = SweepJob {
-        files: photographs::sweep_frames(&arguments.frames, &positions, arguments.settings.raw())?,
-        positions,
+        files,
+        positions: arguments.focus_at.positions(count).or(by_setting).unwrap_or_default(),
         reference: arguments.reference.map(|n| n as usize - 1),
         out: arguments.output.clone(),
     };
     let part = arguments.part.part();
     let settings = arguments.settings.settings(Method::Unified, StartUse::Start)?;
-    let request =
-        arguments.results.request(&arguments.settings, settings, part, arguments.focus_at.nearer(arguments.nearer))?;
+    let nearer = arguments.focus_at.nearer(arguments.nearer, &job.positions);
+    let request = arguments.results.request(&arguments.settings, settings, part, nearer)?;
     job.check(&request)?;
     job.files.note().iter().for_each(|note| request.run.report.print_line(note));
     if let (Some([first, .., last]), [_]) = (job.positions.millimetres(), &arguments.frames[..]) {

@@ -3,6 +3,7 @@
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use parfocal::export::{Nearer, NearerBy, SIMULATED_FILES, result_files};
 use parfocal::image_io::{Input, Photograph, RawFormat};
@@ -108,17 +109,17 @@ pub(crate) fn in_short(names: &[String], separator: &str) -> String {
 }
 
 /// The series of photographs of a folder, or the named files. Named files in alphabetical order, as from a shell, are
-/// put in natural order, `frame_2` before `frame_10`, unless positions are stated for them.
+/// put in natural order, `frame_2` before `frame_10`, unless positions are stated for them (`has_positions`).
 pub(crate) fn sweep_frames(
     named: &[PathBuf],
-    positions: &Positions,
+    has_positions: bool,
     raw: Option<RawFormat>,
 ) -> Result<SweepFiles, Failure> {
     let mut files = match named {
         [folder] if folder.is_dir() => of_folder(folder, list_folder(folder, raw)?.0)?,
         _ => {
             let mut frames = named.to_vec();
-            if *positions == Positions::Counted && frames.is_sorted() {
+            if !has_positions && frames.is_sorted() {
                 frames.sort_by_cached_key(|file| natural_key(file));
             }
             SweepFiles { frames, left_out: Vec::new() }
@@ -215,12 +216,48 @@ fn natural_key(path: &Path) -> Vec<(String, u64)> {
     pieces
 }
 
+/// The positions of frames: each, or the first and the step.
+#[derive(Clone, Debug)]
+pub(crate) enum FramePositions {
+    Each(Vec<f64>),
+    Even { start: f64, step: f64 },
+}
+
+impl FromStr for FramePositions {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |text: &str| {
+            text.trim().parse::<f64>().map_err(|_| format!("'{text}' is no number: give one a frame, or START:STEP"))
+        };
+        match text.split_once(':') {
+            Some((start, step)) => Ok(Self::Even { start: number(start)?, step: number(step)? }),
+            None => text.split(',').map(number).collect::<Result<_, _>>().map(Self::Each),
+        }
+    }
+}
+
+impl FramePositions {
+    /// The position of each of some frames.
+    pub(crate) fn of(&self, frames: usize) -> Vec<f64> {
+        match self {
+            Self::Each(positions) => positions.clone(),
+            Self::Even { start, step } => {
+                // Twelve digits of the larger, so that 3 times 0.1 is 0.3.
+                let digits = (12.0 - start.abs().max(step.abs()).log10().floor()).clamp(0.0, 30.0) as usize;
+                let at = |n: usize| format!("{:.digits$}", start + step * n as f64);
+                (0..frames).map(|n| at(n).parse().unwrap_or(f64::NAN)).collect()
+            }
+        }
+    }
+}
+
 /// The options of the focus positions of the frames.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct FocusPositionArguments {
-    /// Distance from the lens at which each frame is focused, in order (mm)
-    #[arg(long, value_name = "MM,MM,...", help_heading = INPUT, value_delimiter = ',', allow_hyphen_values = true)]
-    focus_at: Option<Vec<f64>>,
+    /// Distance from the lens at which each frame is focused, in order, or the first and the step (mm)
+    #[arg(long, value_name = "MM,MM,...|START:STEP", help_heading = INPUT, allow_hyphen_values = true)]
+    focus_at: Option<FramePositions>,
     /// Take the numbers of --focus-at as positions along the axis, from any origin
     ///
     /// For a stage that moves the camera or the scene, or a lens that is telecentric on the side of the scene: depth is
@@ -232,15 +269,20 @@ pub(crate) struct FocusPositionArguments {
 }
 
 impl FocusPositionArguments {
-    /// The stated positions.
-    pub(crate) fn positions(&self) -> Option<Positions> {
-        let at = self.focus_at.clone()?;
+    /// Whether positions are stated.
+    pub(crate) fn is_given(&self) -> bool {
+        self.focus_at.is_some()
+    }
+
+    /// The stated positions of some frames.
+    pub(crate) fn positions(&self, frames: usize) -> Option<Positions> {
+        let at = self.focus_at.as_ref()?.of(frames);
         Some(if self.stage.is_some() { Positions::Stage(at) } else { Positions::Distances(at) })
     }
 
     /// The frame that is focused nearest, from `--nearer` or the direction of the stage.
-    pub(crate) fn nearer(&self, stated: Option<u8>) -> Option<u8> {
-        let ascending = self.positions().and_then(|positions| positions.first_is_nearest());
+    pub(crate) fn nearer(&self, stated: Option<u8>, positions: &Positions) -> Option<u8> {
+        let ascending = positions.first_is_nearest();
         match (self.stage.as_deref(), ascending) {
             (Some("up"), Some(ascending)) => Some(1 + u8::from(ascending)),
             (Some("down"), Some(ascending)) => Some(2 - u8::from(ascending)),
@@ -275,11 +317,20 @@ mod tests {
         let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
         let listed = paths(&["a/image_1.jpg", "a/image_10.jpg", "a/image_2.jpg"]);
         let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);
-        assert_eq!(sweep_frames(&listed, &Positions::Counted, None).unwrap().frames, counted);
-        assert_eq!(sweep_frames(&listed, &Positions::Settings(vec![0.0, 1.0, 2.0]), None).unwrap().frames, listed);
+        assert_eq!(sweep_frames(&listed, false, None).unwrap().frames, counted);
+        assert_eq!(sweep_frames(&listed, true, None).unwrap().frames, listed);
         let chosen = paths(&["z_3.png", "z_1.png", "z_2.png"]);
-        assert_eq!(sweep_frames(&chosen, &Positions::Counted, None).unwrap().frames, chosen);
+        assert_eq!(sweep_frames(&chosen, false, None).unwrap().frames, chosen);
         assert_eq!(natural_key(Path::new("9999999999999999999999.png"))[0].1, 9_999_999_999_999_999_999);
+    }
+
+    #[test]
+    fn positions_are_listed_or_even() {
+        let of = |text: &str| text.parse::<FramePositions>().map(|positions| positions.of(4));
+        assert_eq!(of("3,-1.5, 7"), Ok(vec![3.0, -1.5, 7.0]));
+        assert_eq!(of("-0.3:0.1"), Ok(vec![-0.3, -0.2, -0.1, 0.0]));
+        assert_eq!(of("1000.0004:-1e-3"), Ok(vec![1000.0004, 999.9994, 999.9984, 999.9974]));
+        assert!(["", "1,", "1:2:3", "0:x"].into_iter().all(|text| of(text).unwrap_err().contains("START:STEP")));
     }
 
     #[test]
@@ -290,7 +341,7 @@ mod tests {
                 std::fs::remove_file(entry.unwrap().path()).unwrap();
             }
             names.iter().for_each(|name| std::fs::write(folder.path().join(name), name).unwrap());
-            let found = sweep_frames(&[folder.path().to_path_buf()], &Positions::Counted, None);
+            let found = sweep_frames(&[folder.path().to_path_buf()], false, None);
             found.map(|found| (found.frames.iter().map(|file| file_name(file)).collect::<Vec<_>>(), found.left_out))
         };
         let (frames, left_out) = of(&["f_2.png", "f_10.png", "f_1.png", "notes.txt", "fused.png", "mask.png"]).unwrap();
