@@ -151,9 +151,11 @@ fn focus_distances_and_stage_positions_give_depth_within_its_deviation() {
     let median = report["depth"]["median"].as_f64().unwrap();
     assert!((median - inverse(2.0)).abs() < 1.0, "{median}");
 
-    let output = sweep.stack(&["--focus-at", "-1,-0.5,0,0.5,1", "--stage", "up", "--json"]);
+    let output = sweep.stack(&["--focus-at", "-1:0.5", "--stage", "up", "--hold", "--json"]);
     assert!(output.status.success(), "{}", stderr_of(&output));
     let report = printed(&output);
+    let moved = |frame: &serde_json::Value| frame["transform"]["tx_px"] != 0.0 || frame["transform"]["scale"] != 1.0;
+    assert!(!report["frames"].as_array().unwrap().iter().any(moved), "{}", report["frames"]);
     assert_eq!((&report["nearer"], &report["nearer_by"]), (&2.into(), &"stated".into()));
     let (median, within) = depth_error(&sweep, |x| -1.0 + 0.5 * slope(x));
     assert!(median < 0.025 && within > 0.9, "{median} mm, {within}");
@@ -222,7 +224,7 @@ fn frames_out_of_order_are_sorted_and_duplicates_dropped() {
     }
     // Stated positions override the estimated order.
     sweep.files.pop();
-    let output = sweep.stack(&["--quiet", "--json", "--positions", "0,1,2,3,4,5"]);
+    let output = sweep.stack(&["--quiet", "--json", "--positions", "0:1"]);
     let report = printed(&output);
     assert_eq!(report["order"], serde_json::json!([0, 1, 2, 3, 4, 5]));
     assert!(report["warnings"].to_string().contains("as given"), "{}", report["warnings"]);

@@ -7,7 +7,7 @@ use parfocal::image_io::Input;
 use parfocal::settings::Method;
 use parfocal::sweep::Positions;
 
-use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT};
+use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
 use crate::cli::jobs::sweep::SweepJob;
 use crate::cli::options::part::PartArguments;
 use crate::cli::options::photographs::{self, FocusPositionArguments, FramePositions};
@@ -49,6 +49,9 @@ pub(crate) struct Arguments {
     nearer: Option<u8>,
     #[command(flatten)]
     settings: SettingsArguments,
+    /// Take the frames as aligned already: their registration is held at the identity
+    #[arg(long, help_heading = REGISTRATION)]
+    hold: bool,
     #[command(flatten)]
     part: PartArguments,
     #[command(flatten)]
@@ -70,8 +73,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         reference: arguments.reference.map(|n| n as usize - 1),
         out: arguments.output.clone(),
     };
-    let part = arguments.part.part();
-    let settings = arguments.settings.settings(Method::Unified, StartUse::Start)?;
+    let (part, method) = (arguments.part.part(), if arguments.hold { Method::Aligned } else { Method::Unified });
+    let settings = arguments.settings.settings(method, StartUse::Start)?;
     let nearer = arguments.focus_at.nearer(arguments.nearer, &job.positions);
     let request = arguments.results.request(&arguments.settings, settings, part, nearer)?;
     job.check(&request)?;

@@ -10,6 +10,7 @@ use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
     Engine, Error, Frame, Progress, Settings, SolveOptions, SweepSolver,
     settings::{DeviceInfo, Method},
+    transform::Homography,
 };
 
 use crate::cli::jobs::results::{Expected, check_inputs, check_results, fitting, write_results};
@@ -62,9 +63,10 @@ impl SweepJob {
     /// Refuses options of pairs, options that do not match the sweep, and an output folder that cannot be written or
     /// where a result would replace an input.
     pub(crate) fn check(&self, request: &Request) -> Result<(), Failure> {
-        if request.lens.is_some() || request.part.flat.is_some() || request.settings.method != Method::Unified {
-            let problem =
-                "is a focus sweep, and takes no lens, --flat or --method; leave them out, or use parfocal stack";
+        let is_held = request.settings.method == Method::Aligned && request.settings.start == Homography::IDENTITY;
+        let is_registered = is_held || request.settings.method == Method::Unified;
+        if request.lens.is_some() || request.part.flat.is_some() || !is_registered {
+            let problem = "is a focus sweep, and takes no lens, --flat, held --transform or --method but aligned; leave them out, or use parfocal stack";
             return Err(Failure::Usage(format!("{}: {problem}", self.out.display())));
         }
         let fits = self.options(request.settings.clone()).check(self.files.frames.len());

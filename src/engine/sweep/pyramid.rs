@@ -7,7 +7,7 @@ use super::start::{Frames, Motion, Registration};
 use super::validity::{self, ExcludedPixels, FinalSystem};
 use super::{contrast, outlines, spacing, start};
 use crate::base::statistics::median;
-use crate::base::{Error, Frame, Homography, ParallaxSearch, Settings, Shading};
+use crate::base::{Error, Frame, Homography, Method, ParallaxSearch, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::script::sweep::{self, RegistrationStep};
@@ -331,7 +331,7 @@ impl PyramidSolver {
     /// The start on a level: registration, brightness, settings if they are not known, c, and u relative to the middle
     /// setting.
     fn start(&mut self, first: usize, input: &SweepInput<'_>) -> Result<(SharedParameters, Field), Error> {
-        let (reference, unknowns) = (input.reference, self.plan.settings.motion.unknowns());
+        let (reference, unknowns) = (input.reference, self.unknowns());
         let frames = self.read_frames(first)?;
         let appearance = start::appearance(&frames);
         let registered = start::register(&appearance, reference, &Registration { start: &[], unknowns, focus: None });
@@ -370,7 +370,11 @@ impl PyramidSolver {
         }
         let mut focus = by_contrast.unwrap_or_else(|| start::focus(&resampled, &settings, rate));
         focus.data.iter_mut().for_each(|u| *u -= middle);
-        if self.plan.settings.parallax != ParallaxSearch::Off {
+        let finds_parallax = match self.plan.settings.parallax {
+            ParallaxSearch::Auto => unknowns > 0,
+            stated => stated == ParallaxSearch::On,
+        };
+        if finds_parallax {
             let registration = Registration { start: &motions, unknowns, focus: Some(&focus) };
             let with_parallax = start::register(&appearance, reference, &registration);
             let [then, before] =
@@ -394,6 +398,11 @@ impl PyramidSolver {
         Ok((shared, focus))
     }
 
+    /// Unknowns of T of a frame: none if the frames are aligned.
+    fn unknowns(&self) -> usize {
+        if self.plan.settings.method == Method::Aligned { 0 } else { self.plan.settings.motion.unknowns() }
+    }
+
     fn read_frames(&mut self, level: usize) -> Result<Frames, Error> {
         let (slot, level) = (Slot::Frames { level }, self.plan.pyramid[level].clone());
         let images = self.device.read(slot, level.size, 0..self.frames as u32)?;
@@ -408,8 +417,7 @@ impl PyramidSolver {
         // c steps with u eliminated.
         let step = -(own[1] + eliminated[0]) / (own[0] - eliminated[1]).max(1e-9);
         shared.rate *= step.clamp(RATE_STEPS[0], RATE_STEPS[1]).exp();
-        let unknowns = self.plan.settings.motion.unknowns();
-        let steps = pairs::registration_steps(&sums, self.frames, shared.reference, unknowns);
+        let steps = pairs::registration_steps(&sums, self.frames, shared.reference, self.unknowns());
         for (n, Step { transform, parallax }) in steps.into_iter().enumerate() {
             shared.transforms[n] = shared.transforms[n].after(&self.limited_displacement(level, transform));
             let share = (MAX_CORNER_STEP / parallax[0].hypot(parallax[1])).min(1.0);

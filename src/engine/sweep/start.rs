@@ -152,7 +152,7 @@ fn register_side(
         if registered.unlike > DOUBTFUL {
             let wide = |start, sigma: &f64| {
                 let [target, frame] = [&target, &splines[n]].map(|image| smoothed(image, *sigma));
-                register_frame(&target, &frame, start, level, &Registration { unknowns: 2, ..*registration }).motion
+                register_frame(&target, &frame, start, level, &Registration { unknowns: registration.unknowns.min(2), ..*registration }).motion
             };
             let displaced = from(WIDE.iter().fold(start, wide));
             registered = if displaced.unlike < LESS * registered.unlike { displaced } else { registered };

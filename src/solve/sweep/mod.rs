@@ -43,7 +43,7 @@ const MOST_CLIPPED: f64 = 0.5;
 /// The settings of a sweep, the focus positions of its frames, and the reference.
 #[derive(Clone, Debug, Default)]
 pub struct SweepOptions {
-    /// The settings of each pair of frames.
+    /// The settings of each pair of frames. With the method aligned, no frame is registered: all T are the identity.
     pub settings: Settings,
     /// The focus positions of the frames.
     pub positions: Positions,
