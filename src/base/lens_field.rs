@@ -1,7 +1,7 @@
 //! How V changes over the field of a lens.
 
-use crate::base::settings::Settings;
 use crate::base::Error;
+use crate::base::settings::Settings;
 use crate::base::smooth_field::{QUADRATIC, TERMS, sum, terms};
 
 /// The gain and the offset of V at each place of the photographs: V there is `(1 + g) V_c + o`, where the image centre

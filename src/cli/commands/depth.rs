@@ -71,7 +71,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let frames = solved.report.frames.len();
         let positions = arguments.focus_at.positions(frames).filter(|_| !arguments.lens.is_given());
         let positions = positions.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
-        let (nearer, by) = photographs::nearer_end(arguments.focus_at.nearer(arguments.nearer, &positions), &positions)?;
+        let (nearer, by) =
+            photographs::nearer_end(arguments.focus_at.nearer(arguments.nearer, &positions), &positions)?;
         solved.set_positions(&positions, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
         solved.report.nearer_by = by;
         Vec::new()

@@ -67,7 +67,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let files = photographs::sweep_frames(&arguments.frames, has_positions, arguments.settings.raw())?;
     let count = files.frames.len();
     let by_setting = arguments.positions.as_ref().map(|positions| Positions::Settings(positions.of(count)));
-    let job = SweepJob {
+    let mut job = SweepJob {
         files,
         positions: arguments.focus_at.positions(count).or(by_setting).unwrap_or_default(),
         reference: arguments.reference.map(|n| n as usize - 1),
@@ -79,7 +79,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let request = arguments.results.request(&arguments.settings, settings, part, nearer)?;
     job.check(&request)?;
     job.files.note().iter().for_each(|note| request.run.report.print_line(note));
-    if let (Some([first, .., last]), [_]) = (job.positions.millimetres(), &arguments.frames[..]) {
+    if let (Some(at @ [first, .., last]), [_]) = (job.positions.millimetres(), &arguments.frames[..]) {
+        if series::is_backwards(&job.files.frames, at) {
+            job.files.frames.reverse();
+        }
         let note = format!("note: {} are at {first} to {last} mm, in this order", series::ends(&job.files.frames));
         request.run.report.print_line(&note);
     }

@@ -36,6 +36,18 @@ pub(crate) fn by_time(times: &[&str]) -> Option<Vec<usize>> {
     (is_distinct && !times.is_sorted() && !times.iter().rev().is_sorted()).then_some(order)
 }
 
+/// Whether frames begin with the last position: the positions are, in some unit, their numbers with the dash before them
+/// as a minus sign, from the last frame to the first.
+pub(crate) fn is_backwards(frames: &[PathBuf], positions: &[f64]) -> bool {
+    let unit = |(file, at): (&PathBuf, &f64)| {
+        let stem = stem(file).replace(',', ".");
+        let number: f64 = stem.rsplit_once('-')?.1.trim_end_matches(char::is_alphabetic).parse().ok()?;
+        Some(-at / number).filter(|unit| *unit > 0.0)
+    };
+    let units: Option<Vec<f64>> = frames.iter().rev().zip(positions).map(unit).collect();
+    units.is_some_and(|units| units.iter().all(|unit| (unit / units[0] - 1.0).abs() < 1e-6))
+}
+
 /// The first and the last name of a series, for messages.
 pub(crate) fn ends(frames: &[PathBuf]) -> String {
     let [first, last] = [frames.first(), frames.last()].map(|file| file.map_or(String::new(), |file| file_name(file)));
@@ -255,6 +267,18 @@ mod tests {
     fn times_order_frames_unless_they_agree_with_the_names() {
         assert_eq!([&["1", "2", "2", "3"][..], &["3", "2", "1"], &["2", "1", "2"]].map(by_time), [const { None }; 3]);
         assert_eq!(by_time(&["3", "4", "1", "2"]), Some(vec![2, 3, 0, 1]));
+    }
+
+    #[test]
+    fn negative_positions_show_that_a_dash_is_a_minus_sign() {
+        let frames = ["z-1.png", "z-2.png", "z-3.png"].map(PathBuf::from);
+        let is_backwards = |positions: [f64; 3]| is_backwards(&frames, &positions);
+        assert!(is_backwards([-3.0, -2.0, -1.0]) && is_backwards([-0.3, -0.2, -0.1]));
+        assert!(
+            ![[-1.0, -2.0, -3.0], [1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [-6.0, -5.0, -4.0]]
+                .map(is_backwards)
+                .contains(&true)
+        );
     }
 
     #[test]

@@ -28,8 +28,7 @@ pub use super::interface::scale_deviation::*;
 impl Constants {
     /// The constants of an image.
     pub(crate) fn new(size: [u32; 2], settings: &Settings) -> Self {
-        let ([width, height], at_limit) =
-            (uncertainty_terms::size(size), uncertainty::at_limit(settings.blur_limit()));
+        let ([width, height], at_limit) = (uncertainty_terms::size(size), uncertainty::at_limit(settings.blur_limit()));
         Self { width, height, at_limit, is_disk: u32::from(settings.kernel == Kernel::Pillbox) }
     }
 }

@@ -159,7 +159,8 @@ mod tests {
         let (s, g, w) = (0.02, 0.01, 40.0);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         let terms = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(0.0), flat(s * s)];
-        let c = Constants::new([32, 32], [15.5; 2], 12, &Settings { max_relative_blur: Some(25.0), ..Settings::default() });
+        let c =
+            Constants::new([32, 32], [15.5; 2], 12, &Settings { max_relative_blur: Some(25.0), ..Settings::default() });
         let state = DoubleState { spread: s, unit: 2.0, ..DoubleState::default() };
         let [_, deviation, residual] = cpu_reference(&c, &state, &Field::zeros(32, 32), &terms, None);
         let actual = deviation.get(16, 16);

@@ -150,9 +150,10 @@ fn register_side(
         let from = |start| register_frame(&target, &splines[n], start, level, registration);
         let mut registered = from(start);
         if registered.unlike > DOUBTFUL {
+            let shift = Registration { unknowns: registration.unknowns.min(2), ..*registration };
             let wide = |start, sigma: &f64| {
                 let [target, frame] = [&target, &splines[n]].map(|image| smoothed(image, *sigma));
-                register_frame(&target, &frame, start, level, &Registration { unknowns: registration.unknowns.min(2), ..*registration }).motion
+                register_frame(&target, &frame, start, level, &shift).motion
             };
             let displaced = from(WIDE.iter().fold(start, wide));
             registered = if displaced.unlike < LESS * registered.unlike { displaced } else { registered };

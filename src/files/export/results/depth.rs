@@ -70,8 +70,7 @@ impl Results<'_> {
 
     /// Returns depth through a lens, and V as it would be at the image centre.
     fn depth_through(&self, lens: &Lens) -> (MetricDepth, Cow<'_, [f32]>) {
-        let (scale, limit, width) =
-            (self.magnification(), self.report.blur_limit(), self.report.size.width);
+        let (scale, limit, width) = (self.magnification(), self.report.blur_limit(), self.report.size.width);
         let [blur, deviation] = self.blur_at_centre(lens);
         (MetricDepth::new(lens, scale, limit, width, &blur, &deviation), blur)
     }
