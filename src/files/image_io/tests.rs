@@ -234,6 +234,11 @@ fn png_and_tiff_are_rotated_too() {
     let frame = read(&path).unwrap();
     assert_eq!((frame.width(), frame.height()), (HEIGHT, WIDTH));
     assert_eq!(frame.samples(), &Samples::U8(turned(&gray8())));
+    // A frame of a sweep whose camera took another side for the upper one.
+    let flipped = save(&folder, "plain.png", &gray8(), ImageFormat::Png);
+    let frames = read_frames(Photograph::open(&path).unwrap(), &[flipped]).unwrap();
+    assert_eq!(frames[1].0.samples(), frame.samples());
+    assert_eq!([0, 1].map(|n: usize| frames[n].1.is_turned_otherwise), [false, true]);
 
     let path = folder.path().join("turned.tif");
     for orientation in 1..=8u16 {

@@ -50,7 +50,7 @@ impl DerefMut for Sweep {
 }
 
 /// The registration of a sweep.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct RegisteredSweep {
     /// Width and height of the photographs. The transforms are stated about their centre.
     pub photograph: [u32; 2],
@@ -133,5 +133,25 @@ impl Sweep {
     pub(super) fn largest_valid(&self) -> Option<Region> {
         let valid: Vec<bool> = self.focus.iter().map(|u| u.is_finite()).collect();
         Region::largest_valid(&valid, self.width as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::Similarity;
+
+    #[test]
+    fn frames_of_an_extended_lens_show_the_nearest_largest() {
+        let nearest = |scales: [f64; 4], blur_rate: f64| {
+            let transforms = scales.map(|scale| Similarity::new(2.0, 0.0, 0.0, scale).into()).to_vec();
+            let (photograph, positions) = ([300, 400], vec![0.0, 1.0, 2.0, 3.0]);
+            let found = RegisteredSweep { photograph, positions, transforms, blur_rate, ..RegisteredSweep::default() };
+            found.first_is_nearest()
+        };
+        let (falling, rising) = ([1.03, 1.0201, 1.0099, 1.0], [1.0, 1.0101, 1.0199, 1.03]);
+        assert_eq!([nearest(falling, 1.0), nearest(rising, 1.0)], [Some(true), Some(false)]);
+        // A scale that wanders, and one that grows by less than the width of a blurred point: 10 px a setting.
+        assert_eq!([nearest([1.0, 1.01, 0.99, 1.01], 1.0), nearest(rising, 100.0)], [None, None]);
     }
 }
