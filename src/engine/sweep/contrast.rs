@@ -21,8 +21,6 @@ use crate::engine::stages::separable::smoothed;
 const BAND: [f64; 2] = [0.6, 1.2];
 /// σ of the windows, px.
 const WINDOW: f64 = 4.0;
-/// The least power of a window with texture, in shares of the mean of all: what a mask excludes is filled smoothly.
-const LEAST_TEXTURE: f64 = 0.03;
 /// ω², px⁻². The joint solve then finds 0.8 to 1.5 times c on five real sweeps, 3 times where steps are of 5 px of blur.
 const FREQUENCY: f64 = 0.7;
 
@@ -57,9 +55,8 @@ pub(super) fn by_contrast(frames: &[Field], settings: &[f64], every: usize) -> B
         let powers: Vec<f64> = powers.iter().map(|power| power.data[i]).collect();
         peak(&powers, settings)
     });
-    // Half of the windows, or fewer if a mask leaves fewer: the others have little texture.
-    let mean = peaks.iter().map(|peak| peak.power).sum::<f64>() / peaks.len() as f64;
-    let textured = median(peaks.iter().map(|peak| peak.power)).unwrap_or(0.0).max(LEAST_TEXTURE * mean);
+    // Half of the windows: the others have little texture.
+    let textured = median(peaks.iter().map(|peak| peak.power)).unwrap_or(0.0);
     let bends = peaks.iter().filter(|peak| peak.power >= textured).map(|peak| peak.bend);
     let rate = median(bends).map_or(0.0, |bend| bend.max(0.0) / FREQUENCY);
     let focus =
