@@ -90,7 +90,7 @@ pub struct Progress {
     /// Levels or parts in all.
     pub total: u32,
     /// The share of the work that is done, 0 to 1: about that of the time. How many iterations levels will need is
-    /// estimated.
+    /// estimated. A pair that is solved again, with a wider limit of |V|, goes on from a half.
     pub share: f64,
 }
 
