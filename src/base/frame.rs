@@ -64,6 +64,33 @@ impl Frame {
         Ok(Self { width, height, channels, samples, counted: None })
     }
 
+    /// Makes a frame whose pixels with a float that is no number are not part of it, unless all are.
+    ///
+    /// # Errors
+    /// As [`Frame::new`].
+    pub(crate) fn with_holes(
+        width: u32,
+        height: u32,
+        channels: Channels,
+        mut samples: Samples,
+    ) -> Result<Self, String> {
+        let mut counted = None;
+        if let Samples::F32(s) = &mut samples
+            && s.iter().any(|v| v.is_nan())
+        {
+            let is_whole = |pixel: &[f32]| !pixel.iter().any(|v| v.is_nan());
+            let pixels = s.chunks(channels.count() as usize);
+            let bytes: Vec<u8> = pixels.map(|pixel| u8::from(is_whole(pixel))).collect();
+            if bytes.contains(&1) {
+                s.chunks_mut(channels.count() as usize)
+                    .filter(|pixel| !is_whole(pixel))
+                    .for_each(|pixel| pixel.fill(0.0));
+                counted = Some(bytes);
+            }
+        }
+        Ok(Self { counted, ..Self::new(width, height, channels, samples)? })
+    }
+
     /// Returns whether a float sample is finite and of magnitude 1e6 at most.
     pub(crate) fn is_valid_sample(sample: f32) -> bool {
         sample.is_finite() && sample.abs() <= MAX_MAGNITUDE
@@ -205,6 +232,16 @@ impl Frame {
             Samples::F32(_) => Samples::F32(values.to_vec()),
         };
         Self { samples, ..self.clone() }
+    }
+
+    /// Returns the frame in 16 bits instead of 8.
+    pub(crate) fn widened(&self) -> Self {
+        match &self.samples {
+            Samples::U8(s) => {
+                Self { samples: Samples::U16(s.iter().map(|&v| 257 * u16::from(v)).collect()), ..self.clone() }
+            }
+            _ => self.clone(),
+        }
     }
 
     /// Returns whether any pixel is clipped: one channel at the white level or above, or all at the black level or

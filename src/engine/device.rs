@@ -75,7 +75,8 @@ impl CpuDevice {
             kind: CPU,
             api_version: String::new(),
             subgroup_size: 1,
-            memory_bytes: base::available_memory().unwrap_or(u64::MAX),
+            // The rest is for results and their page.
+            memory_bytes: base::available_memory().map_or(u64::MAX, |bytes| bytes / 4 * 3),
             max_image_size: 1 << 16,
             max_storage_buffer: u64::MAX,
             unusable: None,

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Error, ErrorKind, Read, Result, Seek};
+use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -83,10 +83,19 @@ pub fn read_open(file: &File, most: u64) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// [`ErrorKind::OutOfMemory`] if there is no memory for them.
-pub fn read_start(mut file: &File, count: u64) -> Result<Vec<u8>> {
-    file.rewind()?;
+pub fn read_start(file: &File, count: u64) -> Result<Vec<u8>> {
+    read_from(file, 0, count)
+}
+
+/// Reads at most `count` bytes of an open file from a position on.
+///
+/// # Errors
+/// As for [`read_start`].
+pub fn read_from(mut file: &File, position: u64, count: u64) -> Result<Vec<u8>> {
+    file.seek(SeekFrom::Start(position))?;
     let mut bytes = Vec::new();
-    let all = usize::try_from(count.min(file.metadata()?.len() + 1)).unwrap_or(usize::MAX);
+    let rest = file.metadata()?.len().saturating_sub(position);
+    let all = usize::try_from(count.min(rest + 1)).unwrap_or(usize::MAX);
     // All memory is taken here, since growing aborts the program where it fails.
     bytes
         .try_reserve_exact(all)

@@ -169,7 +169,9 @@ pub(crate) fn registered_and_reduced(
             let cell = at.map(|at| (at - middle(0.0)) / step as f64);
             // Outside of the photograph it stays black.
             image.read(cell, pixel);
-            pixel.iter_mut().for_each(|value| *value = stored(*value, decode));
+            if decode == Decode::Srgb {
+                pixel.iter_mut().for_each(|value| *value = stored(*value, decode));
+            }
         }
     });
     picture

@@ -70,6 +70,26 @@ fn a_misspelled_name_gets_a_suggestion() {
 
 #[cfg(unix)]
 #[test]
+fn what_is_no_folder_of_a_sweep_is_named() {
+    let desk = desk();
+    std::fs::create_dir(desk.path("shots")).unwrap();
+    desk.write("shots/DSC_1.NEF", "II*\0");
+    desk.write("shots.zip", "PK\x03\x04");
+    std::os::unix::fs::symlink("gone.png", desk.path("link.png")).unwrap();
+    for (argument, expected) in [
+        ("shotz", "there is no such file or folder; did you mean 'shots'?"),
+        ("shots", "it holds 1 of another kind: DSC_1.NEF is a raw file (NEF), which is not read: convert"),
+        ("shots.zip", "is an archive (ZIP): extract it"),
+        ("*.png", "is a pattern that no file matches, or that is quoted"),
+        ("link.png", "is a link to 'gone.png', which does not exist"),
+        ("near.png", "is one photograph, and a sweep has three or more"),
+    ] {
+        refuses(&desk, &["stack", argument, "-o", "out"], 1, expected);
+    }
+}
+
+#[cfg(unix)]
+#[test]
 fn network_paths_of_windows_and_urls_are_refused() {
     let desk = desk();
     let (share, url) = (r"\\server\share\a.png", "file:///photographs/a.png");

@@ -7,7 +7,7 @@ use parfocal::image_io::RawFormat;
 use parfocal::internals::bounded_read;
 use serde::Deserialize;
 
-use crate::cli::options::photographs::{self, SweepFiles};
+use crate::cli::options::photographs::{self, PageArguments, SweepFiles};
 use crate::cli::options::series::{file_name, stem};
 use crate::cli::output::failure::Failure;
 
@@ -40,7 +40,7 @@ impl Line {
     /// The files, and the default name. `folder` is the folder of the manifest.
     pub(super) fn files(self, folder: &Path, raw: Option<RawFormat>) -> Result<(SweepFiles, String), String> {
         let is_pair = self.sweep.is_none();
-        let named = |frames| SweepFiles { frames, left_out: Vec::new() };
+        let named = SweepFiles::of;
         let (files, name) = match (self.i1, self.i2, self.sweep) {
             (Some(i1), Some(i2), None) => (named(vec![folder.join(&i1), folder.join(i2)]), stem(&i1)),
             (None, None, Some(Sweep::Frames(frames))) => {
@@ -53,7 +53,8 @@ impl Line {
                     let folder = path.display();
                     return Err(format!("there is no folder {folder}; give that of the frames, or a list of them"));
                 }
-                let frames = photographs::sweep_frames(std::slice::from_ref(&path), false, raw);
+                let frames =
+                    photographs::sweep_frames(std::slice::from_ref(&path), false, raw, PageArguments::default());
                 (frames.map_err(|failure| failure.message())?, file_name(&path))
             }
             _ => return Err(format!("is not {JSON}")),

@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use parfocal::image_io::RawFormat;
+use parfocal::image_io::{PageStack, RawFormat};
 use parfocal::internals::bounded_read;
 
 use crate::cli::batch::manifest;
 use crate::cli::batch::summary::is_of_batch;
-use crate::cli::options::photographs::{SweepFiles, in_short, list_folder, one_series, with_format};
+use crate::cli::options::photographs::{SweepFiles, foreign_files, in_short, list_folder, one_series, with_format};
 use crate::cli::options::series::{self, file_name, stem};
 use crate::cli::output::destination::same_file;
 use crate::cli::output::failure::Failure;
@@ -82,7 +82,8 @@ impl Search<'_> {
         };
         if found.groups.is_empty() {
             let problem = "holds no pair of photographs; see `parfocal batch --help` for how they are named";
-            let problem = [&[problem.to_string()], found.left_over.as_slice()].concat();
+            let besides = foreign_files(source).map(|besides| format!("it holds {besides}"));
+            let problem = [&[problem.to_string()], found.left_over.as_slice(), besides.as_slice()].concat();
             return Err(self.failed(&in_short(&problem, "; ")));
         }
         Ok(found)
@@ -105,13 +106,23 @@ impl Search<'_> {
                 Ok((files, _)) => files,
                 // Removed since its folder was listed.
                 Err(_) if !inner.exists() => continue,
-                Err(failure) => {
+                Err(failure) if is_judged => {
                     let problem = Some(failure.message());
                     all.groups.push(Group { name: folder_name, problem, ..Group::default() });
                     continue;
                 }
+                Err(failure) => {
+                    all.left_over.push(failure.message());
+                    continue;
+                }
             };
-            if let Some(SweepFiles { frames, left_out }) = one_series(&files) {
+            if let [file] = &files[..]
+                && let Ok(Some(PageStack { frames, .. })) = PageStack::read(file, [None; 2])
+            {
+                all.groups.push(Group { name: folder_name, files: frames, ..Group::default() });
+                continue;
+            }
+            if let Some(SweepFiles { frames, left_out, .. }) = one_series(&files) {
                 all.groups.push(Group { name: folder_name, files: frames, left_out, ..Group::default() });
                 continue;
             }
@@ -255,7 +266,7 @@ fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Fa
             return Err(failed(format!("line {number}: '{name}' is the name in line {other} already; give another")));
         }
         let is_given = name.is_some();
-        let (SweepFiles { frames: files, left_out }, otherwise) =
+        let (SweepFiles { frames: files, left_out, .. }, otherwise) =
             line.files(folder, raw).map_err(|problem| failed(format!("line {number}: {problem}")))?;
         let pair = Group { name: name.unwrap_or(otherwise), files, left_out, ..Group::default() };
         pairs.push(Candidate { pair, line: Some(number), is_given });

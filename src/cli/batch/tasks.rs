@@ -183,7 +183,7 @@ impl Task {
         let job = match <[PathBuf; 2]>::try_from(files) {
             Ok(files) => Job::Pair(PairJob { files, out }),
             Err(frames) => {
-                let (files, positions) = (SweepFiles { frames, left_out }, Positions::Counted);
+                let (files, positions) = (SweepFiles { left_out, ..SweepFiles::of(frames) }, Positions::Counted);
                 Job::Sweep(SweepJob { files, positions, reference: None, out })
             }
         };

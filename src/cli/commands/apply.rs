@@ -1,12 +1,13 @@
 //! `parfocal apply`: moves photographs onto the pixels of the reference by a known registration.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use parfocal::export::{FrameRegistration, Registration, registered_ending, registered_kind, write_registered};
-use parfocal::image_io::Photograph;
-use parfocal::{Frame, frame::Depth, image_io, resample, transform::Brightness};
+use parfocal::image_io::{Carried, Photograph};
+use parfocal::{Frame, frame::Depth, resample, transform::Brightness};
 
-use crate::cli::options::photographs;
+use crate::cli::options::photographs::{self, PageArguments};
 use crate::cli::options::run::ReportArguments;
 use crate::cli::options::settings::registration_file;
 use crate::cli::output::destination::{self, ForceArgument};
@@ -52,14 +53,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 return Err(of_file(path, "was replaced meanwhile; run it again"));
             }
             let frame = moved(arguments, &registration, Some(second), path, depth);
-            let frame = std::iter::once(frame.map(|frame| (name.clone(), frame)));
+            let frame = std::iter::once(frame.map(|(frame, carried)| (name.clone(), frame, carried)));
             write_registered(arguments.force.to(&arguments.output), depth, frame)?;
             arguments.report.print_line(&arguments.output.join(name).display().to_string());
         }
         return list(arguments, &names);
     }
     // One photograph for each frame of a sweep, all written or none.
-    let files = photographs::sweep_frames(&arguments.images, false, None)?;
+    let files = photographs::sweep_frames(&arguments.images, false, None, PageArguments::default())?;
     files.note().iter().for_each(|note| arguments.report.print_line(note));
     let images = files.frames;
     let count = registration.frames.len();
@@ -71,22 +72,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let depth = Photograph::open(&images[0])?.depth();
     let all = registration.frames.iter().enumerate().map(|(n, frame)| {
         let frame = Some(frame).filter(|_| n != registration.reference);
-        moved(arguments, &registration, frame, &images[n], depth).map(|moved| (names[n].clone(), moved))
+        let moved = moved(arguments, &registration, frame, &images[n], depth)?;
+        Ok::<_, Failure>((names[n].clone(), moved.0, moved.1))
     });
     write_registered(arguments.force.to(&arguments.output), depth, all)?;
     names.iter().for_each(|name| arguments.report.print_line(&arguments.output.join(name).display().to_string()));
     list(arguments, &names)
 }
 
-/// A photograph on the pixels of the reference; `None` if it is already on them.
+/// A photograph on the pixels of the reference, and its metadata. `frame` is `None` if it is already on them.
 fn moved(
     arguments: &Arguments,
     registration: &Registration,
     frame: Option<&FrameRegistration>,
     path: &Path,
     depth: Depth,
-) -> Result<Frame, Failure> {
-    let photograph = image_io::read(path)?;
+) -> Result<(Frame, Arc<Carried>), Failure> {
+    let photograph = Photograph::open(path)?;
+    let carried = photograph.describe().carried;
+    let photograph = photograph.decode()?;
     let size = [photograph.width(), photograph.height()];
     check_size(arguments, path, size, registration.size)?;
     if registered_kind(photograph.format().depth) != registered_kind(depth) {
@@ -100,10 +104,11 @@ fn moved(
             resample::registered(&photograph, &frame.transform, &brightness, registration.decode)
         }
     };
-    match registration.region {
-        Some(region) => moved.cropped(region).map_err(|problem| of_file(&arguments.transform, problem)),
-        None => Ok(moved),
-    }
+    let moved = match registration.region {
+        Some(region) => moved.cropped(region).map_err(|problem| of_file(&arguments.transform, problem))?,
+        None => moved,
+    };
+    Ok((moved, carried))
 }
 
 /// Refuses a photograph if its size differs from the registered ones.

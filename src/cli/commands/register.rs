@@ -12,7 +12,7 @@ use parfocal::{PairSolver, Settings, SolveOptions, SweepSolver, settings::Method
 
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
 use crate::cli::jobs::sweep::{Decoded, check_alike, decode};
-use crate::cli::options::photographs::{self, SweepFiles};
+use crate::cli::options::photographs::{self, PageArguments, SweepFiles};
 use crate::cli::options::run::{RunArguments, check_validation, is_validation_requested};
 use crate::cli::options::series;
 use crate::cli::options::settings::{SettingsArguments, StartUse};
@@ -68,8 +68,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let values = Values::of(settings.decode, &inputs)?;
     let mut engine = None;
     photographs::check_size(photographs.each_ref(), &settings, photographs::LARGE, || run.info(&mut engine))?;
-    let frames = Photograph::decode_pair(photographs)?;
-    let values = values.corrected(&inputs, &frames);
+    let mut frames = Photograph::decode_pair(photographs)?;
+    let values = values.corrected(&inputs, &mut frames);
     settings.decode = values.decode;
     let engine = run.engine(engine)?;
     let bar = run.bar(0.0);
@@ -95,7 +95,8 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     if settings.method != Method::Unified {
         return Err(Failure::Usage("--method is of pairs; a sweep is registered together with the blur".to_string()));
     }
-    let files = photographs::sweep_frames(&arguments.images, false, arguments.settings.raw())?;
+    let files =
+        photographs::sweep_frames(&arguments.images, false, arguments.settings.raw(), PageArguments::default())?;
     let reference = arguments.reference.map(|n| n as usize - 1);
     let fits =
         SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.frames.len());
@@ -115,17 +116,17 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
 fn register_sweep(
     run: &RunArguments,
     settings: &Settings,
-    SweepFiles { frames: files, left_out }: &SweepFiles,
+    SweepFiles { frames: files, left_out, .. }: &SweepFiles,
     reference: Option<usize>,
 ) -> Result<Report, Failure> {
     let (started, engine) = (Instant::now(), run.engine.open()?);
     let fits = |first: &Photograph| {
         photographs::check_size([first; 2], settings, photographs::LARGE, || Ok(engine.info().clone()))
     };
-    let Decoded { frames, inputs, warnings, order } = decode(files, true, fits)?;
+    let Decoded { mut frames, inputs, warnings, order } = decode(files, true, fits)?;
     check_alike(&inputs, &frames)?;
     let reference = reference.and_then(|n| order.iter().position(|other| *other == n));
-    let values = Values::of(settings.decode, &inputs)?.corrected(&inputs, &frames);
+    let values = Values::of(settings.decode, &inputs)?.corrected(&inputs, &mut frames);
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let bar = run.bar(0.0);
     let options = SweepOptions { settings, reference, ..SweepOptions::default() };

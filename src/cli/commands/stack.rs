@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{FrameReport, NearerBy, NeverReport, Palette, RangeReport, Report};
+use parfocal::export::{FrameReport, NearerBy, NeverReport, PIXEL_SIZES_UM, Palette, RangeReport, Report};
 use parfocal::image_io::Input;
 use parfocal::settings::Method;
 use parfocal::sweep::Positions;
@@ -10,23 +10,24 @@ use parfocal::sweep::Positions;
 use crate::cli::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
 use crate::cli::jobs::sweep::SweepJob;
 use crate::cli::options::part::PartArguments;
-use crate::cli::options::photographs::{self, FocusPositionArguments, FramePositions};
+use crate::cli::options::photographs::{self, FocusPositionArguments, FramePositions, PageArguments};
 use crate::cli::options::run::check_validation;
 use crate::cli::options::series;
 use crate::cli::options::settings::{SettingsArguments, StartUse, one_or_two};
 use crate::cli::options::solve::ResultArguments;
 use crate::cli::output::failure::Failure;
 use crate::cli::output::numbers::{decimals, depth_range, measurements};
-use crate::cli::output::summary::{camera_moved, values_in_words};
+use crate::cli::output::summary::{camera_moved, pictures_in_words, values_in_words};
 
 /// Recover the focus of each pixel and an image that is sharp everywhere from a focus sweep
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = AFTER_HELP)]
 pub(crate) struct Arguments {
-    /// Three or more frames of one size and format in the order of their focus, or their folder
+    /// Three or more frames of one size and format in the order of their focus, their folder, or a TIFF with their pages
     ///
     /// The frames of a folder are the photographs whose names differ in their numbers only, such as IMG_0001.JPG and
-    /// 0.5mm.tif, in the order of the numbers. Others are left out and listed.
+    /// 0.5mm.tif, in the order of the numbers. Others are left out and listed. Of ImageJ and OME-TIFF stacks the pages
+    /// along z are read, with the pixel size and the positions that they state.
     #[arg(required = true, num_args = 1.., value_name = "FRAME")]
     frames: Vec<PathBuf>,
     /// Focus setting of each frame [default: 0, 1, 2, ...]
@@ -38,6 +39,8 @@ pub(crate) struct Arguments {
     positions: Option<FramePositions>,
     #[command(flatten)]
     focus_at: FocusPositionArguments,
+    #[command(flatten)]
+    pages: PageArguments,
     /// Frame whose pixels the results follow, from 1 [default: the middle frame]
     #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
@@ -64,23 +67,25 @@ pub(crate) struct Arguments {
 /// Solves a sweep and writes the results. Inexpensive checks come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let has_positions = arguments.focus_at.is_given() || arguments.positions.is_some();
-    let files = photographs::sweep_frames(&arguments.frames, has_positions, arguments.settings.raw())?;
+    let files = photographs::sweep_frames(&arguments.frames, has_positions, arguments.settings.raw(), arguments.pages)?;
     let count = files.frames.len();
     let by_setting = arguments.positions.as_ref().map(|positions| Positions::Settings(positions.of(count)));
+    let by_file = files.z_mm.clone().map(Positions::Stage);
     let mut job = SweepJob {
         files,
-        positions: arguments.focus_at.positions(count).or(by_setting).unwrap_or_default(),
+        positions: arguments.focus_at.positions(count).or(by_setting).or(by_file).unwrap_or_default(),
         reference: arguments.reference.map(|n| n as usize - 1),
         out: arguments.output.clone(),
     };
     let (part, method) = (arguments.part.part(), if arguments.hold { Method::Aligned } else { Method::Unified });
     let settings = arguments.settings.settings(method, StartUse::Start)?;
     let nearer = arguments.focus_at.nearer(arguments.nearer, &job.positions);
-    let request = arguments.results.request(&arguments.settings, settings, part, nearer)?;
+    let mut request = arguments.results.request(&arguments.settings, settings, part, nearer)?;
+    request.pixel_size = request.pixel_size.or(job.files.pixel_um.filter(|um| PIXEL_SIZES_UM.contains(um)));
     job.check(&request)?;
     job.files.note().iter().for_each(|note| request.run.report.print_line(note));
     if let (Some(at @ [first, .., last]), [_]) = (job.positions.millimetres(), &arguments.frames[..]) {
-        if series::is_backwards(&job.files.frames, at) {
+        if job.files.z_mm.is_none() && series::is_backwards(&job.files.frames, at) {
             job.files.frames.reverse();
         }
         let note = format!("note: {} are at {first} to {last} mm, in this order", series::ends(&job.files.frames));
@@ -111,6 +116,7 @@ fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> S
         format!("focus      {focus}; {:.1} % of the frame", 100.0 * valid),
         format!("blur       grows by {rate:.4} px² per squared distance from the focus ({unit})"),
     ];
+    lines.extend(pictures_in_words(report).map(|words| format!("pictures   {words}")));
     lines.extend(parallax(report));
     lines.extend(most_clipped(report));
     lines.extend(never_in_focus(report));

@@ -61,8 +61,8 @@ impl PairJob {
         let lens = request.lens(&inputs)?;
         request.nearer(lens.as_ref())?;
         let values = Values::of(request.settings.decode, &inputs)?;
-        let frames = Photograph::decode_pair(photographs)?;
-        let values = values.corrected(&inputs, &frames);
+        let mut frames = Photograph::decode_pair(photographs)?;
+        let values = values.corrected(&inputs, &mut frames);
         let settings = Settings { decode: values.decode, ..request.settings.clone() };
         let expected = Expected { kind: Kind::Pair, in_mm: lens.is_some() };
         let scope = fitting(request, expected, &self.out, &frames)?;

@@ -90,12 +90,12 @@ impl SweepJob {
                 true => photographs::check_size([first; 2], &request.settings, photographs::LARGE, device),
                 false => Ok(()),
             })?;
-        let Decoded { frames, inputs, warnings, order } = decoded;
+        let Decoded { mut frames, inputs, warnings, order } = decoded;
         if settled(&inputs)? {
             return Ok(None);
         }
         check_alike(&inputs, &frames)?;
-        let values = Values::of(request.settings.decode, &inputs)?.corrected(&inputs, &frames);
+        let values = Values::of(request.settings.decode, &inputs)?.corrected(&inputs, &mut frames);
         let settings = Settings { decode: values.decode, ..request.settings.clone() };
         let reference = self.reference.and_then(|n| order.iter().position(|other| *other == n));
         let options = SweepOptions { reference, ..self.options(settings) };
@@ -171,6 +171,7 @@ pub(crate) fn decode(
     fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
 ) -> Result<Decoded, Failure> {
     let first = Photograph::open(&files[0])?;
+    photographs::check_memory(&first, files.len())?;
     fits(&first)?;
     let read = image_io::read_frames(first, &files[1..])?;
     let mut warnings = Vec::new();
@@ -181,6 +182,15 @@ pub(crate) fn decode(
             "{} state another orientation than {}, and all are turned as that one",
             photographs::in_short(&names, ", "),
             series::file_name(&files[0])
+        ));
+    }
+    let paged = read.iter().filter(|(_, input)| input.pages > 1 && input.page.is_none());
+    let names: Vec<String> = paged.map(|(_, input)| series::file_name(Path::new(&input.file))).collect();
+    if !names.is_empty() {
+        warnings.push(format!(
+            "{} have several pages, and the first of each is read: name pages, as in '{}#2', or give one file alone",
+            photographs::in_short(&names, ", "),
+            names[0]
         ));
     }
     let times = read.iter().map(|(_, input)| input.exif.as_ref()?.taken.as_deref()).collect::<Option<Vec<_>>>();

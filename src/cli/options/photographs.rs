@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use parfocal::export::{Nearer, NearerBy, SIMULATED_FILES, result_files};
-use parfocal::image_io::{Input, Photograph, RawFormat};
-use parfocal::internals::bounded_read;
+use parfocal::image_io::{Input, PageStack, Photograph, RawFormat, foreign_problem};
+use parfocal::internals::{available_memory, bounded_read};
 use parfocal::sweep::Positions;
 use parfocal::{Engine, Settings, settings::DeviceInfo};
 
@@ -61,6 +61,30 @@ pub(crate) fn check_size(
         .map_err(|e| Failure::of_solve(e, photographs[0].path()))
 }
 
+/// Bytes of memory that a pixel of a sweep takes at least, solved in parts: for each frame, and besides with its results
+/// and their page. 45 frames of 0.75 Mpx fail under a limit of 700 MB and not under 1100 MB.
+const LEAST_BYTES: [u64; 2] = [5, 220];
+
+/// Refuses a sweep, before its frames are decoded, for which there is no memory.
+pub(crate) fn check_memory(first: &Photograph, count: usize) -> Result<(), Failure> {
+    let ((width, height), format) = (first.size(), first.format());
+    let pixels = u64::from(width) * u64::from(height);
+    let [of_frame, besides] = LEAST_BYTES;
+    let stored = u64::from(format.channels.count() * format.depth.bytes());
+    let needed = pixels.saturating_mul(count as u64 * (stored + of_frame) + besides);
+    let available = available_memory().unwrap_or(u64::MAX);
+    if needed <= available {
+        return Ok(());
+    }
+    let gib = |bytes: u64| bytes as f64 / f64::from(1 << 30);
+    Err(Failure::Failed(format!(
+        "{count} frames of {width}x{height} take {:.1} GiB of memory at least, and {:.1} GiB are available: give fewer \
+         frames, or reduce all to half their size",
+        gib(needed),
+        gib(available)
+    )))
+}
+
 /// Extensions of photographs.
 const EXTENSIONS: [&str; 13] =
     ["png", "jpg", "jpeg", "tif", "tiff", "exr", "bmp", "webp", "pnm", "pgm", "ppm", "pam", "pfm"];
@@ -71,7 +95,7 @@ const RAW_EXTENSIONS: [&str; 2] = ["raw", "bin"];
 /// Adds the format to the name of a photograph without a header.
 pub(crate) fn with_format(path: PathBuf, raw: Option<RawFormat>) -> PathBuf {
     match raw {
-        Some(format) if !path.to_string_lossy().contains('#') => {
+        Some(format) if path.exists() || !series::file_name(&path).contains('#') => {
             let mut name = path.into_os_string();
             name.push(format!("#{format}"));
             name.into()
@@ -86,16 +110,37 @@ pub(crate) struct SweepFiles {
     pub(crate) frames: Vec<PathBuf>,
     /// Names of the photographs of the folder that do not belong to the series.
     pub(crate) left_out: Vec<String>,
+    /// Of pages of a file: size of a pixel, µm, and positions along z, mm.
+    pub(crate) pixel_um: Option<f64>,
+    pub(crate) z_mm: Option<Vec<f64>>,
+    /// Which pages of a file are read.
+    pub(crate) pages_note: Option<String>,
 }
 
 impl SweepFiles {
-    /// A line that lists the photographs that were left out.
+    /// Frames without any besides.
+    pub(crate) fn of(frames: Vec<PathBuf>) -> Self {
+        Self { frames, ..Self::default() }
+    }
+
+    /// A line that lists the photographs that were left out, or says which pages are read.
     pub(crate) fn note(&self) -> Option<String> {
         let note = || {
             format!("note: left out: {}, not named like {}", in_short(&self.left_out, ", "), series::ends(&self.frames))
         };
-        (!self.left_out.is_empty()).then(note)
+        if self.left_out.is_empty() { self.pages_note.clone() } else { Some(note()) }
     }
+}
+
+/// The options of a file with several channels or times.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub(crate) struct PageArguments {
+    /// Channel of ImageJ or OME-TIFF pages, from 1 [default: 1]
+    #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
+    channel: Option<u32>,
+    /// Time of ImageJ or OME-TIFF pages, from 1 [default: 1]
+    #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
+    time: Option<u32>,
 }
 
 /// The most names in a message.
@@ -108,41 +153,77 @@ pub(crate) fn in_short(names: &[String], separator: &str) -> String {
     if more > 0 { format!("{shown} and {more} more") } else { shown }
 }
 
-/// The series of photographs of a folder, or the named files. Named files in alphabetical order, as from a shell, are
-/// put in natural order, `frame_2` before `frame_10`, unless positions are stated for them (`has_positions`).
+/// The series of photographs of a folder, the pages of a file, or the named files. Named files in alphabetical order, as
+/// from a shell, are put in natural order, `frame_2` before `frame_10`, unless positions are stated for them
+/// (`has_positions`).
 pub(crate) fn sweep_frames(
     named: &[PathBuf],
     has_positions: bool,
     raw: Option<RawFormat>,
+    pages: PageArguments,
 ) -> Result<SweepFiles, Failure> {
     let mut files = match named {
-        [folder] if folder.is_dir() => of_folder(folder, list_folder(folder, raw)?.0)?,
+        [folder] if folder.is_dir() => match &list_folder(folder, raw)?.0[..] {
+            [file] if raw.is_none() => of_pages(file, pages)?,
+            files => of_folder(folder, files.to_vec())?,
+        },
+        [file] if raw.is_none() => of_pages(file, pages)?,
         _ => {
             let mut frames = named.to_vec();
             if !has_positions && frames.is_sorted() {
                 frames.sort_by_cached_key(|file| natural_key(file));
             }
-            SweepFiles { frames, left_out: Vec::new() }
+            SweepFiles::of(frames)
         }
     };
+    let is_chosen = pages.channel.is_some() || pages.time.is_some();
+    if is_chosen && files.pages_note.is_none() {
+        let problem = "--channel and --time choose pages of one file, an ImageJ or OME-TIFF stack; leave them out";
+        return Err(Failure::Usage(problem.to_string()));
+    }
     for file in &mut files.frames {
         *file = with_format(std::mem::take(file), raw);
     }
     Ok(files)
 }
 
+/// The pages of a TIFF as the frames of a sweep.
+fn of_pages(file: &Path, PageArguments { channel, time }: PageArguments) -> Result<SweepFiles, Failure> {
+    let Some(stack) = PageStack::read(file, [channel, time].map(|n| n.map(|n| n as usize)))? else {
+        let problem = "is one photograph, and a sweep has three or more; give their folder, or name them all";
+        return Err(Failure::file(file, problem));
+    };
+    let chosen = |what: &str, n: Option<u32>, count: usize| {
+        let n = n.unwrap_or(1);
+        (count > 1).then(|| format!(", {what} {n} of {count} (--{what})"))
+    };
+    let [channels, times] = stack.counts;
+    let chosen = [chosen("channel", channel, channels), chosen("time", time, times)];
+    let chosen: String = chosen.into_iter().flatten().collect();
+    let PageStack { frames, left_out, pixel_um, z_um, .. } = stack;
+    let z = z_um.as_ref().and_then(|z| Some(format!("z of {} to {} µm", z.first()?, z.last()?)));
+    let sizes: Vec<String> = pixel_um.map(|um| format!("pixels of {um:.4} µm")).into_iter().chain(z).collect();
+    let sizes = if sizes.is_empty() { String::new() } else { format!(", with {} as stated", sizes.join(" and ")) };
+    let others =
+        if left_out > 0 { format!("; {left_out} of another size or kind are left out") } else { String::new() };
+    let note = format!("note: {} pages of {} are the frames{chosen}{sizes}{others}", frames.len(), file.display());
+    let z_mm = z_um.map(|z| z.iter().map(|um| um / 1000.0).collect());
+    Ok(SweepFiles { pixel_um, z_mm, pages_note: Some(note), ..SweepFiles::of(frames) })
+}
+
 /// The series of the photographs of a folder; `None` if they have no series, or several.
 pub(crate) fn one_series(files: &[PathBuf]) -> Option<SweepFiles> {
     let [frames] = <[_; 1]>::try_from(series::find(files)).ok()?;
     let left_out = files.iter().filter(|file| !frames.contains(file)).map(|file| file_name(file)).collect();
-    Some(SweepFiles { frames, left_out })
+    Some(SweepFiles { left_out, ..SweepFiles::of(frames) })
 }
 
 /// The series of the photographs of a folder, or all if their names have no numbers.
 fn of_folder(folder: &Path, mut files: Vec<PathBuf>) -> Result<SweepFiles, Failure> {
     let refused = |problem: String| Failure::file(folder, format!("holds {problem}"));
     if files.len() < 3 {
-        return Err(refused(format!("{} photographs, and a sweep has three or more", files.len())));
+        let besides = foreign_files(folder).map_or(String::new(), |besides| format!("; it holds {besides}"));
+        return Err(refused(format!("{} photographs, and a sweep has three or more{besides}", files.len())));
     }
     if let Some(found) = one_series(&files) {
         return Ok(found);
@@ -157,7 +238,7 @@ fn of_folder(folder: &Path, mut files: Vec<PathBuf>) -> Result<SweepFiles, Failu
     let is_one_kind = files.iter().all(|file| extension(file) == extension(&files[0]));
     if is_one_kind && files.iter().all(|file| !stem(file).contains(|c: char| c.is_ascii_digit())) {
         files.sort_by_cached_key(|file| natural_key(file));
-        return Ok(SweepFiles { frames: files, left_out: Vec::new() });
+        return Ok(SweepFiles::of(files));
     }
     let names: Vec<String> = files.iter().map(|file| file_name(file)).collect();
     Err(refused(format!(
@@ -166,6 +247,32 @@ fn of_folder(folder: &Path, mut files: Vec<PathBuf>) -> Result<SweepFiles, Failu
         files.len(),
         in_short(&names, ", ")
     )))
+}
+
+/// Folders that systems make, in small letters: bins, previews, copies and what a repair of the disk found.
+const SYSTEM_FOLDERS: [&str; 12] = [
+    "#recycle",
+    "#snapshot",
+    "@eadir",
+    "@recycle",
+    "@recently-snapshot",
+    "$recycle.bin",
+    "recycler",
+    "lost+found",
+    "system volume information",
+    "__macosx",
+    "network trash folder",
+    "temporary items",
+];
+
+/// The number of files of a folder that are of another kind than photographs, and what to do about the first; `None` if
+/// there are none.
+pub(crate) fn foreign_files(folder: &Path) -> Option<String> {
+    let entries = fs::read_dir(folder).ok()?.filter_map(Result::ok).map(|entry| entry.path());
+    let mut files: Vec<PathBuf> = entries.filter(|file| foreign_problem(file, None).is_some()).collect();
+    files.sort();
+    let problem = foreign_problem(files.first()?, None)?;
+    Some(format!("{} of another kind: {} {problem}", files.len(), file_name(&files[0])))
 }
 
 /// The photographs and the folders in a folder, sorted, without hidden files and results.
@@ -191,7 +298,7 @@ pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<
         if name.starts_with('.') || is_result {
             continue;
         } else if path.is_dir() {
-            folders.push(path);
+            folders.extend(Some(path).filter(|_| !SYSTEM_FOLDERS.contains(&name.to_lowercase().as_str())));
         } else if if raw.is_some() { &RAW_EXTENSIONS[..] } else { &EXTENSIONS }.contains(&extension.as_str()) {
             files.push(path);
         }
@@ -317,10 +424,10 @@ mod tests {
         let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
         let listed = paths(&["a/image_1.jpg", "a/image_10.jpg", "a/image_2.jpg"]);
         let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);
-        assert_eq!(sweep_frames(&listed, false, None).unwrap().frames, counted);
-        assert_eq!(sweep_frames(&listed, true, None).unwrap().frames, listed);
+        assert_eq!(sweep_frames(&listed, false, None, PageArguments::default()).unwrap().frames, counted);
+        assert_eq!(sweep_frames(&listed, true, None, PageArguments::default()).unwrap().frames, listed);
         let chosen = paths(&["z_3.png", "z_1.png", "z_2.png"]);
-        assert_eq!(sweep_frames(&chosen, false, None).unwrap().frames, chosen);
+        assert_eq!(sweep_frames(&chosen, false, None, PageArguments::default()).unwrap().frames, chosen);
         assert_eq!(natural_key(Path::new("9999999999999999999999.png"))[0].1, 9_999_999_999_999_999_999);
     }
 
@@ -341,7 +448,7 @@ mod tests {
                 std::fs::remove_file(entry.unwrap().path()).unwrap();
             }
             names.iter().for_each(|name| std::fs::write(folder.path().join(name), name).unwrap());
-            let found = sweep_frames(&[folder.path().to_path_buf()], false, None);
+            let found = sweep_frames(&[folder.path().to_path_buf()], false, None, PageArguments::default());
             found.map(|found| (found.frames.iter().map(|file| file_name(file)).collect::<Vec<_>>(), found.left_out))
         };
         let (frames, left_out) = of(&["f_2.png", "f_10.png", "f_1.png", "notes.txt", "fused.png", "mask.png"]).unwrap();

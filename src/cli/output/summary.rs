@@ -64,6 +64,7 @@ fn found(report: &Report) -> Vec<Row> {
     if !report.inputs.is_empty() {
         rows.push(("values", values_in_words(&report.inputs, report.values)));
     }
+    rows.extend(pictures_in_words(report).map(|words| ("pictures", words)));
     rows
 }
 
@@ -123,7 +124,11 @@ pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -
         [] => "the files do not say what they are".to_string(),
         several => format!("the files say {}", several.join(" and ")),
     };
-    let reading = if decode == Decode::Srgb { "sRGB curve undone" } else { "as stored" };
+    let reading = match said.as_slice() {
+        _ if decode != Decode::Srgb => "as stored".to_string(),
+        [own] if own.starts_with("gamma ") || own.ends_with(" curve") => format!("{own} undone"),
+        _ => "sRGB curve undone".to_string(),
+    };
     let why = match (by, decode) {
         (Basis::Files, _) => files,
         (Basis::Stated, _) => format!("as stated; {files}"),
@@ -140,6 +145,15 @@ pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -
         (Basis::Assumed, _) => "assumed linear, where files do not say; --decode srgb if they are not".to_string(),
     };
     format!("{reading} ({why})")
+}
+
+/// The range of stored values that pictures show, if it is not that from 0 to white.
+pub(crate) fn pictures_in_words(report: &Report) -> Option<String> {
+    let [black, white] = report.tone.map(|tone| [tone.black, tone.white])?;
+    let digits = if white - black > 100.0 { 0 } else { 4 };
+    Some(format!(
+        "stretched, with fused.png: black is {black:.digits$} and white {white:.digits$} of the stored values"
+    ))
 }
 
 fn judged(report: &Report) -> Vec<Row> {

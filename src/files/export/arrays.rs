@@ -262,7 +262,7 @@ impl Depth16 {
 
     fn write_png(&self, writer: &mut dyn Write) -> Result<(), String> {
         let description = Description { units: self.report.unit.clone(), comments: self.comments().into() };
-        let mut encoder = png_encoder(writer, self.size, &description)?;
+        let mut encoder = png_encoder(writer, self.size, &description, None)?;
         add_text(&mut encoder, "Scale", &self.report.scale.to_string())?;
         add_text(&mut encoder, "Offset", &self.report.offset.to_string())?;
         finish_png(encoder, ColorType::Grayscale, &Pixels::Words(&self.samples))

@@ -8,9 +8,10 @@ use exr::meta::attribute::{AttributeValue, Text};
 use exr::meta::header::LayerAttributes;
 use exr::prelude::{AnyChannel, AnyChannels, Encoding, WritableImage};
 use image::RgbImage;
-use png::{BitDepth, ColorType, Compression, Encoder, Filter};
+use png::{BitDepth, ColorType, Compression, Encoder, Filter, Info, PixelDimensions, ScaledFloat, Unit};
 
 use crate::base::{Channels, Frame, Samples};
+use crate::files::image_io::Carried;
 
 /// Program and version, for the metadata of files.
 pub(crate) const SOFTWARE: &str = concat!("parfocal ", env!("CARGO_PKG_VERSION"));
@@ -50,7 +51,7 @@ pub(crate) fn write_png(
     samples: &Pixels<'_>,
     description: &Description,
 ) -> Result<(), String> {
-    finish_png(png_encoder(writer, size, description)?, color, samples)
+    finish_png(png_encoder(writer, size, description, None)?, color, samples)
 }
 
 /// Writes a drawing as PNG, whose large areas of one colour compress well. Its text chunk states the program.
@@ -64,13 +65,22 @@ pub(crate) fn write_drawing(writer: impl Write, image: &RgbImage) -> Result<(), 
     writer.write_image_data(image).and_then(|()| writer.finish()).map_err(|e| e.to_string())
 }
 
-/// Creates an encoder, to which text or a palette can be added before [`finish_png`].
+/// Creates an encoder, to which text or a palette can be added before [`finish_png`]. It carries metadata of a
+/// photograph, if any is passed.
 pub(crate) fn png_encoder<'a, W: Write>(
     writer: W,
     (width, height): (u32, u32),
     description: &Description,
+    carried: Option<&'a Carried>,
 ) -> Result<Encoder<'a, W>, String> {
-    let mut encoder = Encoder::new(writer, width, height);
+    let mut info = Info::with_size(width, height);
+    if let Some(Carried { profile, exif, exponent, density, .. }) = carried {
+        info.icc_profile = profile.as_deref().map(Cow::Borrowed);
+        info.exif_metadata = exif.as_deref().map(Cow::Borrowed);
+        info.source_gamma = exponent.map(ScaledFloat::new);
+        info.pixel_dims = density.map(|[xppu, yppu]| PixelDimensions { xppu, yppu, unit: Unit::Meter });
+    }
+    let mut encoder = Encoder::with_info(writer, info).map_err(|e| e.to_string())?;
     for (keyword, text) in
         [("Software", SOFTWARE), ("Description", &description.comments), ("Units", &description.units)]
     {
@@ -156,19 +166,20 @@ pub(crate) fn write_channels(
     Image::from_layer(layer).write().non_parallel().to_buffered(writer).map_err(|e| e.to_string())
 }
 
-/// Writes a photograph: integers as PNG, floats as EXR, each with its description.
+/// Writes a photograph: integers as PNG, floats as EXR, each with its description. A PNG carries metadata.
 pub(crate) fn write_frame(
     writer: impl Write + Seek,
     frame: &Frame,
+    carried: &Carried,
     [integers, floats]: [&Description; 2],
 ) -> Result<(), String> {
     let (size, channels) = ((frame.width(), frame.height()), frame.format().channels);
-    let color = color_type(channels);
-    match frame.samples() {
-        Samples::U8(bytes) => write_png(writer, size, color, &Pixels::Bytes(bytes), integers),
-        Samples::U16(words) => write_png(writer, size, color, &Pixels::Words(words), integers),
-        Samples::F32(values) => write_floats(writer, size, channels, values, floats),
-    }
+    let pixels = match frame.samples() {
+        Samples::U8(bytes) => Pixels::Bytes(bytes),
+        Samples::U16(words) => Pixels::Words(words),
+        Samples::F32(values) => return write_floats(writer, size, channels, values, floats),
+    };
+    finish_png(png_encoder(writer, size, integers, Some(carried))?, color_type(channels), &pixels)
 }
 
 /// The channels as a colour type of PNG.
@@ -232,7 +243,8 @@ pub(crate) static PHOTOGRAPH: Description = Description::new("1", "Intensity, wh
 pub(crate) static FUSED: Description = Description::new(
     "1",
     "Best focus: of each pixel the sharpest photograph, at the pixels and in the values of the first (of a sweep, of the \
-     reference frame); white at the largest sample, values beyond black and white clipped",
+     reference frame); white at the largest sample, or stretched where report.json states a tone; values beyond black and \
+     white clipped",
 );
 
 pub(crate) static FUSED_FLOAT: Description = Description::new(

@@ -185,7 +185,7 @@ fn write_labels(
     colors: &[[u8; 4]],
     description: &Description,
 ) -> Result<(), String> {
-    let mut encoder = png_encoder(writer, size, description)?;
+    let mut encoder = png_encoder(writer, size, description, None)?;
     encoder.set_palette(colors.iter().flat_map(|c| &c[..3]).copied().collect::<Vec<u8>>());
     encoder.set_trns(colors.iter().map(|c| c[3]).collect::<Vec<u8>>());
     finish_png(encoder, ColorType::Indexed, &Pixels::Bytes(labels))

@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::io::ErrorKind;
 use std::path::Path;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -14,7 +15,7 @@ use super::single::write_file;
 use super::staging::Staging;
 use crate::base::{Brightness, Decode, Depth, Error, Frame, Homography, Photometric, Region, Settings};
 use crate::files::bounded_read;
-use crate::files::image_io::Values;
+use crate::files::image_io::{Carried, Values};
 
 /// The expected content of a registration file, for error messages.
 const SHAPE: &str =
@@ -178,21 +179,21 @@ pub fn registered_kind(depth: Depth) -> FileKind {
     if depth == Depth::F32 { FileKind::Exr } else { FileKind::Png }
 }
 
-/// Writes moved photographs, all of this sample type, into files of these names: all or none. Integers become PNG,
-/// floats EXR. Creates the folder if it is missing. Replaces files of parfocal; the [`Destination`] must force the
-/// replacement of others. Only one photograph at a time is in memory.
+/// Writes moved photographs, all of this sample type, into files of these names: all or none. Integers become PNG with
+/// the metadata of their photograph, floats EXR. Creates the folder if it is missing. Replaces files of parfocal; the
+/// [`Destination`] must force the replacement of others. Only one photograph at a time is in memory.
 ///
 /// # Errors
 /// [`Error::File`]; errors of the frames.
 pub fn write_registered<'d, E: From<Error>>(
     folder: impl Into<Destination<'d>>,
     depth: Depth,
-    frames: impl Iterator<Item = Result<(String, Frame), E>>,
+    frames: impl Iterator<Item = Result<(String, Frame, Arc<Carried>), E>>,
 ) -> Result<(), E> {
     let mut staging = Staging::of_kind(folder.into(), registered_kind(depth))?;
     for frame in frames {
-        let (name, frame) = frame?;
-        staging.add(&name, |w| write_frame(w, &frame, [&PHOTOGRAPH, &INTENSITY]))?;
+        let (name, frame, carried) = frame?;
+        staging.add(&name, |w| write_frame(w, &frame, &carried, [&PHOTOGRAPH, &INTENSITY]))?;
     }
     Ok(staging.place()?)
 }
@@ -200,6 +201,7 @@ pub fn write_registered<'d, E: From<Error>>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::files::image_io::Photograph;
 
     const T: &str = r#"{"tx_px": 1.5, "ty_px": -2, "rotation_deg": 90, "scale": 1.07}"#;
 
@@ -229,6 +231,43 @@ mod tests {
         let stored = serde_json::to_string(&homography).unwrap();
         assert!(stored.contains("\"matrix\":[[1.1,0.02,1.5]"), "{stored}");
         assert_eq!(second(&stored).transform, homography);
+    }
+
+    #[test]
+    fn a_moved_photograph_carries_profile_exif_and_resolution() {
+        use exif::{Field, In, Rational, Tag, Value, experimental::Writer};
+        use image::codecs::jpeg::{JpegEncoder, PixelDensity};
+        use image::{ExtendedColorType, ImageEncoder};
+
+        let folder = tempfile::TempDir::new().unwrap();
+        let focal = Value::Rational(vec![Rational { num: 100, denom: 1 }]);
+        let fields = [(Tag::Orientation, Value::Short(vec![6])), (Tag::FocalLength, focal)].map(|(tag, value)| Field {
+            tag,
+            ifd_num: In::PRIMARY,
+            value,
+        });
+        let mut writer = Writer::new();
+        fields.iter().for_each(|field| writer.push_field(field));
+        let mut exif = std::io::Cursor::new(Vec::new());
+        writer.write(&mut exif, false).unwrap();
+        let file = folder.path().join("a.jpg");
+        let mut encoder = JpegEncoder::new(std::fs::File::create(&file).unwrap());
+        encoder.set_pixel_density(PixelDensity::dpi(300));
+        encoder.set_exif_metadata(exif.into_inner()).unwrap();
+        encoder.set_icc_profile(moxcms::ColorProfile::new_adobe_rgb().encode().unwrap()).unwrap();
+        encoder.write_image(&[7; 5 * 3 * 3], 5, 3, ExtendedColorType::Rgb8).unwrap();
+        let photograph = Photograph::open(&file).unwrap();
+        let input = photograph.describe();
+        let frame = photograph.decode().unwrap();
+        let moved = ("a.png".to_string(), frame.clone(), input.carried.clone());
+        write_registered(folder.path(), Depth::U8, std::iter::once(Ok::<_, Error>(moved))).unwrap();
+        let photograph = Photograph::open(&folder.path().join("a.png")).unwrap();
+        let output = photograph.describe();
+        assert_eq!((output.carried, output.encoding), (input.carried.clone(), Some("gamma 2.20".to_string())));
+        assert_eq!(output.exif.and_then(|exif| exif.focal_length_mm), Some(100.0));
+        assert_eq!(input.carried.density, Some([11_811; 2]));
+        // The pixels are upright, and the orientation is not repeated.
+        assert!(photograph.decode().unwrap() == frame && frame.height() == 5);
     }
 
     #[test]

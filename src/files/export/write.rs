@@ -14,6 +14,7 @@ use super::results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Drawing, Extra, NewFile, PA
 use super::staging::Staging;
 use super::{arrays, maps};
 use crate::base::{Depth, Error};
+use crate::files::image_io::Carried;
 
 /// Files that show depth. They are written again when depth changes.
 const DEPTH_EXPORTS: [&str; 17] = [
@@ -76,9 +77,7 @@ impl Results<'_> {
             })
             .collect();
         files.extend(self.depth_files(drawing));
-        files.push(NewFile::new(FUSED_FILE, |results, w| {
-            results.fused.as_ref().map_or(Ok(()), |fused| fused.write_png(w))
-        }));
+        files.push(NewFile::new(FUSED_FILE, |results, w| results.write_fused(w)));
         if is_in_floats {
             files.push(NewFile::new(FUSED_FLOAT_FILE, |results, w| {
                 results.fused.as_ref().map_or(Ok(()), |fused| fused.write_exr(w))
@@ -89,6 +88,15 @@ impl Results<'_> {
         self.report.hashes.clear();
         self.report.files.clear();
         self.finish(staging, &[], files)
+    }
+
+    /// Writes `fused.png`. It carries the metadata of the reference's photograph.
+    fn write_fused(&self, writer: impl Write + Seek) -> Result<(), String> {
+        let (Some(fused), report) = (&self.fused, &self.report) else { return Ok(()) };
+        let reference = report.order.get(report.reference).unwrap_or(&report.reference);
+        let input = report.inputs.get(*reference);
+        let curve = input.filter(|input| report.values.converts(input)).and_then(|input| input.carried.curve.as_ref());
+        fused.write_png(writer, input.map_or(&Carried::default(), |input| &input.carried), curve)
     }
 
     /// Writes the field of this name.
@@ -410,10 +418,15 @@ mod tests {
         let path = base.path().join("fused.png");
         write(base.path(), &solution(), Depth::U8).unwrap();
         assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U8(vec![0, 0, 51, 128, 255, 255]));
-        for (depth, has_floats) in [(Depth::U16, false), (Depth::F32, true)] {
+        // Floats beyond black and white are stretched.
+        for (depth, samples, is_float) in [
+            (Depth::U16, vec![0, 0, 13107, 32768, 65535, 65535], false),
+            (Depth::F32, vec![0, 4096, 12288, 24576, 45055, 65535], true),
+        ] {
             write(base.path(), &solution(), depth).unwrap();
-            assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U16(vec![0, 0, 13107, 32768, 65535, 65535]));
-            assert_eq!(base.path().join("fused.exr").exists(), has_floats);
+            assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U16(samples));
+            assert_eq!(base.path().join("fused.exr").exists(), is_float);
+            assert_eq!(Results::read(base.path()).unwrap().report.tone.is_some(), is_float);
         }
         let fused = Results::read(base.path()).unwrap().fused().unwrap();
         assert_eq!(fused.samples(), &Samples::F32(solution().fused));

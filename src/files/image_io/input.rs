@@ -1,8 +1,11 @@
 //! Descriptions of photograph files for the report, and the decoding of their values.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
-use super::metadata::{Exif, LINEAR, UNREADABLE};
+use super::curve::{LINEAR, UNREADABLE};
+use super::metadata::{Carried, Exif};
 use crate::base::{Decode, Depth, Error, Frame, photon_transfer};
 
 /// The file of a photograph.
@@ -26,11 +29,14 @@ pub struct Input {
     pub pages: usize,
     /// The page that is read, from 1, if the path names one.
     pub page: Option<usize>,
-    /// Transfer curve that the file states: "sRGB", "linear", or the name of another curve or colour space. The source
-    /// is the ICC profile, the chunks of a PNG, or EXIF. EXR and PFM are linear by convention.
+    /// Transfer curve that the file states: "sRGB", "linear", "gamma 1.80" or "an ICC curve".
+    /// The source is the curve of the ICC profile, the chunks of a PNG, or EXIF. EXR and PFM are linear by convention.
     pub encoding: Option<String>,
     /// EXIF of the camera and the lens.
     pub exif: Option<Exif>,
+    /// What files made from the photograph carry.
+    #[serde(skip)]
+    pub carried: Arc<Carried>,
     /// Whether the file states another orientation than the first frame of the sweep, by which it is turned.
     #[serde(skip)]
     pub is_turned_otherwise: bool,
@@ -97,8 +103,8 @@ impl Values {
     /// Resolves [`Decode::Auto`] by the statements of the files of one scene, or by their bits if no file states a
     /// curve ([`Decode::resolved`]).
     ///
-    /// A file without a statement is read as the others state. A file with a curve or colour space other than linear
-    /// (Adobe RGB, gamma 1.8) is decoded by the sRGB curve, the nearest available.
+    /// A file without a statement is read as the others state. Values with a curve other than linear and sRGB, such as
+    /// gamma 1.8, are sRGB values once [`corrected`](Self::corrected) has converted them.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if two files contradict each other.
@@ -125,12 +131,14 @@ impl Values {
         }
     }
 
-    /// Corrects sRGB that is only assumed, by the noise of the photographs of these files.
+    /// Converts the frames of these files that have a curve of their own to sRGB, and corrects sRGB that is only
+    /// assumed, by their noise.
     ///
     /// In linear light the variance of noise grows in proportion to brightness. If it clearly does, 8-bit files are
     /// linear. If not, or if a file states a curve, or if the user stated the decoding, nothing changes.
     #[must_use]
-    pub fn corrected(self, files: &[Input], frames: &[Frame]) -> Self {
+    pub fn corrected(self, files: &[Input], frames: &mut [Frame]) -> Self {
+        self.convert(files, frames);
         let is_open = self.by == Basis::Assumed && self.decode == Decode::Srgb;
         if !is_open || files.iter().any(|file| stated_decode(file).is_some()) {
             return self;
@@ -140,6 +148,21 @@ impl Values {
             true => Self { decode: Decode::None, by: Basis::Noise },
             false => self,
         }
+    }
+
+    /// Converts the frames of these files to sRGB, if one has a curve of its own.
+    pub(crate) fn convert(self, files: &[Input], frames: &mut [Frame]) {
+        if files.iter().any(|file| self.converts(file)) {
+            for (file, frame) in files.iter().zip(frames) {
+                let curve = file.carried.curve.as_ref().filter(|_| self.converts(file));
+                *frame = curve.map_or_else(|| frame.widened(), |curve| curve.in_srgb(frame));
+            }
+        }
+    }
+
+    /// Whether the values of a file with a curve of its own are converted to sRGB.
+    pub(crate) fn converts(self, file: &Input) -> bool {
+        self.by != Basis::Stated && self.decode == Decode::Srgb && file.carried.curve.is_some()
     }
 }
 
@@ -347,7 +370,7 @@ mod tests {
         let plain = [input_of("a", 8, None), input_of("b", 8, None)];
         let linear = [noisy(|light| light), noisy(|light| light)];
         let corrected = |decode, files: &[Input], frames: &[Frame]| {
-            let values = Values::of(decode, files).unwrap().corrected(files, frames);
+            let values = Values::of(decode, files).unwrap().corrected(files, &mut frames.to_vec());
             (values.decode, values.by)
         };
         assert_eq!(corrected(Decode::Auto, &plain, &linear), (Decode::None, Basis::Noise));

@@ -2,9 +2,11 @@
 
 use std::io::Cursor;
 
+use exif::experimental::Writer;
 use exif::{In, Reader, Tag, Value};
-use moxcms::{ColorProfile, ParsingOptions, ProfileText};
 use serde::{Deserialize, Serialize};
+
+use super::curve::{Curve, LINEAR, MAX_PROFILE, SRGB, UNREADABLE, curve_of};
 
 /// EXIF 2.32 of the camera and the lens. Manufacturers round the focal length to the millimetre, and the distance to
 /// the next step of the lens's encoder.
@@ -26,14 +28,141 @@ pub struct Exif {
     pub taken: Option<String>,
 }
 
-/// Parses the TIFF structure of EXIF, from APP1 of JPEG, eXIf of PNG, or a TIFF file. Also returns whether it states
-/// sRGB. `None` if it cannot be read or has none of the fields.
-pub(super) fn parse_exif(data: Vec<u8>) -> (Option<Exif>, bool) {
-    // Uses the readable fields of a damaged structure.
-    let Ok(fields) = Reader::new().continue_on_error(true).read_raw(data).or_else(|e| e.distill_partial_result(|_| ()))
-    else {
-        return (None, false);
-    };
+/// What files made from a photograph carry of its metadata.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Carried {
+    /// The ICC profile.
+    pub(crate) profile: Option<Vec<u8>>,
+    /// The curve of the values, if it is neither linear nor nearly sRGB.
+    pub(crate) curve: Option<Curve>,
+    /// EXIF of the camera, the lens and the exposure, without what holds of the file alone, such as the orientation.
+    pub(crate) exif: Option<Vec<u8>>,
+    /// The exponent of the values, as a PNG states it.
+    pub(crate) exponent: Option<f32>,
+    /// Pixels per metre along x and y.
+    pub(crate) density: Option<[u32; 2]>,
+}
+
+/// The metadata that a file states.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Metadata {
+    /// Transfer curve of the values.
+    pub(super) encoding: Option<String>,
+    pub(super) exif: Option<Exif>,
+    pub(super) carried: Carried,
+}
+
+impl Metadata {
+    /// Parses EXIF and ICC profile, and the chunks of a PNG or JFIF.
+    pub(super) fn of(exif: Option<Vec<u8>>, profile: Option<Vec<u8>>, format: &str, bytes: &[u8]) -> Self {
+        let mut found = Self::default();
+        let is_srgb = exif.is_some_and(|exif| found.read_exif(exif));
+        found.encoding = is_srgb.then(|| SRGB.to_string());
+        match format {
+            "PNG" => found.read_png(bytes),
+            "JPEG" => found.carried.density = found.carried.density.or_else(|| density_of_jfif(bytes)),
+            _ => (),
+        }
+        if let Some(profile) = profile {
+            let (encoding, curve) = curve_of(&profile).unwrap_or((UNREADABLE.to_string(), None));
+            (found.encoding, found.carried.curve) = (Some(encoding), curve);
+            found.carried.profile = Some(profile).filter(|_| found.encoding.as_deref() != Some(UNREADABLE));
+        }
+        found
+    }
+
+    /// The curve from the chunk sRGB or gAMA of a PNG, and its resolution. A gAMA of 1/2.2 means sRGB.
+    fn read_png(&mut self, bytes: &[u8]) {
+        let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: MAX_PROFILE });
+        // Neither chunk is used, and both may decompress to large data.
+        decoder.set_ignore_iccp_chunk(true);
+        decoder.set_ignore_text_chunk(true);
+        let Ok(reader) = decoder.read_info() else { return };
+        let info = reader.info();
+        let is_metric = |dims: &png::PixelDimensions| dims.unit == png::Unit::Meter;
+        let density = info.pixel_dims.filter(is_metric).map(|dims| [dims.xppu, dims.yppu]);
+        self.carried.density = density.or(self.carried.density);
+        let exponent = info.gama_chunk.map(png::ScaledFloat::into_value);
+        if info.srgb.is_some() {
+            self.encoding = Some(SRGB.to_string());
+        } else if let Some(exponent) = exponent.filter(|exponent| *exponent > 0.0) {
+            let gamma = 1.0 / exponent;
+            self.carried.exponent = Some(exponent);
+            let is_other = (exponent - 1.0).abs() >= 1e-3 && (gamma - 2.2).abs() >= 0.01;
+            self.carried.curve = is_other.then(|| Curve::of_gamma(gamma));
+            self.encoding = Some(match exponent {
+                exponent if (exponent - 1.0).abs() < 1e-3 => LINEAR.to_string(),
+                _ if !is_other => SRGB.to_string(),
+                _ => format!("gamma {gamma:.2}"),
+            });
+        }
+    }
+
+    /// Parses the TIFF structure of EXIF, from APP1 of JPEG, eXIf of PNG, or a TIFF file. Returns whether it states sRGB.
+    fn read_exif(&mut self, data: Vec<u8>) -> bool {
+        // Uses the readable fields of a damaged structure.
+        let read = Reader::new().continue_on_error(true).read_raw(data);
+        let Ok(fields) = read.or_else(|e| e.distill_partial_result(|_| ())) else { return false };
+        let number = |tag| positive(&fields.get_field(tag, In::PRIMARY)?.value);
+        let per_metre = match fields.get_field(Tag::ResolutionUnit, In::PRIMARY).map(|field| field.value.get_uint(0)) {
+            None | Some(Some(2)) => Some(1.0 / 0.0254),
+            Some(Some(3)) => Some(100.0),
+            _ => None,
+        };
+        let density = per_metre.zip(number(Tag::XResolution).zip(number(Tag::YResolution)));
+        self.carried.density = density.map(|(factor, (x, y))| [x, y].map(|n| (n * factor).round() as u32));
+        self.carried.exif = carried_exif(&fields);
+        let is_srgb;
+        (self.exif, is_srgb) = described(&fields);
+        is_srgb
+    }
+}
+
+/// The fields of EXIF that hold of any picture made from the photograph.
+const CARRIED: [Tag; 22] = [
+    Tag::Make,
+    Tag::Model,
+    Tag::Artist,
+    Tag::Copyright,
+    Tag::DateTimeOriginal,
+    Tag::SubSecTimeOriginal,
+    Tag::OffsetTimeOriginal,
+    Tag::ExposureTime,
+    Tag::FNumber,
+    Tag::PhotographicSensitivity,
+    Tag::ExposureBiasValue,
+    Tag::FocalLength,
+    Tag::FocalLengthIn35mmFilm,
+    Tag::FocalPlaneXResolution,
+    Tag::FocalPlaneYResolution,
+    Tag::FocalPlaneResolutionUnit,
+    Tag::SubjectDistance,
+    Tag::BodySerialNumber,
+    Tag::LensMake,
+    Tag::LensModel,
+    Tag::LensSpecification,
+    Tag::LensSerialNumber,
+];
+
+/// The structure of the carried fields; `None` if there are none.
+fn carried_exif(fields: &exif::Exif) -> Option<Vec<u8>> {
+    let mut writer = Writer::new();
+    let carried = CARRIED.iter().filter_map(|tag| fields.get_field(*tag, In::PRIMARY));
+    let count = carried.inspect(|field| writer.push_field(field)).count();
+    let mut bytes = Cursor::new(Vec::new());
+    (count > 0 && writer.write(&mut bytes, fields.little_endian()).is_ok()).then(|| bytes.into_inner())
+}
+
+/// Pixels per metre from the header of JFIF.
+fn density_of_jfif(bytes: &[u8]) -> Option<[u32; 2]> {
+    let [unit, x1, x0, y1, y0] = bytes.get(13..18)?.try_into().ok()?;
+    let factor = if unit == 1 { 1.0 / 0.0254 } else { 100.0 };
+    let is_stated = bytes.get(6..11)? == b"JFIF\0" && (unit == 1 || unit == 2);
+    is_stated.then(|| [[x1, x0], [y1, y0]].map(|n| (f64::from(u16::from_be_bytes(n)) * factor).round() as u32))
+}
+
+/// The described fields of EXIF, and whether it states sRGB. `None` if it has none of the fields.
+fn described(fields: &exif::Exif) -> (Option<Exif>, bool) {
     let value = |tag| fields.get_field(tag, In::PRIMARY).map(|field| &field.value);
     let number = |tag| value(tag).and_then(positive);
     let text = |tag| match value(tag) {
@@ -77,118 +206,4 @@ fn positive(value: &Value) -> Option<f64> {
         other => f64::from(other.get_uint(0)?),
     };
     (number.is_finite() && number > 0.0).then_some(number)
-}
-
-/// The values follow the sRGB curve.
-pub(super) const SRGB: &str = "sRGB";
-/// The values are proportional to light.
-pub(super) const LINEAR: &str = "linear";
-/// The ICC profile cannot be read.
-pub(super) const UNREADABLE: &str = "those of an ICC profile that cannot be read";
-
-/// Greatest number of bytes of an ICC profile that are parsed, 4 MiB. A profile with tables for a printer has 2 MiB.
-pub(super) const MAX_PROFILE: usize = 4 << 20;
-
-/// Greatest number of tags of a profile. Real profiles have two dozen, and a hostile one may repeat a large table.
-const MAX_TAGS: u32 = 100;
-
-/// The curve from the chunk sRGB or gAMA of a PNG. A gAMA of 1/2.2 means sRGB.
-pub(super) fn encoding_of_png(bytes: &[u8]) -> Option<String> {
-    let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: MAX_PROFILE });
-    // Neither chunk is used, and both may decompress to large data.
-    decoder.set_ignore_iccp_chunk(true);
-    decoder.set_ignore_text_chunk(true);
-    let reader = decoder.read_info().ok()?;
-    let info = reader.info();
-    if info.srgb.is_some() {
-        return Some(SRGB.to_string());
-    }
-    match info.gama_chunk?.into_value() {
-        exponent if exponent <= 0.0 => None,
-        exponent if (exponent - 1.0).abs() < 1e-3 => Some(LINEAR.to_string()),
-        exponent if (exponent - 1.0 / 2.2).abs() < 1e-3 => Some(SRGB.to_string()),
-        exponent => Some(format!("gamma {:.2}", 1.0 / exponent)),
-    }
-}
-
-/// The curve from the name of an ICC profile.
-pub(super) fn encoding_of_icc(profile: &[u8]) -> Option<String> {
-    let Some(profile) = parse_icc(profile) else { return Some(UNREADABLE.to_string()) };
-    let name = match profile.description? {
-        ProfileText::PlainString(text) => text,
-        ProfileText::Localizable(texts) => texts.into_iter().next()?.value,
-        ProfileText::Description(text) => text.ascii_string,
-    };
-    let name: String = name.chars().filter(|c| !c.is_control()).collect();
-    let (name, lower) = (name.trim(), name.to_lowercase());
-    if name.is_empty() {
-        None
-    } else if lower.contains("linear") {
-        Some(LINEAR.to_string())
-    } else if lower.contains("srgb") {
-        Some(SRGB.to_string())
-    } else {
-        Some(name.to_string())
-    }
-}
-
-fn parse_icc(profile: &[u8]) -> Option<ColorProfile> {
-    let tags = u32::from_be_bytes(profile.get(128..132)?.try_into().ok()?);
-    let options = ParsingOptions { max_profile_size: MAX_PROFILE, ..ParsingOptions::default() };
-    (tags <= MAX_TAGS).then(|| ColorProfile::new_from_slice_with_options(profile, options).ok()).flatten()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A profile of version 2 or 4 with only a description.
-    fn profile(name: &str, version: u8) -> Vec<u8> {
-        let mut bytes = vec![0; 128];
-        bytes[8] = version;
-        for (at, word) in [(12, b"mntr"), (16, b"RGB "), (20, b"XYZ "), (36, b"acsp")] {
-            bytes[at..at + 4].copy_from_slice(word);
-        }
-        let tag = if version == 2 {
-            [b"desc\0\0\0\0", &(name.len() as u32 + 1).to_be_bytes()[..], name.as_bytes(), b"\0"].concat()
-        } else {
-            let text: Vec<u8> = name.encode_utf16().flat_map(u16::to_be_bytes).collect();
-            let head = [1, 12, 0x656e_5553, text.len() as u32, 28].map(u32::to_be_bytes).concat();
-            [b"mluc\0\0\0\0", head.as_slice(), &text].concat()
-        };
-        bytes.extend([1, u32::from_be_bytes(*b"desc"), 144, tag.len() as u32].map(u32::to_be_bytes).concat());
-        bytes.extend(tag);
-        bytes
-    }
-
-    #[test]
-    fn a_profile_is_identified_by_its_name() {
-        for version in [2, 4] {
-            for (name, expected) in
-                [("sRGB IEC61966-2.1", "sRGB"), ("Linear Rec709", "linear"), ("Adobe RGB (1998)", "Adobe RGB (1998)")]
-            {
-                assert_eq!(encoding_of_icc(&profile(name, version)).as_deref(), Some(expected));
-            }
-            assert_eq!(encoding_of_icc(&profile(" ", version)), None);
-        }
-        for (whole, expected) in [(ColorProfile::new_srgb(), "sRGB"), (ColorProfile::new_display_p3(), "Display P3")] {
-            assert_eq!(encoding_of_icc(&whole.encode().unwrap()).as_deref(), Some(expected));
-        }
-    }
-
-    #[test]
-    fn an_unreadable_profile_has_its_own_label() {
-        for whole in [profile("sRGB", 2), profile("sRGB", 4), ColorProfile::new_srgb().encode().unwrap()] {
-            for at in 0..whole.len() {
-                assert_ne!(encoding_of_icc(&whole[..at]).as_deref(), Some("sRGB"), "{at}");
-                let mut bent = whole.clone();
-                bent[at] ^= 0xa5;
-                encoding_of_icc(&bent);
-            }
-        }
-        let large = [profile("sRGB", 4), vec![0; MAX_PROFILE]].concat();
-        for bad in [&[0xff; 300][..], &[], &large] {
-            assert_eq!(encoding_of_icc(bad).as_deref(), Some(UNREADABLE));
-        }
-    }
 }

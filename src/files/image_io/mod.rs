@@ -6,10 +6,13 @@
 //! [`Error::File`] with the path and advice. Raw files of cameras are not read; the error names the command that
 //! converts them.
 
+mod curve;
+mod foreign;
 mod header;
 mod input;
 mod metadata;
 mod openexr;
+mod page_stack;
 mod photograph;
 mod plain;
 mod raster;
@@ -17,20 +20,26 @@ mod similar_file;
 mod source;
 #[cfg(test)]
 mod tests;
+mod tiff_directory;
 mod tiff_page;
+mod tone;
 
 use std::path::Path;
 
 use image::{Rgb, RgbImage};
 
+pub(crate) use curve::Curve;
+pub use foreign::foreign_problem;
 pub use header::MAX_PIXELS;
 pub use input::{Basis, Input, Values, pair_warnings};
-pub use metadata::Exif;
+pub use metadata::{Carried, Exif};
+pub use page_stack::PageStack;
 pub(crate) use photograph::NamedChannels;
 pub use photograph::{Photograph, read_frames};
 pub use plain::RawFormat;
 pub use similar_file::similar_file;
 pub use source::split_page;
+pub use tone::Tone;
 
 use crate::base::color::LUMINANCE;
 use crate::base::{Aperture, Channels, Decode, Error, Frame, Kernel, Samples};
@@ -107,12 +116,19 @@ pub(crate) fn read_channels(path: &Path, names: &[&str]) -> Result<NamedChannels
     Photograph::open(path)?.decode_channels(names)
 }
 
-/// Converts a photograph to 8-bit RGB, for display.
+/// Converts a photograph to 8-bit RGB, for display, in the range of its own values.
 pub(crate) fn preview(frame: &Frame) -> RgbImage {
+    preview_in(frame, Tone::of(frame))
+}
+
+/// Converts a photograph to 8-bit RGB, for display, in a range of stored values.
+pub(crate) fn preview_in(frame: &Frame, tone: Tone) -> RgbImage {
+    let byte = |v: f32| (255.0 * tone.shown(v)).round() as u8;
     let bytes: Vec<u8> = match frame.samples() {
-        Samples::U8(s) => s.clone(),
-        Samples::U16(s) => s.iter().map(|&v| (v >> 8) as u8).collect(),
-        Samples::F32(s) => s.iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect(),
+        Samples::U8(s) if tone == Tone::default() => s.clone(),
+        Samples::U8(s) => s.iter().map(|&v| byte(f32::from(v) / 255.0)).collect(),
+        Samples::U16(s) => s.iter().map(|&v| byte(f32::from(v) / 65535.0)).collect(),
+        Samples::F32(s) => s.iter().map(|&v| byte(v)).collect(),
     };
     let count = frame.format().channels.count() as usize;
     let mut pixels = bytes.chunks_exact(count);

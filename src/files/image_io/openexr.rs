@@ -72,14 +72,22 @@ impl<'a> Exr<'a> {
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
         let (width, height) = self.header.size;
-        let names = self.names.clone();
-        match <[Vec<f32>; 3]>::try_from(self.planes(&names)?) {
+        let mut names = self.names.clone();
+        names.extend(self.header.alpha.then(|| "A".to_string()));
+        let has_alpha = self.header.alpha;
+        let mut planes = self.planes(&names)?;
+        let alpha = if has_alpha { planes.pop() } else { None };
+        let frame = match <[Vec<f32>; 3]>::try_from(planes) {
             Ok([r, g, b]) => {
                 let values = r.into_iter().zip(g).zip(b).flat_map(|((r, g), b)| [r, g, b]).collect();
-                Frame::new(width, height, Channels::Rgb, Samples::F32(values))
+                Frame::with_holes(width, height, Channels::Rgb, Samples::F32(values))
             }
-            Err(mut planes) => Frame::gray(width, height, planes.pop().unwrap_or_default()),
-        }
+            Err(mut planes) => {
+                let values = planes.pop().unwrap_or_default();
+                Frame::with_holes(width, height, Channels::Gray, Samples::F32(values))
+            }
+        }?;
+        Ok(frame.opaque(alpha.map(|alpha| alpha.iter().map(|alpha| *alpha > 0.5).collect())))
     }
 
     /// Decodes a single channel, including NaN and infinity.

@@ -1,21 +1,22 @@
 //! A photograph file in memory. Hash, description and pixels come from the same bytes.
 
+use std::cell::Cell;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Once, OnceLock};
 
 use image::metadata::Orientation;
 use sha2::{Digest, Sha256};
 
+use super::foreign::foreign_problem;
 use super::header::{DAMAGED, Header, check_size};
 use super::input::Input;
-use super::metadata::Exif;
-use super::plain::camera_raw_problem;
+use super::metadata::Metadata;
 use super::raster::check_end;
 use super::similar_file::similar_file;
 use super::source::{Selected, Source};
-use super::tiff_page::{is_tiff, turned};
+use super::tiff_page::{PageRun, is_tiff, turned};
 use crate::base::{Depth, Error, Format, Frame, workers};
 use crate::files::bounded_read;
 
@@ -26,14 +27,28 @@ pub struct Photograph {
     /// The path as passed.
     path: PathBuf,
     selected: Selected,
-    bytes: Arc<Vec<u8>>,
+    shared: Shared,
     header: Header,
-    /// Transfer curve and EXIF that the file states.
-    metadata: (Option<String>, Option<Exif>),
     /// How the pixels are turned, if the format states it.
     orientation: Option<Orientation>,
     /// Whether the file states another orientation than that.
     is_turned_otherwise: bool,
+}
+
+/// What pages of one file share.
+#[derive(Clone, Default)]
+struct Shared {
+    bytes: Arc<Vec<u8>>,
+    /// The metadata of the page that was opened first.
+    metadata: Arc<OnceLock<Metadata>>,
+    sha256: Arc<OnceLock<String>>,
+}
+
+impl Shared {
+    fn sha256(&self) -> String {
+        let digest = || Sha256::digest(self.bytes.as_slice()).iter().map(|byte| format!("{byte:02x}")).collect();
+        self.sha256.get_or_init(digest).clone()
+    }
 }
 
 impl Photograph {
@@ -44,9 +59,9 @@ impl Photograph {
     /// [`Error::File`].
     pub fn open(path: &Path) -> Result<Self, Error> {
         let wrap = |problem| Error::file(path, problem);
-        let selected = Selected::of(path).map_err(wrap)?;
-        let bytes = read_bytes(&selected).map_err(wrap)?;
-        Self::of(path, selected, Arc::new(bytes))
+        let mut selected = Selected::of(path).map_err(wrap)?;
+        let bytes = read_bytes(&mut selected).map_err(wrap)?;
+        Self::of(path, selected, Shared { bytes: Arc::new(bytes), ..Shared::default() })
     }
 
     /// Opens the next photograph. Another page of the same file uses the same bytes. For another file, these bytes are
@@ -56,8 +71,8 @@ impl Photograph {
     /// [`Error::File`].
     pub fn open_next(self, path: &Path) -> Result<Self, Error> {
         let selected = Selected::of(path).map_err(|problem| Error::file(path, problem))?;
-        if selected.file == self.selected.file {
-            return Self::of(path, selected, self.bytes);
+        if selected.file == self.selected.file && !self.selected.is_cut {
+            return Self::of(path, selected, self.shared);
         }
         drop(self);
         Self::open(path)
@@ -73,21 +88,22 @@ impl Photograph {
         Ok([i1, i2])
     }
 
-    fn of(path: &Path, selected: Selected, bytes: Arc<Vec<u8>>) -> Result<Self, Error> {
+    fn of(path: &Path, selected: Selected, shared: Shared) -> Result<Self, Error> {
         let wrap = |problem| Error::file(path, problem);
+        let bytes = &shared.bytes;
         if selected.raw.is_none() {
-            camera_raw_problem(&selected.file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
-            check_end(&bytes).map_err(wrap)?;
+            foreign_problem(&selected.file, Some(bytes)).map_or(Ok(()), |problem| Err(wrap(problem)))?;
+            check_end(bytes).map_err(wrap)?;
         }
         let parse = || {
-            let mut source = Source::open(&bytes, &selected)?;
+            let mut source = Source::open(bytes, &selected)?;
             check_size(source.header().size)?;
-            let metadata = source.encoding_and_exif(&bytes);
-            Ok((source.header().clone(), metadata, source.orientation().copied()))
+            shared.metadata.get_or_init(|| source.metadata(bytes));
+            Ok((source.header().clone(), source.orientation().copied()))
         };
-        let (header, metadata, orientation) = guarded(parse).map_err(wrap)?;
+        let (header, orientation) = guarded(parse).map_err(wrap)?;
         let path = path.to_path_buf();
-        Ok(Self { path, selected, bytes, header, metadata, orientation, is_turned_otherwise: false })
+        Ok(Self { path, selected, shared, header, orientation, is_turned_otherwise: false })
     }
 
     /// Turns the pixels as those of another photograph of the same camera, if as many are stored.
@@ -121,14 +137,27 @@ impl Photograph {
         Format { channels: self.header.channels, depth: self.header.depth }
     }
 
+    /// Number of pages of the file.
+    pub(super) fn pages(&self) -> usize {
+        self.header.pages
+    }
+
+    /// The description of the first page of a TIFF, and its pixels per unit of length.
+    pub(super) fn description(&self) -> (Option<String>, Option<f64>) {
+        match self.source() {
+            Ok(Source::Tiff(page)) => (page.description.clone(), page.resolution),
+            _ => (None, None),
+        }
+    }
+
     /// Describes the file for the report: hash, header and metadata.
     pub fn describe(&self) -> Input {
         let Header { format, bits, channels, alpha, pages, .. } = self.header;
-        let (encoding, exif) = self.metadata.clone();
+        let Metadata { encoding, exif, carried } = self.shared.metadata.get().cloned().unwrap_or_default();
         Input {
             file: self.path.display().to_string(),
-            bytes: self.bytes.len() as u64,
-            sha256: Sha256::digest(self.bytes.as_slice()).iter().map(|byte| format!("{byte:02x}")).collect(),
+            bytes: self.shared.bytes.len() as u64,
+            sha256: self.shared.sha256(),
             bits,
             channels: channels.count(),
             alpha,
@@ -137,6 +166,7 @@ impl Photograph {
             page: self.selected.page,
             encoding,
             exif,
+            carried: Arc::new(carried),
             is_turned_otherwise: self.is_turned_otherwise,
         }
     }
@@ -210,7 +240,7 @@ impl Photograph {
 
     fn source(&self) -> Result<Source<'_>, Error> {
         let open = || {
-            let mut source = Source::open(&self.bytes, &self.selected)?;
+            let mut source = Source::open(&self.shared.bytes, &self.selected)?;
             source.orientation().zip(self.orientation).into_iter().for_each(|(stated, used)| *stated = used);
             Ok(source)
         };
@@ -239,14 +269,10 @@ const UNCHECKED_BYTES: u64 = 1 << 26;
 const MOST_BYTES_PER_PIXEL: u64 = 32;
 
 /// Reads the whole of a regular file that is not empty, if its length fits its header.
-fn read_bytes(selected: &Selected) -> Result<Vec<u8>, String> {
+fn read_bytes(selected: &mut Selected) -> Result<Vec<u8>, String> {
     let path = selected.file.as_path();
     let file = bounded_read::open(path).map_err(|e| match e.kind() {
-        ErrorKind::NotFound => match similar_file(path) {
-            _ if let Some(problem) = bounded_read::not_a_path(path) => problem.to_string(),
-            Some(other) => format!("there is no such file; did you mean '{}'?", other.display()),
-            None => "there is no such file; check the path".to_string(),
-        },
+        ErrorKind::NotFound => missing(path),
         ErrorKind::PermissionDenied => "may not be read; check its permissions".to_string(),
         ErrorKind::InvalidInput if path.is_dir() => "is a folder; give the image file in it".to_string(),
         ErrorKind::InvalidInput => "is not a regular file; copy the image to a file on disk".to_string(),
@@ -257,12 +283,50 @@ fn read_bytes(selected: &Selected) -> Result<Vec<u8>, String> {
         ErrorKind::OutOfMemory => format!("is too long ({e}); reduce it"),
         _ => format!("cannot be read ({e})"),
     };
+    if let Some(page) = read_page(&file, selected).map_err(unreadable)? {
+        selected.is_cut = true;
+        return Ok(page);
+    }
     check_length(&file, selected, unreadable)?;
     let bytes = bounded_read::read_open(&file, MAX_BYTES).map_err(unreadable)?;
     if bytes.is_empty() {
         return Err("is empty; copy or save it again".to_string());
     }
     Ok(bytes)
+}
+
+/// Why there is no file of this name.
+fn missing(path: &Path) -> String {
+    let text = path.to_string_lossy();
+    if let Some(problem) = bounded_read::not_a_path(path) {
+        return problem.to_string();
+    }
+    if let Ok(target) = path.read_link() {
+        return format!("is a link to '{}', which does not exist; restore it, or remove the link", target.display());
+    }
+    if text.contains(['*', '?']) {
+        return "is a pattern that no file matches, or that is quoted; check it, and leave out the quotes".to_string();
+    }
+    let what = if path.extension().is_some() { "file" } else { "file or folder" };
+    match similar_file(path) {
+        Some(other) => format!("there is no such {what}; did you mean '{}'?", other.display()),
+        None => format!("there is no such {what}; check the path"),
+    }
+}
+
+/// Reads a page, and what is before the first one, of a file that is too long and has one directory for all pages.
+fn read_page(file: &File, selected: &Selected) -> std::io::Result<Option<Vec<u8>>> {
+    if file.metadata()?.len() <= MAX_BYTES || selected.raw.is_some() {
+        return Ok(None);
+    }
+    let mut start = bounded_read::read_start(file, UNCHECKED_BYTES)?;
+    let run = if is_tiff(&start) { guarded(|| Ok(PageRun::of_start(&start))).ok().flatten() } else { None };
+    let page = selected.page.unwrap_or(1) as u64 - 1;
+    let is_near = |run: &PageRun| run.position <= start.len() as u64 && run.size <= MAX_BYTES;
+    let Some(run) = run.filter(|run| page < run.count as u64 && is_near(run)) else { return Ok(None) };
+    start.truncate(run.position as usize);
+    start.extend(bounded_read::read_from(file, run.page(page), run.size)?);
+    Ok(Some(start))
 }
 
 /// Refuses a file that is longer than the picture of its header, before it is read. A TIFF may have its header at its
@@ -292,10 +356,27 @@ fn check_length(file: &File, selected: &Selected, unreadable: impl Fn(std::io::E
     Ok(())
 }
 
-/// Converts a panic of a decoder into an error of the file. The data of the decoder is not used again.
+thread_local! {
+    /// Whether a decoder runs on this thread.
+    static IS_GUARDED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Converts a panic of a decoder into an error of the file. The panic is not printed, and the data of the decoder is not
+/// used again.
 fn guarded<T>(of: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(of))
-        .unwrap_or_else(|_| Err(format!("cannot be decoded (the decoder fails over it); {}", DAMAGED)))
+    static SILENT: Once = Once::new();
+    SILENT.call_once(|| {
+        let hook = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !IS_GUARDED.get() {
+                hook(panic);
+            }
+        }));
+    });
+    let before = IS_GUARDED.replace(true);
+    let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(of));
+    IS_GUARDED.set(before);
+    ended.unwrap_or_else(|_| Err(format!("cannot be decoded (the decoder fails over it); {DAMAGED}")))
 }
 
 /// Decodes frames in parallel and describes their files. The first one is already open. In addition to the frames,

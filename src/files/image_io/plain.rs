@@ -1,12 +1,10 @@
 //! Frames of plain samples: PFM, and camera buffers of a stated size and [format](PixelFormat),
-//! `FILE#Mono12p:2448x2048`. Also the advice for raw files of cameras.
+//! `FILE#Mono12p:2448x2048`.
 
 use std::fmt;
-use std::path::Path;
 use std::str::FromStr;
 
 use super::header::{DAMAGED, Header};
-use super::tiff_page::is_tiff;
 use crate::base::{Channels, Depth, Format, Frame, PixelFormat, Samples};
 
 /// Greatest length of a header, bytes: more than two sizes and a scale need.
@@ -69,7 +67,7 @@ impl<'a> Pfm<'a> {
             if self.is_little_endian { f32::from_le_bytes(b) } else { f32::from_be_bytes(b) }
         };
         let upright = bytes.chunks_exact(4 * row).rev().flat_map(|row| row.chunks_exact(4));
-        Frame::new(width, height, channels, Samples::F32(upright.map(number).collect()))
+        Frame::with_holes(width, height, channels, Samples::F32(upright.map(number).collect()))
     }
 }
 
@@ -157,52 +155,6 @@ impl<'a> Raw<'a> {
     }
 }
 
-/// Magic bytes of raw files: their offset, the bytes, and the format.
-const BEGINNINGS: [(usize, &[u8], &str); 9] = [
-    (8, b"CR", "Canon CR2"),
-    (4, b"ftypcrx", "Canon CR3"),
-    (0, b"FUJIFILMCCD-RAW", "Fujifilm RAF"),
-    (0, b"IIRO", "Olympus ORF"),
-    (0, b"IIRS", "Olympus ORF"),
-    (0, b"MMOR", "Olympus ORF"),
-    (0, b"IIU\0", "Panasonic RW2"),
-    (0, b"FOVb", "Sigma X3F"),
-    (0, b"\0MRM", "Minolta MRW"),
-];
-
-/// Raw files that begin like TIFF, by their extension.
-const TIFF_ENDINGS: [(&str, &str); 10] = [
-    ("nef", "Nikon NEF"),
-    ("nrw", "Nikon NRW"),
-    ("arw", "Sony ARW"),
-    ("sr2", "Sony SR2"),
-    ("dng", "DNG"),
-    ("pef", "Pentax PEF"),
-    ("srw", "Samsung SRW"),
-    ("3fr", "Hasselblad 3FR"),
-    ("iiq", "Phase One IIQ"),
-    ("erf", "Epson ERF"),
-];
-
-/// Advice for a camera raw file; `None` for another file.
-pub(super) fn camera_raw_problem(path: &Path, start: &[u8]) -> Option<String> {
-    let is_tiff = is_tiff(start);
-    let begins = |(at, what, _): &&(usize, &[u8], &str)| {
-        // "CR" at byte 8 has a meaning only in a TIFF.
-        start.get(*at..).is_some_and(|rest| rest.starts_with(what)) && (*what != b"CR" || is_tiff)
-    };
-    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
-    let by_ending = || TIFF_ENDINGS.iter().find(|(e, _)| is_tiff && *e == ending).map(|(_, name)| *name);
-    let name = BEGINNINGS.iter().find(begins).map(|(_, _, name)| *name).or_else(by_ending)?;
-    let file = path.display();
-    let tiff = path.with_extension("tiff");
-    Some(format!(
-        "is a raw file ({name}), which is not read: convert both photographs alike and linearly, as `dcraw -4 -T -w -o 0 \
-         '{file}'` does, which writes '{}' (newer cameras: `dcraw_emu` of LibRaw, with the same options)",
-        tiff.display()
-    ))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -262,26 +214,5 @@ mod tests {
         assert!("Mono13:4x4".parse::<RawFormat>().unwrap_err().contains("Mono12Packed"));
         assert_eq!("MONO12P:4x2".parse::<RawFormat>().unwrap().to_string(), "Mono12p:4x2");
         assert_eq!("bayerrg12p:4x2".parse::<RawFormat>().unwrap().frame(&[0; 12]).unwrap().bytes().len(), 48);
-    }
-
-    #[test]
-    fn camera_raw_files_are_distinguished_from_pictures() {
-        for (name, start, expected) in [
-            ("a.CR2", &b"II*\0\x10\0\0\0CR\x02\0"[..], Some("Canon CR2")),
-            ("a.cr3", b"\0\0\0\x18ftypcrx \0\0\0\0", Some("Canon CR3")),
-            ("a.RAF", b"FUJIFILMCCD-RAW 0201", Some("Fujifilm RAF")),
-            ("a.NEF", b"MM\0*\0\0\0\x08", Some("Nikon NEF")),
-            ("a.dng", b"II*\0\x08\0\0\0", Some("DNG")),
-            ("noending", b"IIU\0\x08\0\0\0", Some("Panasonic RW2")),
-            ("a.tif", b"II*\0\x08\0\0\0", None),
-            ("a.nef", b"\x89PNG\r\n\x1a\n", None),
-            ("a.png", b"\x89PNG\r\n\x1a\nCR", None),
-        ] {
-            let problem = camera_raw_problem(Path::new(name), start);
-            assert_eq!(problem.is_some(), expected.is_some(), "{name}: {problem:?}");
-            let problem = problem.unwrap_or_default();
-            assert!(problem.contains(expected.unwrap_or_default()), "{problem}");
-            assert!(problem.is_empty() || problem.contains(&format!("dcraw -4 -T -w -o 0 '{name}'")), "{problem}");
-        }
     }
 }

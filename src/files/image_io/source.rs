@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use image::metadata::Orientation;
 
+use super::curve::LINEAR;
 use super::header::Header;
-use super::metadata::{Exif, LINEAR, SRGB, encoding_of_icc, encoding_of_png, parse_exif};
+use super::metadata::Metadata;
 use super::openexr::{Exr, is_exr};
 use super::plain::{Pfm, Raw, RawFormat, is_pfm};
 use super::raster::Raster;
@@ -19,6 +20,8 @@ pub(super) struct Selected {
     /// Page of a TIFF, from 1.
     pub(super) page: Option<usize>,
     pub(super) raw: Option<RawFormat>,
+    /// Whether only this page is read of a TIFF with one directory for all.
+    pub(super) is_cut: bool,
 }
 
 impl Selected {
@@ -28,15 +31,15 @@ impl Selected {
     /// # Errors
     /// A message if the text after # begins like a format but is not one.
     pub(super) fn of(path: &Path) -> Result<Self, String> {
-        let whole = Self { file: path.to_path_buf(), page: None, raw: None };
+        let whole = Self { file: path.to_path_buf(), page: None, raw: None, is_cut: false };
         let Some((file, after)) = path.to_str().and_then(|text| text.rsplit_once('#')) else { return Ok(whole) };
         if file.is_empty() || path.exists() {
             return Ok(whole);
         }
         let file = PathBuf::from(file);
         match (after.parse(), after.parse::<RawFormat>()) {
-            (Ok(page), _) if page > 0 => Ok(Self { file, page: Some(page), raw: None }),
-            (_, Ok(raw)) => Ok(Self { file, page: None, raw: Some(raw) }),
+            (Ok(page), _) if page > 0 => Ok(Self { file, page: Some(page), ..whole }),
+            (_, Ok(raw)) => Ok(Self { file, raw: Some(raw), ..whole }),
             (_, Err(problem)) if after.to_lowercase().starts_with("mono") => Err(format!("#{after}: {problem}")),
             _ => Ok(whole),
         }
@@ -78,7 +81,7 @@ impl<'a> Source<'a> {
         }
         let page = selected.page;
         if is_tiff(bytes) {
-            return Ok(Self::Tiff(Box::new(TiffPage::open(bytes, page)?)));
+            return Ok(Self::Tiff(Box::new(TiffPage::open(bytes, page, selected.is_cut)?)));
         }
         if page.is_some_and(|page| page > 1) {
             return Err("has one page only, for it is no TIFF; leave out what follows the #".to_string());
@@ -106,7 +109,7 @@ impl<'a> Source<'a> {
     pub(super) fn orientation(&mut self) -> Option<&mut Orientation> {
         match self {
             Self::Raster(s) => Some(&mut s.orientation),
-            Self::Tiff(s) => Some(&mut s.orientation),
+            Self::Tiff(s) => Some(&mut s.layout.orientation),
             _ => None,
         }
     }
@@ -116,20 +119,18 @@ impl<'a> Source<'a> {
         (self.header().clone(), if let Self::Exr(s) = self { Some(s.length()) } else { None })
     }
 
-    /// Transfer curve and EXIF that the file states. `bytes` is the whole file.
-    pub(super) fn encoding_and_exif(&mut self, bytes: &[u8]) -> (Option<String>, Option<Exif>) {
-        let (data, profile) = match self {
-            Self::Exr(_) | Self::Pfm(_) => return (Some(LINEAR.to_string()), None),
-            Self::Raw(_) => return (None, None),
+    /// The metadata that the file states. `bytes` is the whole file.
+    pub(super) fn metadata(&mut self, bytes: &[u8]) -> Metadata {
+        let (exif, profile) = match self {
+            Self::Exr(_) | Self::Pfm(_) => {
+                return Metadata { encoding: Some(LINEAR.to_string()), ..Metadata::default() };
+            }
+            Self::Raw(_) => return Metadata::default(),
             Self::Raster(s) => s.metadata(),
             // EXIF is a TIFF structure.
-            Self::Tiff(s) => (if bytes.len() <= MAX_TIFF { copied(bytes) } else { None }, s.profile()),
+            Self::Tiff(s) => (if bytes.len() <= MAX_TIFF { copied(bytes) } else { None }, s.profile.take()),
         };
-        let (exif, is_srgb) = data.map_or((None, false), parse_exif);
-        let by_exif = is_srgb.then(|| SRGB.to_string());
-        let by_chunks = || if self.header().format == "PNG" { encoding_of_png(bytes) } else { None };
-        let by_profile = profile.and_then(|profile| encoding_of_icc(&profile));
-        (by_profile.or_else(by_chunks).or(by_exif), exif)
+        Metadata::of(exif, profile, self.header().format, bytes)
     }
 
     /// Decodes the pixels.

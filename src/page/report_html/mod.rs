@@ -22,7 +22,7 @@ pub use self::page::{ExistingPage, Page};
 pub use self::readout::Readout;
 use crate::base::{Brightness, Channels, Decode, Frame, Homography, Region, workers};
 use crate::files::export::Palette;
-use crate::files::image_io::preview;
+use crate::files::image_io::{Tone, preview_in};
 use crate::page::view::{Heights, View};
 use crate::solve::resample::{Reduction, registered, registered_and_reduced};
 
@@ -80,6 +80,8 @@ struct Photographed<'a> {
     frame: Cow<'a, Frame>,
     /// Its decoding.
     decode: Decode,
+    /// The range of its stored values that is shown.
+    tone: Tone,
     /// The part of the photograph that the fields cover.
     part: Region,
     /// Its registration; `None` for the reference.
@@ -111,9 +113,9 @@ struct Contents<'a> {
     more: Value,
 }
 
-/// A picture of stored values, white at 1.
-fn picture_of(values: &[f32], [width, height]: [u32; 2], channels: Channels) -> RgbImage {
-    let byte = |value: f32| (255.0 * value).round() as u8;
+/// A picture of stored values in a range.
+fn picture_of(values: &[f32], [width, height]: [u32; 2], channels: Channels, tone: Tone) -> RgbImage {
+    let byte = |value: f32| (255.0 * tone.shown(value)).round() as u8;
     let mut pixels = values.chunks_exact(channels.count() as usize);
     RgbImage::from_fn(width, height, |_, _| match pixels.next() {
         Some(&[r, g, b]) => Rgb([r, g, b].map(byte)),
@@ -192,7 +194,7 @@ impl Contents<'_> {
 
     /// A picture as the page displays it.
     fn image<'b>(&self, pixels: &Pixels<'b>, grid: &Grid) -> Result<Image<'b>, String> {
-        let Photographed { frame, decode, part, registration, sharing } = match pixels {
+        let Photographed { frame, decode, tone, part, registration, sharing } = match pixels {
             Pixels::Encoded(text) => return Ok(Image::Encoded(text)),
             Pixels::Photographed(photographed) => photographed.as_ref(),
         };
@@ -207,12 +209,12 @@ impl Contents<'_> {
             let size = [grid.width, grid.height].map(|side| side as u32);
             let reduction = Reduction { part, size, step: grid.step };
             let values = registered_and_reduced(frame, &t, &p, *decode, reduction);
-            return Ok(Image::Raw(picture_of(&values, size, frame.format().channels), quality));
+            return Ok(Image::Raw(picture_of(&values, size, frame.format().channels, *tone), quality));
         }
         let moved = registration.map(|(t, p)| registered(frame, &t, &p, *decode));
         let whole = moved.as_ref().unwrap_or(frame);
         let part = (!is_whole).then(|| whole.cropped(*part)).transpose()?;
-        Ok(Image::Raw(grid.picture(preview(part.as_ref().unwrap_or(whole))), quality))
+        Ok(Image::Raw(grid.picture(preview_in(part.as_ref().unwrap_or(whole), *tone)), quality))
     }
 
     fn data(&self, grid: &Grid, surface: Value) -> Value {

@@ -11,6 +11,7 @@ use super::{COLORMAPS, Contents, Photographed, Picture, Pixels, Readout};
 use crate::base::{Decode, Frame, Lens, Region};
 use crate::files::bounded_read;
 use crate::files::export::{Extra, Kind, PAGE_FILE, Palette, Results};
+use crate::files::image_io::Tone;
 use crate::page::view::relief_to_scale;
 
 /// Greatest number of bytes of a page that are read, 256 MiB. A page of 4 megapixels with a hundred frames has a fifth
@@ -40,6 +41,8 @@ impl<'a> Page<'a> {
         let report = &results.report;
         let (reference, decode, part) = (report.reference, report.values.decode, report.region);
         let is_pair = report.kind == Kind::Pair;
+        // One range for all photographs, so that they can be compared.
+        let tone = self.photographs.get(reference).map_or_else(Tone::default, |photograph| Tone::of(photograph));
         let mut pictures: Vec<Picture<'_>> = Vec::new();
         for (n, (photograph, name)) in self.photographs.iter().zip(&self.names).enumerate() {
             let is_reference = n == reference;
@@ -53,13 +56,14 @@ impl<'a> Page<'a> {
             let registration = frame.map(|frame| (frame.transform, frame.brightness()));
             let sharing = (!is_pair && !is_reference).then(|| self.photographs.len() - 1);
             let frame = Cow::Borrowed(*photograph);
-            pictures.push(Photographed { frame, decode, part, registration, sharing }.named(name));
+            pictures.push(Photographed { frame, decode, tone, part, registration, sharing }.named(name));
         }
         let compare = if is_pair { [0, 1] } else { [reference, pictures.len()] };
         let frame = results.fused_in_8_bits().map_err(|e| e.to_string())?;
         let part = Region { x: 0, y: 0, width: frame.width(), height: frame.height() };
         let frame = Cow::Borrowed(frame);
-        let fused = Photographed { frame, decode: Decode::None, part, registration: None, sharing: None };
+        let (decode, tone) = (Decode::None, Tone::default());
+        let fused = Photographed { frame, decode, tone, part, registration: None, sharing: None };
         pictures.push(fused.named("Best focus".to_string()));
         let ends = [self.names.first(), self.names.last()].map(|name| name.cloned().unwrap_or_default());
         write(results, &ends, compare, pictures, self.palette, self.fields, writer)

@@ -13,7 +13,7 @@ use super::scale::Nearer;
 use crate::base::{DeviceInfo, Lens, Method, Region, Settings};
 use crate::engine::{ColorShift, OtherMotion, Registered, Solution, TransformDeviation};
 use crate::files::bounded_read::Hash;
-use crate::files::image_io::{self, Input, Values};
+use crate::files::image_io::{self, Input, Tone, Values};
 use crate::solve::sweep::{Positions, RegisteredSweep, Sweep};
 pub use json::{Header, Kind, to_json};
 pub(super) use json::{MAX_BYTES, PROGRAM, invalid, is_plain, read_json, strings};
@@ -65,6 +65,10 @@ pub struct Report {
     pub settings: Settings,
     /// The decoding of stored values to intensities.
     pub values: Values,
+    /// The stored values that `fused.png` and pictures show as black and as white, unless they are 0 and the white of the
+    /// photographs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tone: Option<Tone>,
     /// Size of the results.
     pub size: SizeReport,
     /// Size of the frames. The transforms are stated about their centre.

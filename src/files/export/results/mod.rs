@@ -58,6 +58,15 @@ pub struct Results<'a> {
     pub(super) fused: Option<Fused<'a>>,
 }
 
+/// The stored value of white.
+fn white_of(depth: Depth) -> f32 {
+    match depth {
+        Depth::U8 => 255.0,
+        Depth::U16 => 65535.0,
+        Depth::F32 => 1.0,
+    }
+}
+
 impl<'a> Results<'a> {
     /// Results of a pair. Its photographs have these sample types.
     ///
@@ -93,7 +102,10 @@ impl<'a> Results<'a> {
         report.values.decode = decode;
         let deepest = [Depth::F32, Depth::U16].into_iter().find(|depth| depths.contains(depth));
         let mut results = Self::empty(PathBuf::new(), report);
-        results.fused = Some(Fused::new(results.size(), fused, decode, deepest.unwrap_or(Depth::U8))?);
+        let deepest = deepest.unwrap_or(Depth::U8);
+        let fused = Fused::new(results.size(), fused, decode, deepest)?;
+        results.report.tone = fused.tone.changing().map(|tone| tone.times(white_of(deepest)));
+        results.fused = Some(fused);
         (results.values, results.uncertainty) = (values.into(), uncertainty.into());
         results.mark();
         Ok(results)

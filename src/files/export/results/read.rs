@@ -3,11 +3,11 @@
 use std::borrow::Cow;
 use std::path::Path;
 
-use super::Results;
-use crate::base::{Error, Frame, Samples};
+use super::{Results, white_of};
+use crate::base::{Decode, Depth, Error, Frame, Samples};
 use crate::files::export::fused::{FUSED_FILE, FUSED_FLOAT_FILE};
 use crate::files::export::report::{Kind, REPORT_FILE, Report, invalid, read_json};
-use crate::files::image_io;
+use crate::files::image_io::{self, Photograph};
 
 impl Results<'static> {
     /// Reads the folder of a pair or a focus sweep.
@@ -81,7 +81,7 @@ impl Results<'_> {
         self.check_size(&path, (width, height)).map(|()| values.into())
     }
 
-    /// The fused image as stored in its file.
+    /// The fused image in the values of the photographs. What the file stretches is undone, so that its ends are clipped.
     ///
     /// # Errors
     /// [`Error::File`] if the file is missing, damaged, or of another size.
@@ -90,8 +90,17 @@ impl Results<'_> {
             return fused.frame(fused.depth);
         }
         let path = self.folder.join(self.fused_file());
-        let image = image_io::read(&path)?;
-        self.check_size(&path, (image.width(), image.height())).map(|()| image)
+        let photograph = Photograph::open(&path)?;
+        let input = photograph.describe();
+        let mut image = [photograph.decode()?];
+        self.report.values.convert(&[input], &mut image);
+        let [image] = image;
+        self.check_size(&path, (image.width(), image.height()))?;
+        let depth = image.format().depth;
+        let Some(tone) = self.report.tone.filter(|_| depth != Depth::F32) else { return Ok(image) };
+        let tone = tone.times(1.0 / white_of(depth));
+        let stored: Vec<f32> = image.intensities(Decode::None).iter().map(|shown| tone.stored(*shown)).collect();
+        Ok(image.with_intensities(&stored))
     }
 
     /// The fused image in 8 bits.
