@@ -23,7 +23,7 @@ use crate::cli::output::summary::{camera_moved, pictures_in_words, values_in_wor
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = AFTER_HELP)]
 pub(crate) struct Arguments {
-    /// Three or more frames of one size and format in the order of their focus, their folder, or a TIFF with their pages
+    /// Three or more frames of one size in the order of their focus, their folder, or a TIFF of pages
     ///
     /// The frames of a folder are the photographs whose names differ in their numbers only, such as IMG_0001.JPG and
     /// 0.5mm.tif, in the order of the numbers. Others are left out and listed. Of ImageJ and OME-TIFF stacks the pages

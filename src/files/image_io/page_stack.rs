@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::photograph::Photograph;
 use super::source::split_page;
+use super::tiff_page::MAX_PAGES;
 use crate::base::Error;
 
 /// The frames of a focus sweep in a file.
@@ -121,7 +122,7 @@ impl Planes {
     fn of_counts(counts: [usize; 3]) -> Option<Self> {
         let count = counts.iter().try_fold(1usize, |all, n| all.checked_mul((*n).max(1)))?;
         let empty = || Self { counts: counts.map(|n| n.max(1)), pages: vec![None; count], ..Self::default() };
-        (count <= super::tiff_page::MAX_PAGES).then(empty)
+        (count <= MAX_PAGES).then(empty)
     }
 
     /// Reads the description of ImageJ, lines of `key=value`. Channels are fastest, then z.
@@ -132,7 +133,7 @@ impl Planes {
         let images = count("images").unwrap_or(1);
         let [channels, slices, frames] = ["channels", "slices", "frames"].map(count);
         let (channels, times) = (channels.unwrap_or(1), frames.unwrap_or(1));
-        let depth = slices.unwrap_or(images / (channels * times).max(1));
+        let depth = slices.unwrap_or(images / channels.saturating_mul(times).max(1));
         let mut planes = Self::of_counts([depth, channels, times])?;
         for n in 0..planes.pages.len() {
             let [channels, depth] = [planes.counts[1], planes.counts[0]];
@@ -169,7 +170,7 @@ impl Planes {
             }
             let uuid = files.peek().filter(|(name, _)| *name == "UUID");
             let file = uuid.and_then(|(_, all)| attribute(all, "FileName"));
-            let start = ["FirstZ", "FirstC", "FirstT"].map(|key| number(all, key).unwrap_or(0));
+            let start = ["FirstZ", "FirstC", "FirstT"].map(|key| number(all, key).unwrap_or(0).min(MAX_PAGES));
             let ifd = number(all, "IFD");
             let one_or_all = if ifd.is_some() { 1 } else { planes.pages.len() };
             let from = start[first] + counts[first] * (start[second] + counts[second] * start[third]);
@@ -308,6 +309,8 @@ mod tests {
         assert_eq!(read([None; 2]).unwrap(), Some((vec![1, 2, 3], None, None)));
         save(&file, 2, "");
         assert_eq!(read([None; 2]).unwrap(), None);
+        save(&file, 3, "ImageJ=1.53\nimages=3\nchannels=18446744073709551615\nframes=18446744073709551615\n");
+        assert_eq!(read([None; 2]).unwrap().unwrap().0, [1, 2, 3]);
         // More planes than there are pages: the description is of another file.
         save(&file, 4, imagej);
         assert_eq!(read([None; 2]).unwrap().unwrap().0, [1, 2, 3, 4]);
@@ -327,7 +330,7 @@ mod tests {
         let all = of("DimensionOrder=\"XYCZT\" SizeZ=\"3\" SizeC=\"2\" SizeT=\"2\"", "<TiffData/>");
         assert_eq!((all.counts, all.pixel_um, all.step_um), ([3, 2, 2], Some(0.65), Some(2.0)));
         assert_eq!([page(&all, [2, 0, 0]), page(&all, [0, 1, 1])], [5, 8].map(|n| Some((None, n))));
-        let inner = "<Channel SamplesPerPixel=\"3\"/><TiffData FirstZ=\"2\" IFD=\"0\"/><TiffData IFD=\"1\" PlaneCount=\"2\"/>\
+        let inner = "<Channel SamplesPerPixel=\"3\"/><TiffData FirstT=\"18446744073709551615\"/><TiffData FirstZ=\"2\" IFD=\"0\"/><TiffData IFD=\"1\" PlaneCount=\"2\"/>\
                      <Plane TheZ=\"1\" TheC=\"0\" TheT=\"0\" PositionZ=\"0.003\" PositionZUnit=\"mm\"/>";
         let color = of("DimensionOrder=\"XYZCT\" SizeZ=\"3\" SizeC=\"3\" SizeT=\"1\"", inner);
         assert_eq!(color.counts, [3, 1, 1]);

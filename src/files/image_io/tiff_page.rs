@@ -266,7 +266,8 @@ fn planes<'a>(
         }
         redirected(decoder, &changed, limits(0, length))
     };
-    (0..samples as usize).map(of_plane).collect()
+    // Three of colour, and alpha.
+    (0..samples.min(4) as usize).map(of_plane).collect()
 }
 
 /// The samples of planes, interleaved. Integers other than unsigned ones of up to 16 bits become floats of the same
