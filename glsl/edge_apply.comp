@@ -2,6 +2,7 @@
 // V and its standard deviation at the depth edges whose outlines two layers explain. CPU reference:
 // src/engine/stages/edge_apply.rs.
 
+#include "nan.glsl"
 #include "state.glsl"
 
 layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
@@ -40,9 +41,9 @@ const float AWAY = 16.0;
 
 // Cells of the workgroup and those around whose outlines are counted.
 const int COLUMNS = int(gl_WorkGroupSize.x) / CELL + 4 * AROUND, LINES = int(gl_WorkGroupSize.y) / CELL + 4 * AROUND;
-// A bit for each cell, by row: whether an outline is accepted with the near side in front, and with the far side; and
-// whether enough are around it.
-shared uint accepted[LINES][2], kept[LINES][2];
+// A bit for each cell, two words a row: whether an outline is accepted with the near side in front, and with the far
+// side; and whether enough are around it.
+shared uint accepted[2 * LINES], kept[2 * LINES];
 
 // 0: V stays; 1: the near side is in front; 2: the far side is.
 int order_of(ivec2 cell) {
@@ -76,21 +77,21 @@ void main() {
     ivec2 corner = ivec2(gl_WorkGroupID.xy * gl_WorkGroupSize.xy) / CELL - 2 * AROUND;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     if (gl_LocalInvocationIndex < 2 * LINES) {
-        accepted[gl_LocalInvocationIndex / 2][gl_LocalInvocationIndex % 2] = 0;
-        kept[gl_LocalInvocationIndex / 2][gl_LocalInvocationIndex % 2] = 0;
+        accepted[gl_LocalInvocationIndex] = 0;
+        kept[gl_LocalInvocationIndex] = 0;
     }
     barrier();
     for (int n = int(gl_LocalInvocationIndex); n < COLUMNS * LINES; n += step) {
         int order = order_of(corner + ivec2(n % COLUMNS, n / COLUMNS));
-        if (order > 0) atomicOr(accepted[n / COLUMNS][order - 1], 1u << (n % COLUMNS));
+        if (order > 0) atomicOr(accepted[2 * (n / COLUMNS) + order - 1], 1u << (n % COLUMNS));
     }
     barrier();
     int columns = COLUMNS - 2 * AROUND, lines = LINES - 2 * AROUND;
     for (int n = int(gl_LocalInvocationIndex); n < 2 * columns * lines; n += step) {
         int order = n % 2, column = AROUND + n / 2 % columns, line = AROUND + n / 2 / columns, count = 0;
-        if ((accepted[line][order] >> column & 1u) == 0u) continue;
-        for (int j = line - AROUND; j <= line + AROUND; j++) count += bitCount(around(accepted[j][order], column));
-        if (count >= LEAST_AROUND) atomicOr(kept[line][order], 1u << column);
+        if ((accepted[2 * line + order] >> column & 1u) == 0u) continue;
+        for (int j = line - AROUND; j <= line + AROUND; j++) count += bitCount(around(accepted[2 * j + order], column));
+        if (count >= LEAST_AROUND) atomicOr(kept[2 * line + order], 1u << column);
     }
     barrier();
     if (x.x >= width || x.y >= height) return;
@@ -99,7 +100,7 @@ void main() {
     vec4 levels = vec4(0.0);
     float near_share = 0.0, near_in_front = 0.0, towards_near = 0.0;
     for (int j = own.y - AROUND; j <= own.y + AROUND; j++) {
-        uvec2 orders = uvec2(around(kept[j][0], own.x), around(kept[j][1], own.x));
+        uvec2 orders = uvec2(around(kept[2 * j], own.x), around(kept[2 * j + 1], own.x));
         for (uint cells = orders.x | orders.y; cells != 0u; cells &= cells - 1u) {
             int i = findLSB(cells);
             int order = (orders.x >> i & 1u) != 0u ? 1 : 2;

@@ -1,6 +1,8 @@
 #version 460
 // Finds the cells at depth edges, their normals, and V of either side. CPU reference: src/engine/stages/edge_cells.rs.
 
+#include "nan.glsl"
+
 layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform image2DArray results;            // layers: the standard deviation of V; the edges
@@ -139,10 +141,10 @@ void main() {
     listed[n] = uint(cell.x) | uint(cell.y) << ROW_BIT;
     atomicMax(arguments[argument_place], min(n + 1, uint(ALONG_X)));
     atomicMax(arguments[argument_place + 1], n / uint(ALONG_X) + 1);
-    // All invocations that get here write the same.
-    arguments[argument_place + 2] = 1;
+    // All invocations that get here write the same, in any order.
+    atomicMax(arguments[argument_place + 2], 1);
     uint groups[3] = uint[](pixels[0], pixels[1], 1);
-    for (int n = 0; n < 3; n++) arguments[argument_place + 3 + n] = groups[n];
+    for (int n = 0; n < 3; n++) atomicMax(arguments[argument_place + 3 + n], groups[n]);
     uint of_fuse[3] = uint[](fused[0], fused[1], 1);
-    for (int n = 0; n < 3; n++) arguments[fused_place + n] = of_fuse[n];
+    for (int n = 0; n < 3; n++) atomicMax(arguments[fused_place + n], of_fuse[n]);
 }

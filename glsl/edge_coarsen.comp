@@ -2,6 +2,8 @@
 // V and its standard deviation on a coarser level, for the search for outlines there. CPU reference:
 // src/engine/stages/edge_coarsen.rs.
 
+#include "nan.glsl"
+
 layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform writeonly image2DArray coarse;

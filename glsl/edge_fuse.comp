@@ -2,6 +2,7 @@
 // One channel of the fused image behind a depth edge, without the light of what is in front. CPU reference:
 // src/engine/stages/edge_fuse.rs.
 
+#include "nan.glsl"
 #include "spline.glsl"
 #include "state.glsl"
 

@@ -2,6 +2,8 @@
 // Brings what the search for outlines changed on a coarser level to the finest one. CPU reference:
 // src/engine/stages/edge_refine.rs.
 
+#include "nan.glsl"
+
 layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;   // V of the near side at outlines of the coarser level
 layout(binding = 1, r32f) uniform image2DArray relative_blur;

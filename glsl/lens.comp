@@ -48,7 +48,9 @@ void main() {
     float mean = sums[0].z, found = state.separation;
     if (mean < 0.0 || was_disk || state.levels[level].settled != 0u) return;
     // Residuals relative to that of the first lens.
-    float left[MOST_LENSES];
+    // One more than are used: with as many as the terms of the shading, the compiler takes the type of those in a buffer,
+    // whose layout no variable may have (VUID-StandaloneSpirv-None-10684).
+    float left[MOST_LENSES + 1];
     int count = lenses(found), best = 0;
     left[0] = 0.0;
     for (int lens = 1; lens < count; lens++) {

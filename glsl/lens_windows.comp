@@ -73,9 +73,8 @@ vec4 gaussian_at(int image, float variance) {
 // The departure of a disk of some variance that is blurred by a Gaussian of another, between two nodes.
 float departure_at(int image, float variance, float more) {
     int k = node_below(variance, nodes);
-    float departures[2];
+    vec2 departures = vec2(0.0);
     for (int n = 0; n < 2; n++) {
-        departures[n] = 0.0;
         if (k + n == 0) continue;
         int row = departure_row(k + n, nodes);
         for (int m = 0; m < DEPARTURE_NODES; m++) {
@@ -83,7 +82,7 @@ float departure_at(int image, float variance, float more) {
             if (weight != 0.0) departures[n] += weight * gaussian_at(image, node_variance(k + n + m - 2) + more).x;
         }
     }
-    return mix(departures[0], departures[1], min((variance - node_variance(k)) / (node_variance(k + 1) - node_variance(k)), 1.0));
+    return mix(departures.x, departures.y, min((variance - node_variance(k)) / (node_variance(k + 1) - node_variance(k)), 1.0));
 }
 
 // The power of white noise under a kernel of some variance and then a Gaussian of variance `more`.

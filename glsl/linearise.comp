@@ -146,7 +146,7 @@ bool is_last_workgroup() {
     if (gl_LocalInvocationIndex == 0) {
         memoryBarrierBuffer();
         is_last = atomicAdd(updated.finished, 1) + 1 == rows_of_sums();
-        if (is_last) updated.finished = 0;
+        if (is_last) atomicExchange(updated.finished, 0);
     }
     barrier();
     memoryBarrierBuffer();

@@ -2,6 +2,7 @@
 // Adds to the standard deviation of V the correlation of neighbouring residuals, and the deviation of V's scale.
 // CPU reference: src/engine/stages/total_deviation.rs.
 
+#include "nan.glsl"
 #include "state.glsl"
 
 layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;

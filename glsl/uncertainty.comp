@@ -2,6 +2,7 @@
 // V where it is valid and NaN elsewhere, its standard deviation, and the residual. CPU reference:
 // src/engine/stages/uncertainty.rs.
 
+#include "nan.glsl"
 #include "state.glsl"
 
 layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;

@@ -71,12 +71,11 @@ void relax_small(ivec2 size, int from, bool is_coarsest, const int count) {
             float left = of_tile[4 * (from + around.y) + 2], above = of_tile[4 * (from + around.w) + 3];
             vec4 link = vec4(cell.z, exists.y ? left : 0.0, cell.w, exists.w ? above : 0.0);
             float over = 1.0 / max(cell.x + link.x + link.y + link.z + link.w, 1e-12);
-            float coarse = small_steps[x.y / 2 * columns + x.x / 2];
             small_side[color][n] = over * cell.y;
             small_links[color][n] = over * link;
             neighbours[color][n] = mine ? around : ivec4(CELLS + index);
             places[color][n] = mine ? own : CELLS + index;
-            small_dv[color][n] = is_coarsest ? 0.0 : coarse;
+            small_dv[color][n] = is_coarsest ? 0.0 : small_steps[x.y / 2 * columns + x.x / 2];
         }
     }
     barrier();

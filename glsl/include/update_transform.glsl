@@ -31,8 +31,7 @@ const int AT_ONCE = 4;
 shared float chains[MOST_CHAINS][SUMS];
 shared float totals[SUMS];
 // Sums of squares of the gradient by t, over the rows, each of a tile of pixels.
-shared float square_chains[MOST_CHAINS][2];
-shared float squares[2];
+shared vec2 square_chains[MOST_CHAINS], squares;
 // Pixels at the limit of |V| rest. Shares are of the others, or of at least this share of the valid pixels.
 const float LEAST_FREE = 0.1;
 // This many tiles or fewer are too few for a variance.

@@ -248,6 +248,15 @@ mod tests {
         assert!(tokens.iter().any(|token| token.starts_with("updated.")));
     }
 
+    #[test]
+    fn shaders_that_store_or_test_nan_declare_that_it_keeps_its_meaning() {
+        for shader in shaders() {
+            let text = text(&shader);
+            let relies = ["isnan(", "0x7fc00000u"].iter().any(|word| text.contains(word));
+            assert!(!relies || text.contains("spirv_execution_mode"), "glsl/{shader}: include nan.glsl");
+        }
+    }
+
     fn shaders() -> Vec<String> {
         let folder = std::fs::read_dir(format!("{}/glsl", env!("CARGO_MANIFEST_DIR"))).unwrap();
         let names = folder.map(|entry| entry.unwrap().file_name().into_string().unwrap());
