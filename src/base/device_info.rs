@@ -24,7 +24,8 @@ pub struct DeviceInfo {
     pub api_version: String,
     /// Invocations per subgroup.
     pub subgroup_size: u32,
-    /// Size of the largest device-local heap, bytes. For a software device, the system's available memory.
+    /// What other programs leave of the largest device-local heap, bytes; its size if the driver does not say. For a
+    /// software device, the system's available memory.
     pub memory_bytes: u64,
     /// The largest width and height of an image, px.
     pub max_image_size: u32,

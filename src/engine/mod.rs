@@ -284,7 +284,9 @@ fn choose(devices: &[DeviceInfo], wanted: Option<&str>) -> Result<usize, Error> 
             [CPU, "other", "virtual GPU", "integrated GPU", "discrete GPU"].iter().position(|k| *k == kind)
         };
         let usable = (0..devices.len()).rev().filter(|&i| devices[i].unusable.is_none());
-        return usable.max_by_key(|&i| rank(devices[i].kind)).ok_or_else(|| Error::NoDevice(reasons(devices)));
+        return usable
+            .max_by_key(|&i| (rank(devices[i].kind), devices[i].memory_bytes))
+            .ok_or_else(|| Error::NoDevice(reasons(devices)));
     };
     let matches = |d: &DeviceInfo| {
         d.index.to_string() == wanted
@@ -336,6 +338,9 @@ mod tests {
             device(2, "GeForce B", "discrete GPU"),
         ];
         assert_eq!(choose(&devices, None).unwrap(), 1);
+        devices[2].memory_bytes = 1;
+        assert_eq!(choose(&devices, None).unwrap(), 2, "the one with more memory");
+        devices[2].memory_bytes = 0;
         assert_eq!(choose(&devices, Some("2")).unwrap(), 2);
         assert_eq!(choose(&devices, Some("LLVM")).unwrap(), 0);
         assert_eq!(choose(&devices, Some("00000002-0000-0000-0000-000000000000")).unwrap(), 2);
@@ -360,7 +365,7 @@ mod tests {
 
     #[test]
     fn memory_of_a_timed_out_solve_is_freed() {
-        let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..testing::options() }).unwrap();
+        let engine = Engine::new(&EngineOptions { timeout: Duration::from_nanos(1), ..testing::options() }).unwrap();
         let instance = Arc::downgrade(&engine.vulkan().instance);
         let [i1, i2] = testing::pair([160; 2]);
         let solved = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())

@@ -52,7 +52,7 @@ impl Workspace {
                 let allocate = match host {
                     HostAccess::None => Buffer::device_local,
                     HostAccess::Upload => Buffer::for_upload,
-                    HostAccess::Readback => Buffer::for_readback,
+                    HostAccess::Exchange | HostAccess::Readback => Buffer::for_readback,
                     HostAccess::Results => Buffer::for_borrowed_readback,
                 };
                 self.buffers.insert(slot, allocate(device, &name, bytes)?);
@@ -99,6 +99,7 @@ pub(crate) fn record_with(
     workspace: &Workspace,
     script: &Script,
 ) -> Result<Recording, Error> {
+    pipelines.prepare(script.dispatches().map(|dispatch| (dispatch.stage, dispatch.variant)))?;
     for (n, part) in script.parts.iter().enumerate() {
         let begins = part.begins.filter(|_| recorder.is_conditional());
         match part.continues.or(begins) {

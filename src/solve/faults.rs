@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use ash::vk;
 
+use crate::base::workers::no_threads;
 use crate::base::{Error, Frame, Settings};
 use crate::engine::vulkan::faults::{self, Call, Fault, Log};
 use crate::engine::{Engine, Solution, testing};
@@ -26,10 +27,10 @@ fn solve(pair: &[Frame; 2]) -> Result<Solution, Error> {
     PairSolver::for_frames(&engine, pair.each_ref(), &settings)?.solve(pair.each_ref(), &SolveOptions::default())
 }
 
-/// Solves while a call or an allocation fails.
+/// Solves while a call or an allocation fails. Pipelines are compiled one by one, so that calls have one order.
 fn solve_with(pair: &[Frame; 2], strike: Option<Fault>, allocation: Option<usize>) -> (Result<Solution, Error>, Log) {
     faults::begin(strike, allocation);
-    let solved = solve(pair);
+    let solved = no_threads::run(|| solve(pair));
     (solved, faults::end())
 }
 

@@ -35,6 +35,8 @@ pub(crate) enum HostAccess {
     None,
     /// Writes.
     Upload,
+    /// Writes, and reads what it wrote.
+    Exchange,
     /// Reads.
     Readback,
     /// Reads, and borrows its memory to the caller.
@@ -111,7 +113,7 @@ impl Plan {
     /// Everything that a solver of pairs keeps. What lives only within a level is as large as the finest one and
     /// shared: coarser levels use its corner.
     pub(crate) fn pair_layout(&self) -> Vec<Allocation> {
-        use HostAccess::{None, Readback, Results, Upload};
+        use HostAccess::{Exchange, None, Readback, Results, Upload};
         let mut list = self.common_layout();
         list.extend([
             image(Slot::Stacks, self.size, self.stack_layers()),
@@ -148,7 +150,7 @@ impl Plan {
             buffer(Slot::RegisteredEnergies, energies, Readback),
         ]);
         let packed = [0, 1].into_iter().filter(|&image| self.unpacks(image));
-        list.extend(packed.map(|image| buffer(Slot::Packed { image }, self.packed_bytes(image), Upload)));
+        list.extend(packed.map(|image| buffer(Slot::Packed { image }, self.packed_bytes(image), Exchange)));
         list
     }
 
@@ -209,7 +211,7 @@ impl Plan {
 
     /// Mapped, unless the device unpacks it from a mapped buffer.
     fn photograph(&self, image: usize) -> Allocation {
-        let host = if self.unpacks(image) { HostAccess::None } else { HostAccess::Upload };
+        let host = if self.unpacks(image) { HostAccess::None } else { HostAccess::Exchange };
         buffer(Slot::Photograph { image }, self.frame_bytes(image), host)
     }
 

@@ -71,13 +71,12 @@ pub mod update_transform;
 pub mod warp;
 
 use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 use std::sync::{Arc, Mutex, PoisonError};
 
 pub use number::{Number, Real};
 pub use spline::{Field, Raster};
 
-use crate::base::Error;
+use crate::base::{Error, workers};
 use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};
 
 /// The workgroup of passes over pixels: wider than high, since rows are contiguous in memory, and a multiple of the
@@ -111,14 +110,29 @@ impl Pipelines {
         self.compiled.lock().unwrap().len()
     }
 
+    /// Compiles those that are missing, in parallel: drivers compile on the calling thread.
+    pub(crate) fn prepare<'a>(&self, wanted: impl Iterator<Item = (&'a Stage, Variant)>) -> Result<(), Error> {
+        let mut missing: Vec<(&Stage, Variant)> =
+            wanted.filter(|&(stage, variant)| self.known(stage, variant).is_none()).collect();
+        missing.sort_by_key(|&(stage, variant)| (stage.shader.name, variant));
+        missing.dedup_by_key(|&mut (stage, variant)| (stage.shader.name, variant));
+        let compiled = workers::map(missing.len(), |n| self.get(missing[n].0, missing[n].1));
+        compiled.into_iter().try_for_each(|pipeline| pipeline.map(drop))
+    }
+
     /// The pipeline of a variant of a stage.
     pub(crate) fn get(&self, stage: &Stage, variant: Variant) -> Result<Arc<Pipeline>, Error> {
-        let mut compiled = self.compiled.lock().unwrap_or_else(PoisonError::into_inner);
-        match compiled.entry((stage.shader.name, variant)) {
-            Entry::Occupied(known) => Ok(known.get().clone()),
-            Entry::Vacant(place) => {
-                Ok(place.insert(Arc::new(Pipeline::variant(&self.device, stage, variant)?)).clone())
-            }
+        if let Some(known) = self.known(stage, variant) {
+            return Ok(known);
         }
+        // Not under the lock. If two threads compile the same, one of the two is kept.
+        let compiled = Arc::new(Pipeline::variant(&self.device, stage, variant)?);
+        let mut all = self.compiled.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(all.entry((stage.shader.name, variant)).or_insert(compiled).clone())
+    }
+
+    fn known(&self, stage: &Stage, variant: Variant) -> Option<Arc<Pipeline>> {
+        let all = self.compiled.lock().unwrap_or_else(PoisonError::into_inner);
+        all.get(&(stage.shader.name, variant)).cloned()
     }
 }

@@ -249,8 +249,8 @@ impl Instance {
             // SAFETY: `handle` belongs to this instance; a 1.3 device fills the three chained structures.
             unsafe { self.handle.get_physical_device_properties2(handle, &mut properties) };
         }
-        // SAFETY: `handle` belongs to this instance.
-        let memory = unsafe { self.handle.get_physical_device_memory_properties(handle) };
+        let extensions = if is_supported_version { self.extensions(handle)? } else { Vec::new() };
+        let memory_bytes = self.memory_bytes(handle, basic.device_type, &extensions);
         // SAFETY: `handle` belongs to this instance.
         let families = unsafe { self.handle.get_physical_device_queue_family_properties(handle) };
         let queue_family = compute_family(&families);
@@ -275,7 +275,7 @@ impl Instance {
                 vk::api_version_patch(version)
             ),
             subgroup_size: subgroup.subgroup_size,
-            memory_bytes: memory_bytes(basic.device_type, memory.memory_heaps_as_slice()),
+            memory_bytes,
             max_image_size: basic.limits.max_image_dimension2_d,
             max_storage_buffer: u64::from(basic.limits.max_storage_buffer_range),
             unusable,
@@ -285,7 +285,7 @@ impl Instance {
             handle,
             queue_family,
             timestamp_bits: families.get(queue_family as usize).map_or(0, |f| f.timestamp_valid_bits),
-            optional: if is_usable { self.optional_extensions(handle)? } else { OptionalExtensions::default() },
+            optional: if is_usable { self.supported(handle, &extensions) } else { OptionalExtensions::default() },
             info,
             limits: basic.limits,
             driver_version: basic.driver_version,
@@ -293,15 +293,24 @@ impl Instance {
         })
     }
 
-    /// Enumerates the optional extensions of a usable device.
-    pub(super) fn optional_extensions(&self, handle: vk::PhysicalDevice) -> Result<OptionalExtensions, Error> {
+    /// Enumerates the extensions of a Vulkan 1.3 device.
+    fn extensions(&self, handle: vk::PhysicalDevice) -> Result<Vec<vk::ExtensionProperties>, Error> {
         // SAFETY: `handle` belongs to this instance.
-        let extensions = unsafe { self.handle.enumerate_device_extension_properties(handle) }.map_err(|e| {
+        unsafe { self.handle.enumerate_device_extension_properties(handle) }.map_err(|e| {
             // SAFETY: `handle` belongs to this instance.
             let properties = unsafe { self.handle.get_physical_device_properties(handle) };
             vulkan_error("vkEnumerateDeviceExtensionProperties", &text(properties.device_name_as_c_str()), e)
-        })?;
-        let has = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
+        })
+    }
+
+    /// Enumerates the optional extensions of a usable device.
+    pub(super) fn optional_extensions(&self, handle: vk::PhysicalDevice) -> Result<OptionalExtensions, Error> {
+        self.extensions(handle).map(|extensions| self.supported(handle, &extensions))
+    }
+
+    /// The optional extensions among those of a usable device.
+    fn supported(&self, handle: vk::PhysicalDevice, extensions: &[vk::ExtensionProperties]) -> OptionalExtensions {
+        let has = |name: &CStr| has(extensions, name);
         let mut optional = OptionalExtensions::supported(has);
         #[cfg(test)]
         if no_conditional_rendering::IS_SET.get() {
@@ -314,7 +323,33 @@ impl Instance {
             unsafe { self.handle.get_physical_device_features2(handle, &mut features) };
             optional.conditional_rendering = conditional.conditional_rendering == vk::TRUE;
         }
-        Ok(optional)
+        optional
+    }
+
+    /// The bytes of the largest device-local heap, or what other programs leave of it if the driver says so. A software
+    /// device allocates from the system's memory, of which what is available is returned: lavapipe 22.3 reports a heap
+    /// of 2 GiB on every machine.
+    fn memory_bytes(
+        &self,
+        handle: vk::PhysicalDevice,
+        kind: vk::PhysicalDeviceType,
+        extensions: &[vk::ExtensionProperties],
+    ) -> u64 {
+        // SAFETY: `handle` belongs to this instance.
+        let memory = unsafe { self.handle.get_physical_device_memory_properties(handle) };
+        let mut budget = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
+        let has_budget = has(extensions, ext::memory_budget::NAME);
+        if has_budget {
+            let mut properties = vk::PhysicalDeviceMemoryProperties2::default().push_next(&mut budget);
+            // SAFETY: `handle` belongs to this instance; a 1.3 device with the extension fills the chained structure.
+            unsafe { self.handle.get_physical_device_memory_properties2(handle, &mut properties) };
+        }
+        let left = budget.heap_budget.iter().zip(budget.heap_usage).map(|(&all, used)| all.saturating_sub(used));
+        let local = memory.memory_heaps_as_slice().iter().zip(left);
+        let local = local.filter(|(heap, _)| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+        let largest = local.map(|(heap, left)| if has_budget { heap.size.min(left) } else { heap.size });
+        let heap = largest.max().unwrap_or(0);
+        if kind == vk::PhysicalDeviceType::CPU { crate::base::available_memory().unwrap_or(heap) } else { heap }
     }
 
     /// Names the first requirement of the passes that a Vulkan 1.3 device does not meet.
@@ -331,8 +366,9 @@ impl Instance {
         // SAFETY: `handle` belongs to this instance; a 1.3 device fills both chained structures.
         unsafe { self.handle.get_physical_device_features2(handle, &mut features) };
         let mut sizes = vk::PhysicalDeviceVulkan13Properties::default();
-        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut sizes);
-        // SAFETY: `handle` belongs to this instance; a 1.3 device fills the chained structure.
+        let mut floats = vk::PhysicalDeviceVulkan12Properties::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut sizes).push_next(&mut floats);
+        // SAFETY: `handle` belongs to this instance; a 1.3 device fills both chained structures.
         unsafe { self.handle.get_physical_device_properties2(handle, &mut properties) };
         let operations = vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::ARITHMETIC;
         let what = if queue_family.is_none() {
@@ -353,6 +389,9 @@ impl Instance {
             "workgroups of 256"
         } else if limits.max_compute_shared_memory_size < 1 << 15 {
             "32 KiB of memory that a workgroup shares"
+        } else if floats.shader_signed_zero_inf_nan_preserve_float32 == 0 {
+            // `glsl/include/nan.glsl`
+            "NaN in 32-bit shaders"
         } else {
             return None;
         };
@@ -408,12 +447,8 @@ fn uuid(bytes: &[u8; vk::UUID_SIZE]) -> String {
     format!("{}-{}-{}-{}-{}", &hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..])
 }
 
-/// Returns the size of the largest device-local heap, in bytes. A software device allocates from the system's memory,
-/// so that its available memory is returned: lavapipe 22.3 reports a heap of 2 GiB on every machine.
-fn memory_bytes(device_type: vk::PhysicalDeviceType, heaps: &[vk::MemoryHeap]) -> u64 {
-    let local = heaps.iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
-    let heap = local.map(|h| h.size).max().unwrap_or(0);
-    if device_type == vk::PhysicalDeviceType::CPU { crate::base::available_memory().unwrap_or(heap) } else { heap }
+fn has(extensions: &[vk::ExtensionProperties], name: &CStr) -> bool {
+    extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name))
 }
 
 fn kind(device_type: vk::PhysicalDeviceType) -> &'static str {

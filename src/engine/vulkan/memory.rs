@@ -58,6 +58,7 @@ const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
 pub(crate) struct Buffer {
     pub(super) handle: vk::Buffer,
     size: u64,
+    location: MemoryLocation,
     /// Whether the host borrows the contents in place, so that it must not write them.
     is_host_borrowed: bool,
     /// Locked while the host writes.
@@ -104,12 +105,13 @@ impl Buffer {
         Self::new(device, name, size, MemoryLocation::GpuOnly)
     }
 
-    /// Creates a mapped buffer that the host writes.
+    /// Creates a mapped buffer that the host writes and never reads: in the device's memory where the host can write
+    /// there, which reads a bus, uncached.
     pub(crate) fn for_upload(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
         Self::new(device, name, size, MemoryLocation::CpuToGpu)
     }
 
-    /// Creates a mapped buffer that the host copies from.
+    /// Creates a mapped buffer that the host copies from, in the host's cached memory. The host may write it too.
     pub(crate) fn for_readback(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
         Self::new(device, name, size, MemoryLocation::GpuToCpu)
     }
@@ -152,6 +154,7 @@ impl Buffer {
         let buffer = Self {
             handle,
             size,
+            location,
             is_host_borrowed: false,
             host_write: Mutex::new(()),
             allocation: ManuallyDrop::new(allocation),
@@ -216,8 +219,9 @@ impl Buffer {
         ))
     }
 
-    /// Copies `count` values from a byte offset of a mapped buffer.
+    /// Copies `count` values from a byte offset of a buffer for readback.
     pub(crate) fn read<T: bytemuck::Pod>(&self, offset: usize, count: usize) -> Result<Vec<T>, Error> {
+        assert!(self.location == MemoryLocation::GpuToCpu, "the host reads a buffer for upload, which is not cached");
         let bytes = self.allocation.mapped_slice().ok_or_else(|| self.not_mapped())?;
         Ok(bytemuck::pod_collect_to_vec(&bytes[offset..offset + count * size_of::<T>()]))
     }
