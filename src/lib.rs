@@ -106,7 +106,7 @@ pub mod internals {
     #[cfg(feature = "files")]
     pub use crate::files::bounded_read;
     #[cfg(feature = "program")]
-    pub use crate::lab::{bench, key_points::key_points, scene};
+    pub use crate::lab::{bench, device_check, key_points::key_points, scene};
     pub use crate::solve::resample::{brightened, luminance, onto};
 
     /// The canvas of figures.

@@ -8,11 +8,13 @@ use clap::builder::PossibleValue;
 use clap_complete::Shell;
 use clap_mangen::Man;
 use parfocal::export::{FileKind, write_named};
-use parfocal::{Engine, settings::DeviceInfo};
+use parfocal::internals::device_check::{self, DeviceCheck};
+use parfocal::{Engine, EngineOptions, settings::DeviceInfo};
 use serde_json::json;
 
 use crate::cli::help::{is_bool, is_number, takes_config, wrapped};
 use crate::cli::options::config_file::is_key;
+use crate::cli::options::run::{check_validation, is_validation_requested};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::{Failure, nearest, print, print_bytes};
 
@@ -25,6 +27,13 @@ pub(crate) struct Devices {
     /// Print the names of the usable devices only, one per line
     #[arg(short, long, conflicts_with = "json")]
     quiet: bool,
+    /// Solve twelve generated inputs on a Vulkan device and on the processor, and compare
+    ///
+    /// D is as for --device of other commands. Prints the largest difference of each quantity beside what rounding
+    /// explains, and the time on both. Fails if a difference is larger, or if the device fails. With --json, for a
+    /// report of a bug.
+    #[arg(long, value_name = "D", num_args = 0..=1, default_missing_value = "vulkan", conflicts_with = "quiet")]
+    test: Option<String>,
 }
 
 /// A device as the JSON list states it.
@@ -45,8 +54,11 @@ fn entry(info: &DeviceInfo) -> serde_json::Value {
     })
 }
 
-/// Prints the devices.
+/// Prints the devices, or tests one.
 pub(crate) fn devices(arguments: &Devices) -> Result<(), Failure> {
+    if let Some(device) = &arguments.test {
+        return test(device, arguments.json);
+    }
     let devices = Engine::devices()?;
     if arguments.json {
         let entries: Vec<_> = devices.iter().map(entry).collect();
@@ -58,6 +70,56 @@ pub(crate) fn devices(arguments: &Devices) -> Result<(), Failure> {
         return print(&usable.map(|info| info.name.clone()).collect::<Vec<_>>().join("\n"));
     }
     print(&devices.iter().map(describe).collect::<Vec<_>>().join("\n"))
+}
+
+/// Compares solves on a device with those on the processor.
+fn test(device: &str, json: bool) -> Result<(), Failure> {
+    let open = |name: &str| {
+        let validation = is_validation_requested() && name != "cpu";
+        Engine::new(&EngineOptions { device: Some(name.to_string()), validation, ..EngineOptions::default() })
+    };
+    let (engine, processor) = (open(device)?, open("cpu")?);
+    let mut checks = Vec::new();
+    if !json {
+        print(&describe(engine.info()))?;
+    }
+    let is_right = device_check::check(&engine, &processor, &mut |check| {
+        if !json {
+            // A closed pipe ends the program with the next print.
+            let _ = print(&line_of(check));
+        }
+        checks.push(check.clone());
+    })?;
+    if json {
+        let report = json!({ "device": entry(engine.info()), "is_right": is_right, "checks": checks });
+        print(&serde_json::to_string_pretty(&report).map_err(|e| Failure::Failed(e.to_string()))?)?;
+    }
+    check_validation(&engine)?;
+    if is_right {
+        return Ok(());
+    }
+    let name = &engine.info().name;
+    Err(Failure::Failed(format!(
+        "{name} computes other results than the processor: use --device cpu, update the driver, and report it with the output of --json"
+    )))
+}
+
+/// A line on a check: the differences, each beside the largest that is right if it is larger.
+fn line_of(check: &DeviceCheck) -> String {
+    let verdict = if check.is_right() { "right" } else { "WRONG" };
+    if let Some(error) = &check.error {
+        return format!("{verdict}  {}: {error}", check.solve);
+    }
+    let differences = check.differences.iter().map(|d| {
+        if d.found > d.most {
+            format!("{} {:.2e} of {:.0e}!", d.of, d.found, d.most)
+        } else {
+            format!("{} {:.1e}", d.of, d.found)
+        }
+    });
+    let [device, processor] = check.times_ms;
+    let all = differences.collect::<Vec<_>>().join("; ");
+    format!("{verdict}  {}: {all}; {device:.1} ms, processor {processor:.1} ms", check.solve)
 }
 
 fn describe(info: &DeviceInfo) -> String {
