@@ -507,7 +507,7 @@ mod tests {
     #[test]
     fn devices_give_the_same_relative_blur() {
         let default = Settings::default().relaxation_sweeps;
-        for (size, sweeps) in [([331, 287], default), ([1501, 45], default), ([331, 287], 6), ([163, 141], 9)] {
+        for (size, sweeps) in [([1501, 45], default), ([331, 287], 6), ([163, 141], 9)] {
             check_devices(size, CountedPixels::All, Settings { relaxation_sweeps: sweeps, ..Settings::default() });
         }
         check_devices(
@@ -538,7 +538,7 @@ mod tests {
 
     #[test]
     fn dropping_a_pair_in_flight_cancels_it_and_leaves_the_engine_usable() {
-        let (engine, frames) = (Engine::new(&testing::options()).unwrap(), testing::pair([256; 2]));
+        let (engine, frames) = (Engine::new(&testing::options()).unwrap(), testing::pair([128; 2]));
         // With 400 iterations a whole solve takes many times as long as the end of a cancelled one.
         let settings = Settings { outer_iterations: 400, ..Settings::default() };
         let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &settings).unwrap();

@@ -14,7 +14,7 @@ const RESULTS: [&str; 6] =
 
 /// Returns a folder with a pair that differs in blur and a photograph of constant grey.
 fn desk() -> Desk {
-    let desk = Desk::new().on_vulkan();
+    let desk = Desk::new();
     for (name, contrast) in [("near.png", 90.0), ("far.png", 70.0), ("grey.png", 0.0)] {
         let value = |x: u32, y: u32| (128.0 + contrast / 3.0 * waves(x, y)) as u8;
         let image = image::RgbImage::from_fn(96, 64, |x, y| image::Rgb([value(x, y), value(x, y), value(x, y) / 2]));
@@ -40,7 +40,7 @@ fn solved(desk: &Desk, [i1, i2]: [&str; 2], extra: &[&str]) -> Value {
 
 #[test]
 fn solve_writes_five_files_and_prints_the_report_on_stdout() {
-    let desk = desk();
+    let desk = desk().on_vulkan();
     let report = solved(&desk, ["near.png", "far.png"], &["--timings"]);
     assert_eq!(report["method"], "unified");
     assert_eq!(report["size"]["width"], 96);
@@ -89,7 +89,7 @@ fn a_held_transform_is_returned_unchanged() {
 
 #[test]
 fn a_pair_without_texture_gives_a_warning_and_zero_confidence() {
-    let desk = desk();
+    let desk = desk().on_vulkan();
     let report = solved(&desk, ["grey.png", "grey.png"], &[]);
     assert_eq!(report["converged"], false);
     assert!(report["warnings"][0].as_str().unwrap().contains("texture"), "{report}");
@@ -254,7 +254,7 @@ fn images_that_are_too_small_or_too_large_are_refused_by_file_name() {
 
 #[test]
 fn a_damaged_pipeline_cache_is_ignored() {
-    let desk = desk();
+    let desk = desk().on_vulkan();
     solved(&desk, ["near.png", "far.png"], &[]);
     let caches: Vec<PathBuf> = fs::read_dir(desk.path("cache/pipelines")).unwrap().map(|e| e.unwrap().path()).collect();
     assert_eq!(caches.len(), 1, "{caches:?}");

@@ -197,7 +197,7 @@ impl<'a, N: Number> Samples<'a, N> {
             // So that no node of the stack is read for places beyond the image.
             let (v, mut margins) =
                 (first_repeated(&v(first)[..(size[0] - first).min(SEGMENT)]), [N::default(); SEGMENT]);
-            let numbers = vectorised(
+            let numbers = vectorised::<N, _>(
                 #[inline(always)]
                 || {
                     let ([dx, dy], row) = (&mut d, N::of(y as f64));

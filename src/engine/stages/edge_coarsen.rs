@@ -55,7 +55,7 @@ pub(crate) fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, deviation: 
             for (y, share) in tent(y, field.height) {
                 let (sums, weights) = (&mut sums[..field.width], &mut weights[..field.width]);
                 let values = &field.row(y)[..field.width];
-                vectorised(
+                vectorised::<N, _>(
                     #[inline(always)]
                     || {
                         for x in 0..values.len() {

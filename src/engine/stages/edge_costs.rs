@@ -398,7 +398,7 @@ impl TwoLayers {
     /// The costs of all displacements.
     fn costs(&self) -> [f64; DISPLACEMENTS] {
         let mut factors = [[1.0; COSTED]; DISPLACEMENTS];
-        vectorised(
+        vectorised::<f32, _>(
             #[inline(always)]
             || self.multiply(&mut factors),
         );

@@ -125,7 +125,7 @@ impl<'a, N: Number> Grid<'a, N> {
                     let down = if y + 1 < height { &behind[..width] } else { &here };
                     let cells = [y.saturating_sub(1), y].map(|y| &self.cells[y * width..][..width]);
                     let linked = N::of(if y > 0 { 1.0 } else { 0.0 });
-                    vectorised(
+                    vectorised::<N, _>(
                         #[inline(always)]
                         || relax_row(cells, [up, &here, down], (y + half) & 1, linked, N::of(over_relaxation), own),
                     );

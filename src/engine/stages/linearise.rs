@@ -171,7 +171,7 @@ fn cpu_reference<N: Number>(
                 pixels[V][count..].fill(v.row(y)[xs.end - 1]);
                 let (gain, offset, eta, noise) = (r.gain, r.offset, c.eta.into(), &c.noise);
                 let level = Level { c, alpha, datum: Datum { gain, offset, eta, separation, spread, noise } };
-                let line = vectorised(
+                let line = vectorised::<N, _>(
                     #[inline(always)]
                     || {
                         displacement.of_row(start, &pixels[V], [&mut dx, &mut dy]);

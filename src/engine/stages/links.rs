@@ -68,7 +68,7 @@ impl<N: Number> LinkRows<'_, N> {
     /// Σa of each pixel of the row from `start` on, and the sum of the pulls on it.
     pub(super) fn sums(&self, start: usize, [weights, pulls]: [&mut [N]; 2]) {
         let Self { across, down, above, .. } = self;
-        vectorised(
+        vectorised::<N, _>(
             #[inline(always)]
             || {
                 add(N::of(1.0), [&across.weights, &down.weights, &above.weights], start, weights);
@@ -115,7 +115,7 @@ impl<'a, N: Number> Links<'a, N> {
         let [width, last] = [self.unknown.width, self.unknown.height - 1];
         let [above, here, below] = [y.saturating_sub(1), y, (y + 1).min(last)].map(|y| self.unknown.row(y));
         phi.resize(width, N::default());
-        vectorised(
+        vectorised::<N, _>(
             #[inline(always)]
             || {
                 for x in [0, width - 1] {
@@ -143,7 +143,7 @@ impl<'a, N: Number> Links<'a, N> {
     fn across(&self, y: usize, phi: &[N], links: &mut LinkRow<N>) {
         let (v, last) = (self.unknown.row(y), self.unknown.width - 1);
         links.clear(last + 1);
-        vectorised(
+        vectorised::<N, _>(
             #[inline(always)]
             || {
                 let (weights, pulls) = (&mut links.weights[..last], &mut links.pulls[..last]);
@@ -174,7 +174,7 @@ impl<'a, N: Number> Links<'a, N> {
         let (y, last) = (y as isize, height as isize - 1);
         let row = |y: isize| self.unknown.row(y.clamp(0, last) as usize);
         let [far_above, here, below, far_below] = [y - REACH, y, y + 1, y + REACH + 1].map(row);
-        vectorised(
+        vectorised::<N, _>(
             #[inline(always)]
             || {
                 let (weights, pulls) = (&mut links.weights[..width], &mut links.pulls[..width]);

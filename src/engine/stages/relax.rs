@@ -140,7 +140,7 @@ fn relax_row<N: Number>(parts: [&[N]; 5], [up, here, down]: [&[N]; 3], own: &mut
     let [side, right, left, below, above] = parts.map(|part| &part[inner.clone()]);
     let (up, down, own) = (&up[inner.clone()], &down[inner.clone()], &mut own[inner]);
     let (before, behind) = (&here[..last], &here[1..]);
-    vectorised(
+    vectorised::<N, _>(
         #[inline(always)]
         || {
             let (side, right, left) = (&side[..last], &right[..last], &left[..last]);

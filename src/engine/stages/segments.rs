@@ -12,23 +12,28 @@ pub(super) const SEGMENT: usize = 32;
 /// A number for each pixel of a segment.
 pub(super) type Segment<N> = [N; SEGMENT];
 
-/// Runs a loop with the widest instructions that the processor has. The closure must be `#[inline(always)]`, as must be
-/// what it calls. Results do not depend on the instructions: none fuses operations.
+/// Runs a loop over numbers of type N with the widest instructions that the processor has. The closure must be
+/// `#[inline(always)]`, as must be what it calls. Results do not depend on the instructions: none fuses operations.
+/// Double precision, which no solve uses, is compiled once only.
 #[inline]
-pub(super) fn vectorised<T>(compute: impl FnOnce() -> T) -> T {
+pub(super) fn vectorised<N, T>(compute: impl FnOnce() -> T) -> T {
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-    if let Some(avx512) = LEVEL.as_avx512().filter(|_| allows(512)) {
+    if size_of::<N>() == 4
+        && let Some(avx512) = LEVEL.as_avx512().filter(|_| allows(512))
+    {
         return fearless_simd::Simd::vectorize(avx512, compute);
     }
-    streamed(compute)
+    streamed::<N, T>(compute)
 }
 
 /// As [`vectorised`], for a loop that computes little for what it reads and writes: with vectors of 256 bits at most.
 /// Rows are not aligned, and each vector of 512 bits would be in two lines of the cache.
 #[inline]
-pub(super) fn streamed<T>(compute: impl FnOnce() -> T) -> T {
+pub(super) fn streamed<N, T>(compute: impl FnOnce() -> T) -> T {
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-    if let Some(avx2) = LEVEL.as_avx2().filter(|_| allows(256)) {
+    if size_of::<N>() == 4
+        && let Some(avx2) = LEVEL.as_avx2().filter(|_| allows(256))
+    {
         return fearless_simd::Simd::vectorize(avx2, compute);
     }
     compute()

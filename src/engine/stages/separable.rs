@@ -150,7 +150,7 @@ fn filter_part<N: Number>(sums: &mut [N], row: &[N], filter: &[N], stride: usize
 
 /// The sums of rows with the weights of a filter.
 pub(crate) fn weigh<N: Number>(sums: &mut [N], filter: &[N], rows: &[&[N]]) {
-    streamed(
+    streamed::<N, _>(
         #[inline(always)]
         || weighted::sum(sums, filter, rows),
     );

@@ -55,7 +55,7 @@ impl<N: Number> Raster<N> {
     ) -> [Self; COUNT] {
         rows::map(rasters.each_mut().map(Rows::from), |y, mut rows| {
             for x in (0..rows[0].len()).step_by(SEGMENT) {
-                let numbers = vectorised(
+                let numbers = vectorised::<N, _>(
                     #[inline(always)]
                     || numbers([x, y]),
                 );

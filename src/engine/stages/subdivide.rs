@@ -55,7 +55,7 @@ fn refined<N: Number>(mut fine: Raster<N>, coarse: &Raster<N>) -> Raster<N> {
         let [above, here, below] = [-1, 0, 1].map(row);
         let (count, last) = (coarse.width, (width - 1) / 2);
         let mut line = vec![N::default(); count];
-        streamed(
+        streamed::<N, _>(
             #[inline(always)]
             || {
                 let (above, here, below, line) = (&above[..count], &here[..count], &below[..count], &mut line[..count]);

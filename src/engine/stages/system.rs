@@ -92,7 +92,7 @@ pub(super) fn compute<N: Number>(
             links.sums(0, [sums_of_weights, pulls]);
             let around = [&links.across, &links.down, &links.above].map(|links| &links.weights[..]);
             let cells = cells[n / 2 * FLOATS * columns..].as_chunks_mut().0;
-            vectorised(
+            vectorised::<N, _>(
                 #[inline(always)]
                 || {
                     divided(own_d, own_b, around, &mut line);

@@ -110,7 +110,7 @@ pub fn cpu_reference<N: Number>(c: &Constants, v: &Raster<N>, [d, b]: [&Raster<N
         let mut columns = vec![0.0; b.width];
         for y in y.saturating_sub(REACH)..b.height.min(y + REACH + 1) {
             let b = &b.row(y)[..columns.len()];
-            streamed(
+            streamed::<N, _>(
                 #[inline(always)]
                 || {
                     for x in 0..columns.len() {

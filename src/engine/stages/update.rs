@@ -128,7 +128,7 @@ pub fn cpu_reference<N: Number>(
         let colors = |y: usize| [change[y % 2].row(y), change[(y + 1) % 2].row(y)];
         let (changes, d, mut moving) = ([colors(first), colors(second)], [d.row(first), d.row(second)], [0; 3]);
         let whole = if has_both { width / 2 } else { 0 };
-        vectorised(
+        vectorised::<N, _>(
             #[inline(always)]
             || {
                 let [[even, odd], [even2, odd2]] = changes.map(|colors| colors.map(|row| &row[..whole]));
