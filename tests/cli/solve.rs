@@ -244,7 +244,7 @@ fn a_missing_device_gives_a_one_line_error_and_no_files() {
 
 #[test]
 fn images_that_are_too_small_or_too_large_are_refused_by_file_name() {
-    let desk = desk();
+    let desk = desk().on_vulkan();
     for (width, height, part) in [(1, 1, "at least"), (8, 8, "at least"), (40_000, 16, "too large")] {
         image::GrayImage::new(width, height).save(desk.path("odd.png")).unwrap();
         assert_refused_in_one_line(&solve(&desk, ["odd.png", "odd.png"], &[]), 1, &["odd.png", part]);
