@@ -17,7 +17,7 @@ pub struct DeviceCheck {
     pub differences: Vec<Difference>,
     /// The error of a device that failed.
     pub error: Option<String>,
-    /// The times of the solve on the device and on the processor, ms; both had solved it once before.
+    /// The times of the solve on the device and on the processor, ms. Pairs are solved twice, and the second counts.
     pub times_ms: [f64; 2],
 }
 
@@ -110,7 +110,7 @@ fn clipped(frame: &Frame) -> Result<Frame, Error> {
 ///
 /// # Errors
 /// Of the processor.
-pub fn of_pair(
+fn of_pair(
     name: &str,
     [device, processor]: [&Engine; 2],
     pair: [&Frame; 2],

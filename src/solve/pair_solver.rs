@@ -205,8 +205,8 @@ impl PairSolver {
     /// [`EngineOptions::memory`](crate::EngineOptions::memory), is solved in parts, with T and brightness from half its
     /// size. `origin`, `width` and `height` of the solution state the part of I1 that it covers.
     ///
-    /// A pair of which more than a tenth reaches the limit of |V| is solved again with the widest one, unless a limit is
-    /// stated. [`Findings::max_relative_blur`](crate::results::Findings::max_relative_blur) is the limit in the end.
+    /// If more than a tenth of the pixels reach the limit of |V| and none is stated, the pair is solved again with the
+    /// widest one. [`Findings::max_relative_blur`](crate::results::Findings::max_relative_blur) is the limit in the end.
     ///
     /// # Errors
     /// As for [`PairSolver::for_frames`] and [`SolveOptions::check`]. With the method SIFT, [`Error::NoKeyPoints`] or

@@ -398,6 +398,7 @@ impl TwoLayers {
     /// The costs of all displacements.
     fn costs(&self) -> [f64; DISPLACEMENTS] {
         let mut factors = [[1.0; COSTED]; DISPLACEMENTS];
+        // Doubles, but in solves too: for all instructions, as single precision is.
         vectorised::<f32, _>(
             #[inline(always)]
             || self.multiply(&mut factors),

@@ -327,7 +327,7 @@ impl Instance {
     }
 
     /// The bytes of the largest device-local heap, or what other programs leave of it if the driver says so. A software
-    /// device allocates from the system's memory, of which what is available is returned: lavapipe 22.3 reports a heap
+    /// device allocates from the system's memory, so that its available memory is returned: lavapipe 22.3 reports a heap
     /// of 2 GiB on every machine.
     fn memory_bytes(
         &self,

@@ -367,7 +367,7 @@ mod tests {
         let stack = PageStack::read(&file, [None; 2]).unwrap().unwrap();
         let frames = stack.frames.iter().map(|frame| crate::files::image_io::read(frame).unwrap().samples().clone());
         assert_eq!(frames.collect::<Vec<_>>(), [[1, 2], [3, 4], [5, 6]].map(|page| Samples::U8(page.to_vec())));
-        // More than 4 GiB, most of which takes no space on the disk.
+        // More than 4 GiB. The file is sparse: it takes little space on the disk.
         let side = 1u32 << 20;
         for at in [18, 102] {
             bytes[at..at + 4].copy_from_slice(&side.to_be_bytes());
