@@ -266,6 +266,11 @@ impl PairSolver {
                 None => solution.warnings.push("no pixel is valid: nothing was cropped".to_string()),
             }
         }
+        if i1 == i2 {
+            let problem = "I1 and I2 are the same picture, so that V is 0 everywhere: give two photographs, focused at two distances";
+            solution.converged = false;
+            solution.warnings.push(problem.to_string());
+        }
         // Before the flat reference is subtracted: the limit of |V| applies to the blur in the photographs.
         solution.recount();
         if let Some(flat) = &options.flat {

@@ -210,6 +210,48 @@ fn golden_parts_that_disagree_are_not_taught() {
     }
 }
 
+#[test]
+fn parts_that_are_not_what_they_seem_cannot_be_judged() {
+    let desk = line();
+    let taught = desk.done(&["teach", "taught", "-o", "golden.exr", "--json"]);
+    let range = &printed(&taught)["placement"];
+    assert!(range["max_shift_px"].as_f64().unwrap() < 5.0 && range["max_rotation_deg"] == 0.5, "{range}");
+    part(&desk, "in/good", 10, |_, _| false);
+    let changed = |folder: &str, of: [&str; 2], change: &dyn Fn(image::DynamicImage) -> image::DynamicImage| {
+        part(&desk, &format!("in/{folder}"), 11 + folder.len() as u32, |_, _| false);
+        let folder = desk.path("in").join(folder);
+        let pictures = of.map(|name| image::open(folder.join(name)).unwrap());
+        for (name, picture) in ["i1.png", "i2.png"].into_iter().zip(pictures) {
+            change(picture).save(folder.join(name)).unwrap();
+        }
+    };
+    changed("turned", ["i1.png", "i2.png"], &|picture| picture.rotate180());
+    changed("same", ["i1.png", "i1.png"], &|picture| picture);
+    changed("swap", ["i2.png", "i1.png"], &|picture| picture);
+    // The samples of another part, in other files.
+    fs::create_dir(desk.path("in/frozen")).unwrap();
+    for name in ["i1.png", "i2.png"] {
+        let picture = image::open(desk.path("in/good").join(name)).unwrap();
+        picture.save(desk.path("in/frozen").join(name.replace("png", "tiff"))).unwrap();
+    }
+    desk.exits(&["batch", "in", "-o", "out", "--golden", "golden.exr", "--no-html"], 4);
+    let found = verdicts(&desk.json("out/batch.json"));
+    assert_eq!(found.values().filter(|verdict| *verdict == "go").count(), 1, "{found:?}");
+    let first = if found["good"] == "go" { "good" } else { "frozen" };
+    assert_eq!((found[first].as_str(), found.values().filter(|verdict| *verdict == "cannot-judge").count()), ("go", 4));
+    for (serial, reason) in [
+        ("turned", "the part lies turned by 180.0°"),
+        ("same", "the solve of out/same had not converged"),
+        ("swap", "with the other sign"),
+        (if first == "good" { "frozen" } else { "good" }, &format!("a photograph is the same as one of {first}")),
+    ] {
+        let reasons = desk.json(&format!("out/{serial}/inspect.json"))["reasons"].to_string();
+        assert!(reasons.contains(reason), "{serial}: {reasons}");
+    }
+    let allowed = ["inspect", "out/turned", "--golden", "golden.exr", "--max-rotation", "180", "--max-shift", "9"];
+    assert!(!stderr_of(&desk.run(&allowed)).contains("the part lies turned"));
+}
+
 #[cfg(unix)]
 #[test]
 fn watch_hands_each_verdict_on_and_hostile_parts_cannot_be_judged() {
@@ -230,9 +272,9 @@ fn watch_hands_each_verdict_on_and_hostile_parts_cannot_be_judged() {
     part(&desk, "dented", 21, dent);
     put(b"good", "part");
     put(b"dented", "dented");
-    for name in
-        [&b"a\\b"[..], b"new\nline", b"\x01", b"\xff\xfe", b"batch.json", b"index.html", b"verdicts.xml", b"long"]
-    {
+    part(&desk, "other", 22, |_, _| false);
+    put(b"\xff\xfe", "other");
+    for name in [&b"a\\b"[..], b"new\nline", b"\x01", b"batch.json", b"index.html", b"verdicts.xml", b"long"] {
         put(name, "part");
     }
     fs::OpenOptions::new().write(true).open(desk.path("in/long_2.png")).unwrap().set_len(1 << 40).unwrap();

@@ -86,7 +86,10 @@ fn summary(report: &InspectReport, out: Option<&Path>) -> String {
     let mut lines = vec![format!("verdict        {}", report.verdict.text())];
     lines.extend(report.reasons.iter().map(|reason| format!("reason         {reason}")));
     let (x, y, turn, scale) = (t.tx, t.ty, t.rotation_deg(), t.scale);
-    lines.push(format!("part lies      {x:+.2} {y:+.2} px, {turn:+.3}°, scale {scale:.4} off"));
+    let allowed = report.placement.map_or(String::new(), |range| {
+        format!("; {:.1} px and {:.1}° allowed", range.max_shift_px, range.max_rotation_deg)
+    });
+    lines.push(format!("part lies      {x:+.2} {y:+.2} px, {turn:+.3}°, scale {scale:.4} off{allowed}"));
     let [right, down] = report.plane.slope;
     lines.push(format!(
         "plane          {:+.4} {unit}, {right:+.6} {down:+.6} {unit}/px right, down; tilt {:.2} of {:.2} {unit} allowed",

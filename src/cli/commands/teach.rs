@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use parfocal::export::{FileKind, GoldenPart, GoldenReport, TaughtPart, write_golden};
 use parfocal::metric::inspect::golden::least_tolerances;
-use parfocal::metric::inspect::{Heights, Limits};
+use parfocal::metric::inspect::{Heights, Limits, PlacementRange};
 
 use crate::cli::inspection::arguments::{ComparisonArguments, files_of, result_folders};
 use crate::cli::inspection::golden::{Combined, Golden};
@@ -95,7 +95,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let quantity = (field.name.as_str(), unit);
     // Without a tolerance nothing is written, and JSON says null.
     let tolerance = taught.as_ref().map_or(f64::NAN, |(_, tolerance)| *tolerance);
-    let report = GoldenReport::new(parts, quantity, (tolerance, stated.is_none()), settings);
+    let mut report = GoldenReport::new(parts, quantity, (tolerance, stated.is_none()), settings);
+    (report.placement, report.registration) = (golden.placement, golden.registration);
+    lines.push(match golden.placement {
+        Some(PlacementRange { max_shift_px, max_rotation_deg, .. }) => {
+            format!("parts may lie  within {max_shift_px:.1} px and {max_rotation_deg:.1}° of the good parts")
+        }
+        None => "parts may lie  anywhere; state --max-shift and --max-rotation".to_string(),
+    });
     match taught {
         Some((heights, _)) if doubts.is_empty() => {
             lines.push(format!("golden part    {}", arguments.output.display()));

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 use parfocal::export::{REPORT_FILE, listed_in, read_golden};
-use parfocal::metric::inspect::Limits;
+use parfocal::metric::inspect::{Limits, PlacementRange};
 use parfocal::{Region, internals::bounded_read};
 use serde_json::Value;
 
@@ -53,6 +53,12 @@ pub(crate) struct InspectionArguments {
     /// unit of the tolerance [default: 10 tolerances]
     #[arg(long, value_name = "TILT", help_heading = INSPECTION, value_parser = from_zero)]
     max_tilt: Option<f64>,
+    /// The allowed shift of the part from where the golden one lies in its picture, px [default: as good parts taught]
+    #[arg(long, value_name = "PX", help_heading = INSPECTION, value_parser = from_zero)]
+    max_shift: Option<f64>,
+    /// The allowed rotation of the part from how the golden one lies, degrees [default: as good parts taught]
+    #[arg(long, value_name = "DEGREES", help_heading = INSPECTION, value_parser = from_zero)]
+    max_rotation: Option<f64>,
     /// Region of the golden part that is judged, px; may be repeated [default: all of it]
     #[arg(long, value_name = "X,Y,W,H", help_heading = INSPECTION, value_parser = region)]
     inspect_roi: Vec<Region>,
@@ -109,6 +115,8 @@ impl InspectionArguments {
                 (max_unjudged.is_some(), "--max-unjudged"),
                 (in_place, "--in-place"),
                 (self.max_tilt.is_some(), "--max-tilt"),
+                (self.max_shift.is_some(), "--max-shift"),
+                (self.max_rotation.is_some(), "--max-rotation"),
                 (!self.inspect_roi.is_empty(), "--inspect-roi"),
             ];
             return match needs.iter().find(|(is_given, _)| *is_given) {
@@ -116,7 +124,8 @@ impl InspectionArguments {
                 None => Ok(None),
             };
         }
-        let golden = self.read()?;
+        let mut golden = self.read()?;
+        golden.placement = self.placement_range(golden.placement);
         let tolerance = self.tolerance(&golden)?;
         let default = self.comparison.limits(tolerance);
         let limits = Limits { max_tilt: self.max_tilt.unwrap_or(default.max_tilt), ..default };
@@ -134,6 +143,18 @@ impl InspectionArguments {
                 None => Golden::of_folders(&result_folders(several)?, self.comparison.placement()),
             },
         }
+    }
+
+    /// The stated placement of parts, in the place of the taught one.
+    fn placement_range(&self, taught: Option<PlacementRange>) -> Option<PlacementRange> {
+        let mut range = taught.unwrap_or(PlacementRange::ANY);
+        if let Some(shift) = self.max_shift {
+            (range.middle.tx, range.middle.ty, range.max_shift_px) = (0.0, 0.0, shift);
+        }
+        if let Some(rotation) = self.max_rotation {
+            (range.middle.rotation, range.max_rotation_deg) = (0.0, rotation);
+        }
+        Some(range).filter(|range| *range != PlacementRange::ANY)
     }
 
     /// The stated tolerance, or the one of a taught golden part.

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{GoldenPart, Report, Results};
+use parfocal::export::{FUSED_FILE, GoldenPart, Kind, Report, Results};
 use parfocal::metric::inspect::golden::{Disagreement, disagreement, golden};
-use parfocal::metric::inspect::{Heights, Limits};
+use parfocal::metric::inspect::{Heights, Limits, PlacementRange};
 use parfocal::settings::Decode;
 use parfocal::transform::Similarity;
-use parfocal::{Frame, Region, internals::key_points};
+use parfocal::{Error, Frame, Region, internals::key_points};
 use serde_json::Value;
 
 use crate::cli::options::settings::differing;
@@ -40,6 +40,11 @@ pub(crate) struct Part {
     pub(crate) picture: Frame,
     /// The quantities; the best one is last.
     pub(crate) fields: Vec<Field<Heights>>,
+    /// T of a pair: how its photographs lie to each other.
+    pub(crate) pair: Option<Similarity>,
+    /// What no other part has: the hashes of its photographs, and that of its fused image, which is the same for files
+    /// of the same samples.
+    pub(crate) keys: Vec<String>,
 }
 
 impl Part {
@@ -59,7 +64,19 @@ impl Part {
         let fields = fields.collect::<Result<_, Failure>>()?;
         let report = &results.report;
         let (converged, settings) = (report.converged, settings(report)?);
-        Ok(Self { name: folder.display().to_string(), converged, settings, picture: results.fused()?, fields })
+        let pair = report.frames.get(1).filter(|_| report.kind == Kind::Pair).map(|frame| frame.transform.at_centre());
+        let inputs = report.inputs.iter().map(|input| format!("{}#{}", input.sha256, input.page.unwrap_or(1)));
+        let fused = report.hashes.get(FUSED_FILE).map(|hash| hash.sha256.clone());
+        let keys = inputs.chain(fused).collect();
+        Ok(Self {
+            name: folder.display().to_string(),
+            converged,
+            settings,
+            picture: results.fused()?,
+            fields,
+            pair,
+            keys,
+        })
     }
 
     /// Why its heights should not be believed, if there is a reason.
@@ -87,11 +104,18 @@ impl Part {
 
     /// The transform T from the golden part's pixels to its own.
     pub(crate) fn register(&self, golden: &Self, placement: Placement) -> Result<Similarity, Failure> {
-        if placement == Placement::Fixed || self.name == golden.name {
+        if placement == Placement::Fixed {
+            return Ok(Similarity::IDENTITY);
+        }
+        self.lies(golden).map_err(|e| self.failed(golden, format!("{e}; --in-place takes the pictures as they lie")))
+    }
+
+    /// How it lies in its picture, by key-points.
+    pub(crate) fn lies(&self, golden: &Self) -> Result<Similarity, Error> {
+        if self.name == golden.name {
             return Ok(Similarity::IDENTITY);
         }
         key_points([&golden.picture, &self.picture], Decode::None, None)
-            .map_err(|e| self.failed(golden, format!("{e}; --in-place takes the pictures as they lie")))
     }
 
     /// The heights of a quantity; `None` if the part does not have it in this unit.
@@ -124,6 +148,10 @@ pub(crate) struct Golden {
     pub(crate) doubts: Vec<String>,
     /// The tolerance that a golden part was taught with.
     tolerance: Option<f64>,
+    /// How parts may lie on the picture of the first, if good parts have taught it.
+    pub(crate) placement: Option<PlacementRange>,
+    /// How the two photographs of a part may lie to each other.
+    pub(crate) registration: Option<PlacementRange>,
 }
 
 impl Golden {
@@ -140,9 +168,15 @@ impl Golden {
             let problem = "have no quantity in common: pairs and sweeps cannot be compared, nor settings of two units";
             return Err(parts.last().map_or(first, |last| last).failed(first, problem));
         }
+        let mut lies = Vec::new();
         for part in &parts {
             part.check(first)?;
             let transform = part.register(first, placement)?;
+            // Parts that are held in place have key-points in common, or their pictures say nothing about how they lie.
+            lies.extend(match placement {
+                Placement::Free => Some(transform),
+                Placement::Fixed => (parts.len() > 2).then(|| part.lies(first).ok()).flatten(),
+            });
             for field in &mut fields {
                 let heights = part.heights(&field.name, field.unit).into_iter();
                 let size = |heights: &Heights| [heights.width, heights.height];
@@ -151,7 +185,11 @@ impl Golden {
         }
         let names = parts.iter().map(|part| part.name.clone()).collect();
         let doubts = parts.iter().filter_map(Part::doubt).collect();
-        Ok(Self { names, first: parts.swap_remove(0), fields, doubts, tolerance: None })
+        let size = [first.picture.width(), first.picture.height()];
+        let pairs: Vec<Similarity> = parts.iter().filter_map(|part| part.pair).collect();
+        let taught = |all: &[Similarity]| PlacementRange::taught(all, size).filter(|_| all.len() == parts.len());
+        let (placement, registration) = (taught(&lies), taught(&pairs));
+        Ok(Self { names, first: parts.swap_remove(0), fields, doubts, tolerance: None, placement, registration })
     }
 
     pub(crate) fn taught(file: &Path, GoldenPart { report, heights, picture }: GoldenPart) -> Self {
@@ -159,9 +197,25 @@ impl Golden {
         // The reader checks the unit.
         let unit = report.known_unit().unwrap_or_default();
         let field = Field { name: report.quantity, unit, heights: vec![heights] };
-        let first =
-            Part { name: name.clone(), converged: None, settings: report.settings, picture, fields: Vec::new() };
-        Self { names: vec![name], first, fields: vec![field], doubts: Vec::new(), tolerance: Some(tolerance) }
+        let (placement, registration) = (report.placement, report.registration);
+        let first = Part {
+            name: name.clone(),
+            converged: None,
+            settings: report.settings,
+            picture,
+            fields: Vec::new(),
+            pair: None,
+            keys: Vec::new(),
+        };
+        Self {
+            names: vec![name],
+            first,
+            fields: vec![field],
+            doubts: Vec::new(),
+            tolerance: Some(tolerance),
+            placement,
+            registration,
+        }
     }
 
     /// The name of the first, or of the file.

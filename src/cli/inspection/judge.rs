@@ -1,18 +1,19 @@
 //! The judgement of a part against golden parts, for `inspect`, `batch` and `watch`.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use image::RgbImage;
 use parfocal::export::{Destination, InspectReport, InspectedPart, write_inspection};
 use parfocal::metric::inspect::{Heights, Limits, inspect};
 use parfocal::page::inspection;
 use parfocal::settings::Decode;
-use parfocal::transform::Brightness;
+use parfocal::transform::{Brightness, Similarity};
 use parfocal::{Region, resample};
 
 use crate::cli::inspection::golden::{Combined, Field, Golden, Part, Placement};
-use crate::cli::output::failure::Failure;
+use crate::cli::output::failure::{Failure, plain};
 
 /// Golden parts and limits, by which parts are judged.
 pub(crate) struct Judge {
@@ -23,6 +24,8 @@ pub(crate) struct Judge {
     placement: Placement,
     /// For each quantity one golden part from all.
     combined: Vec<OnceLock<Result<Combined, Failure>>>,
+    /// The serial number that first had what no other part has.
+    known: Mutex<HashMap<String, String>>,
 }
 
 impl Judge {
@@ -34,7 +37,7 @@ impl Judge {
     ) -> Result<Self, Failure> {
         golden.restrict(regions)?;
         let combined = golden.fields.iter().map(|_| OnceLock::new()).collect();
-        Ok(Self { golden, limits, regions: regions.to_vec(), placement, combined })
+        Ok(Self { golden, limits, regions: regions.to_vec(), placement, combined, known: Mutex::default() })
     }
 
     /// The folders of the golden parts, or the file of a taught one.
@@ -49,6 +52,7 @@ impl Judge {
 
     pub(crate) fn judge(&self, folder: &Path, label: InspectedPart) -> Result<Judged, Failure> {
         let (part, golden) = (Part::read(folder)?, &self.golden);
+        let mut faults: Vec<String> = part.doubt().into_iter().chain(self.frozen(&part, &label.serial)).collect();
         let (index, field) = self.common(&part)?;
         part.check(&golden.first)?;
         let of_golden = self.combined[index].get_or_init(|| golden.combined(field, &self.limits));
@@ -58,15 +62,17 @@ impl Judge {
         let Some(own) = part.heights(&field.name, field.unit) else { return Err(self.nothing_common(&part)) };
         let heights = own.resample(size, &transform);
         let found = inspect(&heights, combined, &self.limits).map_err(|e| part.failed(&golden.first, e))?;
-        let doubts = part.doubt().into_iter().chain(golden.doubts.iter().cloned()).chain(disagreeing.clone()).collect();
+        faults.extend(self.misplaced(&part, &transform));
+        let doubts = golden.doubts.iter().cloned().chain(disagreeing.clone()).collect();
         let quantity = (field.name.as_str(), field.unit);
-        let report = InspectReport::new(
+        let mut report = InspectReport::new(
             (label, &golden.names),
             quantity,
             (self.limits, transform, &self.regions),
             (&found, size),
-            doubts,
+            [faults, doubts],
         );
+        (report.placement, report.registration) = (golden.placement, golden.registration);
         let words = format!(
             "{}: tolerance {} {}, {} σ",
             report.verdict.text(),
@@ -78,6 +84,39 @@ impl Judge {
         let moved = resample::registered(&part.picture, &transform.into(), &unchanged, Decode::None);
         let picture = inspection::draw(&moved, &found, field.unit, &words);
         Ok(Judged { report, picture })
+    }
+
+    /// Says which earlier part has a photograph or the samples of this one, if there is one: then the camera, or what
+    /// stores its photographs, stands still.
+    fn frozen(&self, part: &Part, serial: &str) -> Option<String> {
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut first = |key: &String| known.entry(key.clone()).or_insert_with(|| serial.to_string()).clone();
+        // All are entered.
+        let all: Vec<String> = part.keys.iter().map(&mut first).collect();
+        all.into_iter().find(|first| first != serial).map(|first| {
+            let advice = "see whether the camera takes new ones, and take this part again";
+            format!("a photograph is the same as one of {}: {advice}", plain(&first))
+        })
+    }
+
+    /// Says by what a part lies out of the range that is stated or taught, and its photographs to each other.
+    fn misplaced(&self, part: &Part, transform: &Similarity) -> Vec<String> {
+        let golden = &self.golden;
+        let found = match self.placement {
+            Placement::Free => Some(*transform),
+            Placement::Fixed if golden.placement.is_some() => part.lies(&golden.first).ok(),
+            Placement::Fixed => None,
+        };
+        let lies = golden.placement.and_then(|range| match found {
+            None => Some("the picture of the part is not that of the golden part: see whether it lies as good parts do".to_string()),
+            Some(found) => range.problem(&found).map(|off| {
+                format!("the part lies {off}; lay it as good parts lie, or state by --max-shift and --max-rotation how it may lie")
+            }),
+        });
+        let pair = golden.registration.zip(part.pair).and_then(|(range, pair)| range.problem(&pair)).map(|off| {
+            format!("the second photograph lies {off}, by those of good parts; see whether the registration is right")
+        });
+        lies.into_iter().chain(pair).collect()
     }
 
     /// The best quantity that the part and all golden parts have.

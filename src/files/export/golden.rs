@@ -12,7 +12,7 @@ use super::report::{Kind, PROGRAM, UNITS};
 use super::single::write_file;
 use crate::base::{Channels, Decode, Error, Frame};
 use crate::files::image_io::{self, NamedChannels};
-use crate::metric::inspect::Heights;
+use crate::metric::inspect::{Heights, PlacementRange};
 
 /// The channels of the heights.
 const FIELDS: [&str; 4] = ["Y", "standard_deviation", "part_standard_deviation", "evidence"];
@@ -53,6 +53,12 @@ pub struct GoldenReport {
     pub suggested: bool,
     /// The settings that heights depend on, of all good parts.
     pub settings: Value,
+    /// How parts may lie on the picture, if three or more good parts have taught it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub placement: Option<PlacementRange>,
+    /// How the two photographs of a part may lie to each other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub registration: Option<PlacementRange>,
 }
 
 /// A good part that a golden part was taught from.
@@ -82,6 +88,8 @@ impl GoldenReport {
             tolerance,
             suggested,
             settings,
+            placement: None,
+            registration: None,
         }
     }
 

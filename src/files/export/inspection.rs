@@ -8,7 +8,7 @@ use super::image_files::write_drawing;
 use super::report::{Header, Kind};
 use super::staging::{ListedFiles, Staging};
 use crate::base::{Error, Region, Similarity};
-use crate::metric::inspect::{Deviation, Gap, Inspection, Limits, Plane, Verdict};
+use crate::metric::inspect::{Deviation, Gap, Inspection, Limits, PlacementRange, Plane, Verdict};
 
 /// The report of an inspected part.
 #[derive(Clone, Debug, Serialize)]
@@ -38,6 +38,12 @@ pub struct InspectReport {
     pub judged_regions: Vec<Region>,
     /// T: the golden part's pixel x lies at T x in the picture of the part.
     pub transform: Similarity,
+    /// Where the part may lie, as stated or taught; absent if neither.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub placement: Option<PlacementRange>,
+    /// How the photographs of a pair may lie to each other, as taught.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub registration: Option<PlacementRange>,
     /// The plane of the part minus that of the golden part, in heights and heights per pixel; it is subtracted.
     pub plane: Plane,
     /// The tilt of the plane: the difference of the highest and the lowest corner of the picture.
@@ -83,16 +89,17 @@ pub struct DeviationReport {
 }
 
 impl InspectReport {
-    /// Report of an inspection; golden parts are named by their folders. With `doubts` about their results, a sentence
-    /// each, a part cannot be judged as go.
+    /// Report of an inspection; golden parts are named by their folders. With `faults` of the part's results, a sentence
+    /// each, it cannot be judged. With `doubts` about those of the golden parts it is no go.
     pub fn new(
         (part, golden): (InspectedPart, &[String]),
         (quantity, unit): (&str, &'static str),
         (limits, transform, regions): (Limits, Similarity, &[Region]),
         (inspection, size): (&Inspection, [u32; 2]),
-        doubts: Vec<String>,
+        [faults, doubts]: [Vec<String>; 2],
     ) -> Self {
         let verdict = match inspection.verdict(&limits) {
+            _ if !faults.is_empty() => Verdict::CannotJudge,
             Verdict::Go if !doubts.is_empty() => Verdict::CannotJudge,
             verdict => verdict,
         };
@@ -105,7 +112,7 @@ impl InspectReport {
             header: Header::new(Kind::Inspection),
             version: env!("CARGO_PKG_VERSION"),
             verdict,
-            reasons: reasons(inspection, &limits, unit).into_iter().chain(doubts).collect(),
+            reasons: faults.into_iter().chain(reasons(inspection, &limits, unit)).chain(doubts).collect(),
             part,
             golden: golden.to_vec(),
             quantity: quantity.to_string(),
@@ -113,6 +120,8 @@ impl InspectReport {
             limits,
             judged_regions: regions.to_vec(),
             transform,
+            placement: None,
+            registration: None,
             plane: inspection.plane,
             tilt: inspection.tilt,
             judged_px: inspection.judged,
@@ -173,7 +182,12 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
              part lies, or allow more by --max-tilt"
         )
     });
-    deviates.into_iter().chain(bare).chain(missing).chain(blurred).chain(unclear).chain(tilted).collect()
+    let negated = inspection.is_negated.then(|| {
+        let problem =
+            "the heights are those of the golden part with the other sign: the photographs are in the other order";
+        problem.to_string()
+    });
+    negated.into_iter().chain(deviates).chain(bare).chain(missing).chain(blurred).chain(unclear).chain(tilted).collect()
 }
 
 /// Writes report and picture into a folder: both or none. Creates the folder if it is missing. Replaces the files of an

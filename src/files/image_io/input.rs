@@ -46,12 +46,6 @@ pub struct Input {
 pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
     let [i1, i2] = inputs else { return Vec::new() };
     let mut warnings = Vec::new();
-    if i1.sha256 == i2.sha256 && i1.page.unwrap_or(1) == i2.page.unwrap_or(1) {
-        warnings.push(format!(
-            "{} and {} hold the same picture, so that V is 0 everywhere: give two photographs, focused at two distances",
-            i1.file, i2.file
-        ));
-    }
     if i1.channels != i2.channels {
         let (gray, color) = if i1.channels < i2.channels { (i1, i2) } else { (i2, i1) };
         warnings.push(format!(
@@ -323,7 +317,6 @@ mod tests {
         let [a, b] = ["a", "b"].map(|name| input_of(name, 8, None));
         let warn = |b: Input, decode| pair_warnings(&[a.clone(), b], decode).join("; ");
         assert_eq!(warn(b.clone(), Decode::None), "");
-        assert!(warn(a.clone(), Decode::None).contains("same picture"));
         assert!(warn(Input { channels: 1, ..b.clone() }, Decode::None).contains("b is grey and a is coloured"));
         assert!(warn(Input { pages: 3, ..b.clone() }, Decode::None).contains("b has 3 pages"));
         assert_eq!(warn(Input { pages: 3, page: Some(2), ..b.clone() }, Decode::None), "");

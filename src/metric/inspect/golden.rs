@@ -3,10 +3,13 @@
 use super::{Deviation, GOLDEN_EVIDENCE, Heights, Limits, Verdict, difference, inspect};
 use crate::base::Error;
 
-/// By how much the scatter between n - 1 good parts is widened before another is compared with them, from n = 3: the
-/// quantile of Student's t distribution with n - 2 degrees of freedom that 3 standard deviations are of a Gaussian,
-/// over 3. Of parts whose scatter is known from few others, one would seem off too often.
-const WIDER: [f64; 10] = [78.6, 6.4, 3.07, 2.21, 1.84, 1.63, 1.51, 1.43, 1.36, 1.32];
+/// Returns by how much a scatter that is known with some degrees of freedom, from 1, is widened: the quantile of
+/// Student's t distribution that 3 standard deviations are of a Gaussian, over 3. Of parts whose scatter is known from
+/// few others, one would seem off too often.
+pub(super) fn student(freedom: usize) -> f64 {
+    const WIDER: [f64; 10] = [78.6, 6.4, 3.07, 2.21, 1.84, 1.63, 1.51, 1.43, 1.36, 1.32];
+    WIDER[freedom.clamp(1, WIDER.len()) - 1]
+}
 
 /// Makes a golden part from several good parts that are registered to the pixels of the first.
 ///
@@ -41,7 +44,7 @@ pub fn disagreement(parts: &[Heights], limits: &Limits) -> Result<Option<Disagre
     let first = if parts.len() == 2 { 1 } else { 0 };
     let mut found: Option<Disagreement> = None;
     for part in first..if parts.len() > 1 { parts.len() } else { 0 } {
-        let wider = WIDER.get(parts.len().saturating_sub(3)).or(WIDER.last()).copied().unwrap_or(1.0);
+        let wider = student(parts.len().saturating_sub(2));
         let off = inspect(&levelled[part], &combined(&others(&levelled, part), wider)?, limits)?;
         let Some(deviation) = off.regions.first().copied() else { continue };
         if found.is_none_or(|found| deviation.area_px > found.deviation.area_px) {

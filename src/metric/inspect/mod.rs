@@ -4,6 +4,7 @@
 //! deviates if the remaining difference exceeds the tolerance and the uncertainty of both.
 
 pub mod golden;
+mod placement;
 mod regions;
 
 use self::regions::{Extent, connected_regions, label_regions};
@@ -11,6 +12,7 @@ use super::plane::MIN_POINTS;
 use crate::base::statistics::median;
 use crate::base::{Error, Region};
 
+pub use self::placement::PlacementRange;
 pub use self::regions::Deviation;
 pub use super::{heights::Heights, plane::Plane};
 
@@ -77,7 +79,8 @@ pub enum Verdict {
     Go,
     /// A region deviates, or its surface is bare; or too many pixels have no height of the part.
     NoGo,
-    /// The part is too uncertain for the tolerance, over all or in a region, or lies more tilted than is allowed.
+    /// The part is too uncertain for the tolerance, over all or in a region, lies more tilted than is allowed, or has the
+    /// heights of the golden part with the other sign.
     CannotJudge,
 }
 
@@ -127,6 +130,9 @@ pub struct Inspection {
     pub regions: Vec<Deviation>,
     /// The number of each pixel's region, from 1, or 0.
     pub labels: Vec<u32>,
+    /// Whether the heights of the part are those of the golden part with the other sign, far rather than its heights:
+    /// the photographs were taken, or given, in the other order.
+    pub is_negated: bool,
 }
 
 impl Inspection {
@@ -148,7 +154,9 @@ impl Inspection {
     pub fn verdict(&self, limits: &Limits) -> Verdict {
         let too_many = |share: f64| share > limits.max_unjudged;
         let is_bare = self.gaps.iter().any(|gap| gap.is_bare);
-        if !self.regions.is_empty() || is_bare || too_many(self.unjudged_share()) {
+        if self.is_negated {
+            Verdict::CannotJudge
+        } else if !self.regions.is_empty() || is_bare || too_many(self.unjudged_share()) {
             Verdict::NoGo
         } else if too_many(self.unjudged_share() + self.uncertain_share())
             || !self.gaps.is_empty()
@@ -184,6 +192,7 @@ pub fn inspect(part: &Heights, golden: &Heights, limits: &Limits) -> Result<Insp
     };
     let signs: Vec<i8> = difference.iter().enumerate().map(sign).collect();
     let (regions, labels) = label_regions(golden.width, &signs, &difference, limits.min_area_px);
+    let is_negated = !regions.is_empty() && is_negated(part, golden, limits, &difference)?;
     let compared = difference.iter().filter(|v| v.is_finite()).count();
     // A deviation as large as the tolerance would be within this of a good part.
     let needed = |i: usize| limits.sigmas * f64::from(part.deviation[i].max(golden.deviation[i]));
@@ -202,7 +211,19 @@ pub fn inspect(part: &Heights, golden: &Heights, limits: &Limits) -> Result<Insp
     let (judged, unjudged) = (compared - too_uncertain.len(), valid - compared - dim);
     let uncertain = too_uncertain.len() + dim;
     let tilt = plane.tilt([golden.width, golden.height]);
-    Ok(Inspection { plane, tilt, judged, unjudged, uncertain, least_tolerance, gaps, difference, regions, labels })
+    Ok(Inspection {
+        plane,
+        tilt,
+        judged,
+        unjudged,
+        uncertain,
+        least_tolerance,
+        gaps,
+        difference,
+        regions,
+        labels,
+        is_negated,
+    })
 }
 
 /// Returns the standard deviation of the difference at a pixel.
@@ -278,6 +299,14 @@ fn difference(part: &Heights, other: &Heights, limits: &Limits) -> Result<(Plane
     });
     plane.subtract_from(size, &mut difference);
     Ok((plane, difference))
+}
+
+/// Whether the heights of a part with the other sign differ from the golden part by less than half of this difference.
+fn is_negated(part: &Heights, golden: &Heights, limits: &Limits, found: &[f32]) -> Result<bool, Error> {
+    let negated = Heights { values: part.values.iter().map(|v| -v).collect(), ..part.clone() };
+    let (_, other) = difference(&negated, golden, limits)?;
+    let sum = |of: &[f32]| of.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v).powi(2)).sum::<f64>();
+    Ok(4.0 * sum(&other) < sum(found))
 }
 
 #[cfg(test)]
@@ -393,6 +422,16 @@ pub(super) mod tests {
         assert_eq!(inspect(&part(added, 0.01), &good(0.01), &wide).unwrap().regions.len(), 1);
         assert!(inspect(&part(added, 0.01), &good(0.01), &Limits::new(1.2)).unwrap().regions.is_empty());
         assert!(inspect(&part(added, 0.3), &good(0.3), &limits).unwrap().regions.is_empty(), "within three deviations");
+    }
+
+    #[test]
+    fn heights_of_the_other_sign_cannot_be_judged() {
+        let limits = Limits::new(0.3);
+        let found = inspect(&heights(|x, y| -relief([x, y]), 0.01), &good(0.01), &limits).unwrap();
+        assert!(found.is_negated && found.verdict(&limits) == Verdict::CannotJudge);
+        let flat = heights(|x, y| if disk(x, y, [60.0, 40.0], 30.0) { 1.0 } else { 0.0 }, 0.01);
+        let found = inspect(&flat, &heights(|_, _| 0.0, 0.01), &limits).unwrap();
+        assert!(!found.is_negated && found.verdict(&limits) == Verdict::NoGo);
     }
 
     #[test]
