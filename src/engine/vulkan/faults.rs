@@ -52,6 +52,8 @@ thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
     /// Whether new instances of this thread are hooked.
     static IS_HOOKED: Cell<bool> = const { Cell::new(false) };
+    /// Counts what the calls of this thread allocate.
+    static COUNTER: Cell<Counter> = Cell::new(Counter::new());
 }
 
 /// The log of a thread since [`begin`].
@@ -61,12 +63,12 @@ pub(crate) struct Log {
     /// The calls that failed, with their results.
     pub(crate) failed: Vec<(Call, Code)>,
     pub(crate) allocations: usize,
-    /// Bytes of host memory that are still allocated.
+    /// Bytes of host memory that calls have allocated since [`begin`], and nobody has freed.
     pub(crate) leaked: isize,
     pub(crate) messages: Vec<String>,
 }
 
-/// Serializes the tests with hooked instances, since bytes are counted for the whole process.
+/// Serializes the tests with hooked instances, since these share the functions behind the hooks.
 pub(crate) fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
@@ -77,7 +79,7 @@ pub(crate) fn begin(fault: Option<Fault>, allocation: Option<usize>) {
     IS_HOOKED.set(true);
     ALLOCATIONS_LEFT.set(allocation);
     ALLOCATIONS.set(0);
-    ALLOCATED.store(0, Ordering::Relaxed);
+    COUNTER.set(Counter::new());
     STATE.replace(State { fault, ..State::default() });
 }
 
@@ -91,7 +93,7 @@ pub(crate) fn end() -> Log {
     IS_HOOKED.set(false);
     ALLOCATIONS_LEFT.set(None);
     let State { calls, failed, messages, .. } = STATE.take();
-    Log { calls, failed, allocations: ALLOCATIONS.get(), leaked: ALLOCATED.load(Ordering::Relaxed), messages }
+    Log { calls, failed, allocations: ALLOCATIONS.get(), leaked: COUNTER.get().bytes.load(Ordering::Relaxed), messages }
 }
 
 /// Logs a validation message.
@@ -111,10 +113,6 @@ pub(super) fn hook_entry(entry: ash::Entry) -> ash::Entry {
     // SAFETY: the hook returns the loader's functions or hooks of the same types.
     unsafe { ash::Entry::from_static_fn(ash::StaticFn { get_instance_proc_addr }) }
 }
-
-/// Bytes of host memory that hooked calls have allocated and not freed, on all threads, those of drivers included.
-/// Tests with hooked instances run [`alone`].
-static ALLOCATED: AtomicIsize = AtomicIsize::new(0);
 
 static ENTRY: OnceLock<ash::Entry> = OnceLock::new();
 static GET_INSTANCE_PROC_ADDR: AtomicPtr<c_void> = AtomicPtr::new(ptr::null_mut());
@@ -196,7 +194,7 @@ fn with_callbacks<A: Copy + 'static>(argument: A) -> A {
     if TypeId::of::<A>() != TypeId::of::<*const vk::AllocationCallbacks<'static>>() {
         return argument;
     }
-    let callbacks: *const vk::AllocationCallbacks<'static> = &CALLBACKS;
+    let callbacks: *const vk::AllocationCallbacks<'static> = COUNTER.get().callbacks;
     // SAFETY: the type ids are equal.
     unsafe { transmute_copy(&callbacks) }
 }
@@ -347,22 +345,34 @@ calls! {
     one PFN_vkDeviceWaitIdle [HOST, DEVICE, LOST];
 }
 
-/// Allocation callbacks that count allocations, and fail one.
-static CALLBACKS: vk::AllocationCallbacks<'static> = vk::AllocationCallbacks {
-    p_user_data: ptr::null_mut(),
-    pfn_allocation: Some(allocate),
-    pfn_reallocation: Some(reallocate),
-    pfn_free: Some(free),
-    pfn_internal_allocation: None,
-    pfn_internal_free: None,
-    _marker: std::marker::PhantomData,
-};
+/// Counts bytes of host memory that are allocated and not freed. The user data of its callbacks are the number of bytes.
+/// A driver keeps the callbacks of an object, and each allocation its counter. So an abandoned device, whose threads go
+/// on, does not change the counters of later tests.
+#[derive(Clone, Copy)]
+struct Counter {
+    bytes: &'static AtomicIsize,
+    callbacks: &'static vk::AllocationCallbacks<'static>,
+}
 
-/// The space before each allocation for its size and alignment.
-const HEADER_BYTES: usize = 2 * size_of::<usize>();
+impl Counter {
+    fn new() -> Self {
+        let bytes: &AtomicIsize = Box::leak(Box::default());
+        let callbacks = Box::leak(Box::new(vk::AllocationCallbacks {
+            p_user_data: ptr::from_ref(bytes).cast_mut().cast(),
+            pfn_allocation: Some(allocate),
+            pfn_reallocation: Some(reallocate),
+            pfn_free: Some(free),
+            ..Default::default()
+        }));
+        Self { bytes, callbacks }
+    }
+}
+
+/// The space before each allocation for its size, its alignment and its counter.
+const HEADER_BYTES: usize = 3 * size_of::<usize>();
 
 unsafe extern "system" fn allocate(
-    _: *mut c_void,
+    user: *mut c_void,
     size: usize,
     alignment: usize,
     _: vk::SystemAllocationScope,
@@ -383,9 +393,19 @@ unsafe extern "system" fn allocate(
         let returned = start.add(offset);
         returned.cast::<usize>().sub(1).write(layout.size());
         returned.cast::<usize>().sub(2).write(layout.align());
-        ALLOCATED.fetch_add(layout.size() as isize, Ordering::Relaxed);
+        returned.cast::<*mut c_void>().sub(3).write(user);
+        count(user, layout.size() as isize);
         returned.cast()
     }
+}
+
+/// Adds to the bytes of a counter.
+///
+/// # Safety
+/// `user` is the user data of a [`Counter`]'s callbacks.
+unsafe fn count(user: *mut c_void, bytes: isize) {
+    // SAFETY: counters live until the program ends.
+    unsafe { &*user.cast::<AtomicIsize>() }.fetch_add(bytes, Ordering::Relaxed);
 }
 
 /// Returns the start and the layout of an allocation.
@@ -408,7 +428,7 @@ unsafe extern "system" fn free(_: *mut c_void, pointer: *mut c_void) {
     // SAFETY: Vulkan frees each pointer from `allocate` once.
     unsafe {
         let (start, layout) = layout_of(pointer);
-        ALLOCATED.fetch_sub(layout.size() as isize, Ordering::Relaxed);
+        count(pointer.cast::<*mut c_void>().sub(3).read(), -(layout.size() as isize));
         alloc::dealloc(start, layout);
     }
 }
@@ -435,5 +455,27 @@ unsafe extern "system" fn reallocate(
             free(user, original);
         }
         returned
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_an_earlier_engine_allocates_and_frees_late_is_not_counted() {
+        begin(None, None);
+        let earlier = COUNTER.get().callbacks.p_user_data;
+        // SAFETY: `earlier` is a counter's. Each allocation is freed once.
+        unsafe {
+            let allocated = || allocate(earlier, 100, 8, vk::SystemAllocationScope::OBJECT);
+            let first = allocated();
+            assert!(end().leaked >= 100);
+            begin(None, None);
+            free(earlier, first);
+            let second = allocated();
+            assert_eq!(end().leaked, 0);
+            free(earlier, second);
+        }
     }
 }
