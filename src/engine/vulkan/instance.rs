@@ -75,6 +75,9 @@ pub(crate) struct OptionalExtensions {
     pub(crate) host_memory: bool,
     /// All three extensions for dma-bufs.
     pub(crate) dma_buf: bool,
+    /// `VK_KHR_portability_subset`, which Vulkan requires to be enabled: the driver translates to another API, as
+    /// MoltenVK does. The engine needs none of its features.
+    pub(crate) portability_subset: bool,
 }
 
 impl OptionalExtensions {
@@ -85,14 +88,20 @@ impl OptionalExtensions {
             conditional_rendering: has(conditional_rendering),
             host_memory: has(host_memory),
             dma_buf: dma_buf.iter().all(|name| has(name)),
+            portability_subset: has(khr::portability_subset::NAME),
         }
     }
 
     /// Returns the names of the extensions.
     pub(super) fn names(self) -> impl Iterator<Item = &'static CStr> {
-        let Self { conditional_rendering, host_memory, dma_buf } = self;
-        let has = [conditional_rendering, host_memory, dma_buf, dma_buf, dma_buf];
-        OPTIONAL_EXTENSIONS.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name)
+        let Self { conditional_rendering, host_memory, dma_buf, portability_subset } = self;
+        let has = [conditional_rendering, host_memory, dma_buf, dma_buf, dma_buf, portability_subset];
+        OPTIONAL_EXTENSIONS
+            .into_iter()
+            .chain([khr::portability_subset::NAME])
+            .zip(has)
+            .filter(|(_, has)| *has)
+            .map(|(name, _)| name)
     }
 
     /// Returns the extensions that both have.
@@ -101,6 +110,7 @@ impl OptionalExtensions {
             conditional_rendering: self.conditional_rendering && other.conditional_rendering,
             host_memory: self.host_memory && other.host_memory,
             dma_buf: self.dma_buf && other.dma_buf,
+            portability_subset: self.portability_subset && other.portability_subset,
         }
     }
 }
@@ -126,10 +136,13 @@ impl Instance {
         // SAFETY: the entry is loaded, and no layer name is passed.
         let available = unsafe { entry.enumerate_instance_extension_properties(None) }
             .map_err(|e| failed("vkEnumerateInstanceExtensionProperties", e))?;
-        let debug_utils =
-            available.iter().any(|e| e.extension_name_as_c_str() == Ok(ext::debug_utils::NAME)) || validation;
-        let mut layers = Vec::new();
-        let mut extensions = Vec::new();
+        let debug_utils = has(&available, ext::debug_utils::NAME) || validation;
+        let (mut layers, mut extensions, mut flags) = (Vec::new(), Vec::new(), vk::InstanceCreateFlags::empty());
+        // Without it the loader hides drivers that translate to another API, as MoltenVK does.
+        if has(&available, khr::portability_enumeration::NAME) {
+            extensions.push(khr::portability_enumeration::NAME.as_ptr());
+            flags |= vk::InstanceCreateFlags::ENUMERATE_PORTABILITY_KHR;
+        }
         if debug_utils {
             extensions.push(ext::debug_utils::NAME.as_ptr());
         }
@@ -141,6 +154,7 @@ impl Instance {
         let synchronization = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&synchronization);
         let mut create = vk::InstanceCreateInfo::default()
+            .flags(flags)
             .application_info(&application)
             .enabled_layer_names(&layers)
             .enabled_extension_names(&extensions);
