@@ -19,7 +19,8 @@ use super::stages::sums::Layout;
 use super::stages::{Field, edge, relax, segments, system};
 use super::vulkan::{Access, Buffer, Image, Kind, Resource, Variant};
 use crate::base::workers::no_threads;
-/// Single precision, of a few operations on numbers as large as the result.
+/// Single precision, of a few operations on numbers as large as the result. What Vulkan lets square roots, divisions,
+/// exponentials and logarithms err by is within it, and no shader uses functions that may err by more.
 const SINGLE: f64 = 3e-5;
 
 /// By how much outputs of a pass may differ, as a share of the largest number of a layer or buffer.
