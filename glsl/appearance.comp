@@ -18,7 +18,7 @@ layout(binding = 3, std430) writeonly buffer Partials { float partials[]; };
 layout(binding = 4, r32f) uniform readonly image2DArray masks;          // of I1, of I2
 layout(push_constant) uniform Constants {
     int width, height;
-    int rows;                        // pairs of pixels per invocation
+    int rows;                        // pixels per invocation
     float factor;                    // pixels of the full-size image per pixel of this level
     float centre[2];
     float length;                    // L, the length that places are divided by, pixels
@@ -45,18 +45,18 @@ void accumulate(Registration r, ivec2 x, inout Sums sums) {
     float s = imageLoad(image1, ivec3(x, 0)).r - (r.gain * i2.value + r.offset);
     float psi = sqrt(s * s + eta * eta);
     vec2 j = r.gain * i2.gradient * jacobian(r);         // of -S
-    add_pixel(sums, product(share / psi, j), -share * s / psi * j, share * psi, (vec2(x) - centre) / length, share);
+    add_pixel(sums, product(share / psi, j), -share * s / psi * j, share * psi, (float(x.y) - centre.y) / length, share);
 }
 
 void main() {
     Sums sums = no_sums();
     Registration r = state.registration;
-    for (int n = 0; n < 2 * rows; n++) {
-        ivec2 block = ivec2(2 * gl_WorkGroupID.x + n % 2, gl_WorkGroupID.y * rows + n / 2);
+    for (int n = 0; n < rows; n++) {
+        ivec2 block = ivec2(gl_WorkGroupID.x, gl_WorkGroupID.y * rows + n);
         ivec2 x = block * ivec2(gl_WorkGroupSize.xy) + ivec2(gl_LocalInvocationID.xy);
         if (x.x < width && x.y < height) accumulate(r, x, sums);
     }
-    float sum = workgroup_sum(sums);
+    float sum = workgroup_sum(sums, (float(gl_GlobalInvocationID.x) - centre[0]) / length);
     uint n = gl_LocalInvocationIndex;
     if (n < SUMS) partials[(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
 }

@@ -7,7 +7,7 @@
 
 #include "state.glsl"
 
-layout(local_size_x = 64, local_size_y = 16, local_size_x_id = 0, local_size_y_id = 1) in;
+layout(local_size_x = 64, local_size_y = 8, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 2) const bool SHADES = false;               // also matches the shading
 layout(binding = 0, std430) readonly buffer Samples { float means[]; };   // of I1, I2 times the share; of the share
 layout(binding = 1, std430) buffer StateBuffer { State state; };
@@ -100,12 +100,15 @@ void match_moments(Registration r) {
     barrier();
 }
 
-// I1 minus the offset is a polynomial of the place times I2. The sums are the upper triangle of the normal equations of
-// its coefficients, row by row, with the right side as last column; then the shares that count, the squares that the
-// previous polynomial leaves, and those that its constant term alone leaves, both times the weight.
+// I1 minus the offset is a polynomial of the place times I2, of DEGREE. The sums are those of its normal equations: each
+// product of two Legendre polynomials is a sum of such polynomials of up to twice the degree, with positive factors. So
+// there is a sum for each of these polynomials, and one for each term of the right side; then the shares that count, the
+// squares that the previous polynomial leaves, and those that its constant term alone leaves, both times the weight.
+// One sum for each element of the normal equations would be 136, too many for registers.
+const int DEGREE = 4, TWICE = 2 * DEGREE;
 const int ALL = TERMS + 1;
-const int PAIRS = (ALL + 1) * (ALL + 2) / 2;
-const int COUNT = PAIRS, LEFT = COUNT + 1, BEFORE = COUNT + 2, FITTED = COUNT + 3;
+const int RIGHT = (TWICE + 1) * (TWICE + 2) / 2;
+const int COUNT = RIGHT + ALL, LEFT = COUNT + 1, BEFORE = COUNT + 2, FITTED = COUNT + 3;
 const int ROUNDS = 3;
 // Sums whose subgroups' shares are in shared memory at a time.
 const int BATCH = 16;
@@ -115,6 +118,17 @@ shared float rows[ALL][ALL + 1];    // with the right side as last column
 shared float diagonals[ALL];
 shared float coefficients[ALL];
 shared float scale;                  // of residuals, from which on a sample is an outlier
+
+// The Legendre polynomials of degree 0 to TWICE.
+void legendre_to_twice(float x, out float p[TWICE + 1]) {
+    p[0] = 1.0;
+    p[1] = x;
+    [[unroll]] for (int n = 1; n < TWICE; n++)
+        p[n + 1] = (float(2 * n + 1) * x * p[n] - float(n) * p[n - 1]) * (1.0 / float(n + 1));
+}
+
+// The index of a term by its degrees along x and y.
+int term_of(int x, int y) { return (x + y) * (x + y + 1) / 2 + y; }
 
 // All sums over all samples, or those of the squares alone: an invocation adds up its own in registers, then subgroups
 // theirs, then these in order. One sum per invocation, over samples in shared memory, took 20 times as long.
@@ -134,22 +148,21 @@ void add_up(Registration r, float constant, bool first, const bool all) {
         sums[LEFT] += weight * left * left;
         sums[BEFORE] += weight * alone * alone;
         if (!all) continue;
-        float px[5], py[5], terms[ALL + 1];
-        legendre(p.place.x, px);
-        legendre(p.place.y, py);
-        [[unroll]] for (int i = 0; i < ALL; i++) {
-            ivec2 d = degrees(i);
-            terms[i] = px[d.x] * py[d.y] * second;
-        }
-        terms[ALL] = target;
-        int at = 0;
-        [[unroll]] for (int i = 0; i <= ALL; i++) {
-            float weighed = weight * terms[i];
-            [[unroll]] for (int j = i; j <= ALL; j++, at++) sums[at] += weighed * terms[j];
+        float px[TWICE + 1], py[TWICE + 1];
+        legendre_to_twice(p.place.x, px);
+        legendre_to_twice(p.place.y, py);
+        // Loops of constant length, which compilers unroll, so that the sums are in registers.
+        [[unroll]] for (int i = 0; i <= TWICE; i++) {
+            float by_x = weight * second * px[i];
+            [[unroll]] for (int j = 0; j <= TWICE; j++) {
+                if (i + j <= TWICE) sums[term_of(i, j)] += by_x * second * py[j];
+                if (i + j <= DEGREE) sums[RIGHT + term_of(i, j)] += by_x * target * py[j];
+            }
         }
     }
     [[unroll]] for (int batch = all ? 0 : COUNT; batch < FITTED; batch += BATCH) {
-        [[unroll]] for (int k = 0; k < BATCH && batch + k < FITTED; k++) {
+        [[unroll]] for (int k = 0; k < BATCH; k++) {
+            if (batch + k >= FITTED) continue;
             float sum = subgroupAdd(sums[batch + k]);
             if (subgroupElect()) shares[gl_SubgroupID][k] = sum;
         }
@@ -168,6 +181,25 @@ void add_up(Registration r, float constant, bool first, const bool all) {
     }
 }
 
+// The factor of P_(p+q-2r) in P_p P_q (Adams).
+float factor_of(int p, int q, int r) {
+    // (2n - 1)!!/n!
+    const float A[TWICE + 1] = float[](1.0, 1.0, 1.5, 2.5, 4.375, 7.875, 14.4375, 26.8125, 50.2734375);
+    int sum = p + q - r;
+    return A[r] * A[p - r] * A[q - r] / A[sum] * float(2 * (sum - r) + 1) / float(2 * sum + 1);
+}
+
+// An element of the normal equations, of two terms by their degrees.
+float normal(ivec2 p, ivec2 q) {
+    float sum = 0.0;
+    for (int i = 0; i <= min(p.x, q.x); i++) {
+        float by_x = factor_of(p.x, q.x, i);
+        for (int j = 0; j <= min(p.y, q.y); j++)
+            sum += by_x * factor_of(p.y, q.y, j) * fitted[term_of(p.x + q.x - 2 * i, p.y + q.y - 2 * j)];
+    }
+    return sum;
+}
+
 // Gauss and Jordan's elimination, an element for each invocation: the matrix is positive definite. 1e-5 of the diagonal
 // keeps terms that the samples hardly determine from growing. One invocation alone would wait for shared memory some
 // 900 times in a row.
@@ -176,9 +208,7 @@ void solve() {
     bool mine = i < ALL;
     float own = 0.0;
     if (mine) {
-        // The upper triangle, row by row.
-        int low = min(i, j), row = low * (ALL + 1) - low * (low - 1) / 2;
-        own = fitted[row + max(i, j) - low];
+        own = j == ALL ? fitted[RIGHT + i] : normal(degrees(i), degrees(j));
         if (i == j) diagonals[i] = own = own * (1.0 + 1e-5) + 1e-12;
         rows[i][j] = own;
     }

@@ -69,11 +69,11 @@ vec4 pixel(ivec2 x, inout Sums sums) {
     vec2 j = -root * blurred.gradient, moves = vec2(baseline[0], baseline[1]);
     float v_by_u = -2.0 * rate * (other_setting - own_setting), by_u = v_by_u * by_v + dot(moves, j), by_rate = by_v * v;
     float share = 1.0 / (1.0 + 4.0 * max(before - limit, 0.0) / limit), w = share * inversesqrt(s * s + eta * eta);
-    vec2 place = (vec2(x) - vec2(centre[0], centre[1])) / length;
+    float y = (float(x.y) - centre[1]) / length;
     if (per_u != 0.0) {
         float d = per_u * u;
         vec3 n = d * product(w, j);
-        add_pixel(sums, n, d * w * s * j, 0.0, place, 0.0);
+        add_pixel(sums, n, d * w * s * j, 0.0, y, 0.0);
         sums.roughness += d * n.xy;
         sums.spread += d * n.z;
         return vec4(0.0);
@@ -84,7 +84,7 @@ vec4 pixel(ivec2 x, inout Sums sums) {
         float variance = s * s * (1.0 + 0.5 * log(1.0 + s * s / (eta * eta)));
         return w * vec4(by_u * by_u, -by_u * s, of_noise, of_noise * variance);
     }
-    add_pixel(sums, product(w, j), w * s * j, w * s * s, place, share);
+    add_pixel(sums, product(w, j), w * s * j, w * s * s, y, share);
     sums.roughness += w * by_rate * vec2(by_rate, s);
     return w * by_u * vec4(by_u, -s, by_rate, 0.0);
 }
@@ -101,7 +101,7 @@ void main() {
             imageStore(system, ivec3(x, layer), vec4(imageLoad(system, ivec3(x, layer)).r + contribution[layer]));
         }
     }
-    float sum = workgroup_sum(sums);
+    float sum = workgroup_sum(sums, (float(x.x) - centre[0]) / length);
     uint n = gl_LocalInvocationIndex;
     uint columns = (width + gl_WorkGroupSize.x - 1) / gl_WorkGroupSize.x;
     if (n < SUMS) partials[(row + tile.y * columns + tile.x) * SUMS + n] = sum;

@@ -2,8 +2,8 @@
 // Computes D and b of each pixel's equation for dV, and the registration integrals, from V, I1, I2 and T. Equations 22
 // to 32 and 23. CPU reference: src/engine/stages/linearise.rs.
 //
-// An invocation computes two adjacent columns and keeps the surrounding lines in registers: V and its inverse gradient
-// are loaded once per line instead of once per pixel.
+// An invocation computes one column and keeps the surrounding lines in registers: V and its inverse gradient are loaded
+// once per line instead of once per pixel. Two columns at once took twice the registers.
 
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -32,7 +32,7 @@ layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
     int second_stack;                // its first layer
-    int rows;                        // lines per invocation
+    int rows;                        // lines per invocation, an even number
     float factor;                    // pixels of the full-size image per pixel of this level
     float centre[2];
     float scale_length;              // L, the length that places are divided by, pixels
@@ -53,17 +53,17 @@ float mask_at(int image, ivec2 x) {
     return imageLoad(masks, ivec3(x, image - 1)).r;
 }
 
-// A line of V: columns -2 to 3 from the left one of the two.
+// A line of V: columns -2 to 2.
 struct Line {
     float left;
-    vec4 middle;
+    vec3 middle;
     float right;
 };
 
-// In registers: V of the lines -1 to 2 from the current one, φ of -1 to 1, columns -1 to 2.
+// In registers: V of the lines -1 to 2 from the current one, φ of -1 to 1, columns -1 to 1.
 struct Around {
     Line above, here, below, next;
-    vec4 phi_above, phi, phi_below;
+    vec3 phi_above, phi, phi_below;
 };
 
 float relative_blur_at(int x, int y) {
@@ -72,15 +72,14 @@ float relative_blur_at(int x, int y) {
 
 Line line_at(int x, int y) {
     return Line(relative_blur_at(x - 2, y),
-                vec4(relative_blur_at(x - 1, y), relative_blur_at(x, y), relative_blur_at(x + 1, y),
-                     relative_blur_at(x + 2, y)),
-                relative_blur_at(x + 3, y));
+                vec3(relative_blur_at(x - 1, y), relative_blur_at(x, y), relative_blur_at(x + 1, y)),
+                relative_blur_at(x + 2, y));
 }
 
 // φ = 1/sqrt(|∇V|² + η²) of a line between two others.
-vec4 inverse_gradient(Line above, Line here, Line below) {
-    vec4 gx = 0.5 * vec4(here.middle.y - here.left, here.middle.zw - here.middle.xy, here.right - here.middle.z);
-    vec4 gy = 0.5 * (below.middle - above.middle);
+vec3 inverse_gradient(Line above, Line here, Line below) {
+    vec3 gx = 0.5 * vec3(here.middle.y - here.left, here.middle.z - here.middle.x, here.right - here.middle.y);
+    vec3 gy = 0.5 * (below.middle - above.middle);
     return inversesqrt(gx * gx + gy * gy + smoothness_eta * smoothness_eta);
 }
 
@@ -102,8 +101,8 @@ struct Relative {
     vec4 phis;
 };
 
-// The contribution of two adjacent pixels to the spread: a bounded square, whose mean is a half where the spread is
-// right.
+// The contribution of two adjacent pixels of a column to the spread: a bounded square, whose mean is a half where the
+// spread is right.
 float spreads(float difference) {
     float square = 0.5 * difference * difference;
     return 2.0 * square / (square + BOUND * BOUND * spread() * spread());
@@ -121,7 +120,7 @@ vec2 equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data 
     vec3 n = product(t.weight, t.by_place) - product(over, q);
     vec2 g = t.weight * t.s * t.by_place + right_side * over * q;
     float ratio = broadened(t.psi);
-    add_pixel(sums, ratio * n, ratio * g, share * (t.psi + state.alpha / relative.phi), p / scale_length, share);
+    add_pixel(sums, ratio * n, ratio * g, share * (t.psi + state.alpha / relative.phi), p.y / scale_length, share);
     float square = 1.0 / (relative.phi * relative.phi) - smoothness_eta * smoothness_eta;
     sums.variance += vec2(b * b, d);
     // α is estimated without the part of parallax: with it a larger parallax raises α, and a larger α shrinks V.
@@ -159,42 +158,36 @@ void main() {
     float scale = scale_of(r), separation = state.separation / (factor * factor);
     ivec2 size = ivec2(width, height);
     vec2 centre = vec2(centre[0], centre[1]);
-    ivec2 x = ivec2(2 * gl_GlobalInvocationID.x, rows * gl_GlobalInvocationID.y);
+    ivec2 x = ivec2(gl_GlobalInvocationID.x, rows * gl_GlobalInvocationID.y);
     Around a;
     a.here = line_at(x.x, x.y - 2);
     a.below = line_at(x.x, x.y - 1);
     a.next = line_at(x.x, x.y);
     a.phi_below = inverse_gradient(a.here, a.below, a.next);
     go_down(a, line_at(x.x, x.y + 1));
+    float s_before = 0.0, share_before = 0.0;
     for (int n = 0; n < rows; n++, x.y++) {
         go_down(a, line_at(x.x, x.y + 2));
-        float s_before = 0.0, share_before = 0.0;
-        [[unroll]] for (int k = 0; k < 2; k++) {
-            ivec2 at = x + ivec2(k, 0);
-            vec4 v = a.here.middle;
-            Relative relative = k == 0
-                ? Relative(v.y, vec4(v.z, v.x, a.below.middle.y, a.above.middle.y), a.phi.y,
-                           vec4(a.phi.z, a.phi.x, a.phi_below.y, a.phi_above.y))
-                : Relative(v.z, vec4(v.w, v.y, a.below.middle.z, a.above.middle.z), a.phi.z,
-                           vec4(a.phi.w, a.phi.y, a.phi_below.z, a.phi_above.z));
-            vec2 d = displacement_of(r, state.parallax, vec2(at), relative.v, factor, centre);
-            Variances of = variances_at(relative.v, separation);
-            bool valid = all(lessThan(at, size)) && inside(at, d, size, of, scale);
-            // Invocations outside the level load from its last pixels, and add and store nothing.
-            ivec2 from = min(at, size - 1);
-            float share = counts(from, d, size);
-            Data t = data_term(r, of, sample_pair(from, d, of, factor), share, d);
-            vec2 coefficients = equation(at, vec2(at) - centre, relative, valid, share, t, sums);
-            if (k == 1 && valid) sums.spread += min(share_before, share) * spreads(t.s - s_before);
-            s_before = t.s;
-            share_before = valid ? share : 0.0;
-            if (at.x < width && at.y < height) {
-                imageStore(normal_equations, ivec3(at, 0), vec4(coefficients.x));
-                imageStore(normal_equations, ivec3(at, 1), vec4(coefficients.y));
-            }
+        vec3 v = a.here.middle;
+        Relative relative = Relative(v.y, vec4(v.z, v.x, a.below.middle.y, a.above.middle.y), a.phi.y,
+                                     vec4(a.phi.z, a.phi.x, a.phi_below.y, a.phi_above.y));
+        vec2 d = displacement_of(r, state.parallax, vec2(x), relative.v, factor, centre);
+        Variances of = variances_at(relative.v, separation);
+        bool valid = all(lessThan(x, size)) && inside(x, d, size, of, scale);
+        // Invocations outside the level load from its last pixels, and add and store nothing.
+        ivec2 from = min(x, size - 1);
+        float share = counts(from, d, size);
+        Data t = data_term(r, of, sample_pair(from, d, of, factor), share, d);
+        vec2 coefficients = equation(x, vec2(x) - centre, relative, valid, share, t, sums);
+        if (n % 2 == 1 && valid) sums.spread += min(share_before, share) * spreads(t.s - s_before);
+        s_before = t.s;
+        share_before = valid ? share : 0.0;
+        if (x.x < width && x.y < height) {
+            imageStore(normal_equations, ivec3(x, 0), vec4(coefficients.x));
+            imageStore(normal_equations, ivec3(x, 1), vec4(coefficients.y));
         }
     }
-    float sum = workgroup_sum(sums);
+    float sum = workgroup_sum(sums, (float(x.x) - centre.x) / scale_length);
     uint n = gl_LocalInvocationIndex;
     if (n < SUMS) partials[(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
     if (is_set(STEPS) && is_last_workgroup()) update_transform();

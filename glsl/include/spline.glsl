@@ -13,28 +13,32 @@ struct Jet {
     float laplacian;
 };
 
+// Value, first and second derivative of a spline of one variable, by the coefficients before and after a fraction of a
+// pixel. Differences of coefficients instead of twelve weights, which would take registers.
+vec3 spline_along(vec4 c, float f) {
+    vec3 rise = c.yzw - c.xyz;
+    float bent = rise.y - rise.x, second = bent + f * (rise.z - rise.y - bent), start = 0.5 * (rise.x + rise.y);
+    float value = c.y + bent / 6.0 + f * (start + f * (2.0 * bent + second) / 6.0);
+    return vec3(value, start + 0.5 * f * (bent + second), second);
+}
+
 // The spline at pixel i plus a fraction f of a pixel, which are separate since their sum loses digits at large i.
 Jet spline_at(int image, int layer, ivec2 size, ivec2 i, vec2 f) {
-    vec2 u = 1.0 - f;
-    vec2 w[4] = vec2[](u * u * u / 6.0, 2.0 / 3.0 - f * f + 0.5 * f * f * f, 2.0 / 3.0 - u * u + 0.5 * u * u * u,
-                       f * f * f / 6.0);
-    vec2 d[4] = vec2[](-0.5 * u * u, 1.5 * f * f - 2.0 * f, 2.0 * u - 1.5 * u * u, 0.5 * f * f);
-    vec2 dd[4] = vec2[](u, 3.0 * f - 2.0, 3.0 * u - 2.0, f);
     ivec2 taps[4] = ivec2[](reflect_once(i - 1, size), reflect_once(i, size), reflect_once(i + 1, size),
                             reflect_once(i + 2, size));
-    Jet jet = Jet(0.0, vec2(0.0), 0.0);
+    vec4 values, slopes, seconds;
     for (int row = 0; row < 4; row++) {
-        vec3 line = vec3(0.0);
-        for (int column = 0; column < 4; column++) {
-            float c = coefficient(image, ivec3(taps[column].x, taps[row].y, layer));
-            line += vec3(w[column].x, d[column].x, dd[column].x) * c;
-        }
-        jet.value += w[row].y * line.x;
-        jet.gradient += vec2(w[row].y * line.y, d[row].y * line.x);
-        jet.laplacian += w[row].y * line.z + dd[row].y * line.x;
+        vec4 c;
+        for (int column = 0; column < 4; column++) c[column] = coefficient(image, ivec3(taps[column].x, taps[row].y, layer));
+        vec3 line = spline_along(c, f.x);
+        values[row] = line.x;
+        slopes[row] = line.y;
+        seconds[row] = line.z;
     }
+    vec3 column = spline_along(values, f.y);
+    vec2 gradient = vec2(spline_along(slopes, f.y).x, column.y);
     float unit = unit_of_coefficients();
-    return Jet(unit * jet.value, unit * jet.gradient, unit * jet.laplacian);
+    return Jet(unit * column.x, unit * gradient, unit * (spline_along(seconds, f.y).x + column.z));
 }
 
 // The nine coefficients around a pixel, which determine the spline on the pixel itself.

@@ -34,14 +34,14 @@ use crate::engine::vulkan::Variant;
 
 pub use super::interface::linearise::*;
 
-/// The most lines of two pixels per invocation. Values that adjacent lines share are loaded once, and the sums of a
-/// workgroup are reduced once for all lines.
-const MOST_ROWS: u32 = 8;
-/// Lines per invocation on a level, on a GPU: fewer on small levels, so that they do not leave most of it idle. With
-/// one line there are enough waves to hide their latency.
+/// The most lines per invocation. Values that adjacent lines share are loaded once, and the sums of a workgroup are
+/// reduced once for all lines.
+const MOST_ROWS: u32 = 16;
+/// Lines per invocation on a level, on a GPU: fewer on small levels, so that they do not leave most of it idle. Two is
+/// the least, since pairs of pixels in a column state the spread.
 pub(crate) fn rows_on_gpu([width, height]: [u32; 2]) -> u32 {
     match pixels(width, height) {
-        ..0x8000 => 1,
+        ..0x8000 => MOST_ROWS / 8,
         0x8000..0x8_0000 => MOST_ROWS / 4,
         _ => MOST_ROWS,
     }
@@ -57,16 +57,16 @@ pub const LAYERS: u32 = 2;
 /// In T's step, residuals within this many spreads (σ of noise) count by their squares: with Gaussian noise least
 /// squares are best. V, which depends on few pixels at each place, keeps η.
 pub const BROAD: f64 = shaders::data::BROAD;
-/// The spread s is an M-estimate of scale of x = ΔS/√2 between adjacent pixels. Such differences show the noise, and
-/// little of the model's errors; half of them may be outliers. The mean of x²/(x² + `BOUND`² s²) is a half, as for
-/// Gaussian x of deviation s.
+/// The spread s is an M-estimate of scale of x = ΔS/√2 between adjacent pixels of a column. Such differences show the
+/// noise, and little of the model's errors; half of them may be outliers. The mean of x²/(x² + `BOUND`² s²) is a half,
+/// as for Gaussian x of deviation s.
 pub const BOUND: f64 = shaders::linearise::BOUND;
 /// λ.
 pub const ELIMINATION: f32 = 0.25;
 
 /// Workgroups over a level of this size, with `rows` lines per invocation.
 pub(crate) fn tiles([width, height]: [u32; 2], rows: u32) -> [u32; 3] {
-    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows), 1]
+    [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows), 1]
 }
 
 /// The variant for a kernel, for a warped I2, for masked pixels, and for the sums of homographies.
@@ -148,10 +148,11 @@ fn cpu_reference<N: Number>(
     let (separation, displacement) = (state.separation_on(c.factor), state.displacement(c.factor, c.centre));
     let has_parallax = state.parallax != Parallax::NONE;
     let [columns, ..] = tiles([c.width, c.height], c.rows);
-    let lines = (WORKGROUP[1] * c.rows) as usize;
+    // Parts of a row of tiles, for more threads; of an even number of lines, since the spread is of pairs of lines.
+    let lines = (WORKGROUP[1] * c.rows).min(MOST_ROWS) as usize;
     let mut equations = equations.map(|raster| raster.of_size(size));
     let rasters = equations.each_mut().map(|raster| Rows::from(raster).joined(lines));
-    let partials = rows::map(rasters, |row, [diagonals, sides]| {
+    let parts = rows::map(rasters, |row, [diagonals, sides]| {
         let mut partials = vec![0.0; columns as usize * layout.length];
         // Finite from the start: places without a pixel have no weight.
         let (mut pixels, mut terms) = ([[N::of(1.0); BLOCK]; PARTS], [[N::default(); BLOCK]; TERMS]);
@@ -159,9 +160,10 @@ fn cpu_reference<N: Number>(
         let [mut dx, mut dy, mut shift_x, mut shift_y] = [[N::default(); BLOCK]; 4];
         let steps: [N; BLOCK] = std::array::from_fn(|n| N::of(n as f64));
         let mut links = links.rows_from(row * lines);
+        let mut before = vec![[[N::default(); BLOCK]; 2]; columns as usize];
         for y in row * lines..height.min((row + 1) * lines) {
             links.advance(y);
-            for (tile, partials) in partials.chunks_exact_mut(layout.length).enumerate() {
+            for (tile, (partials, before)) in partials.chunks_exact_mut(layout.length).zip(&mut before).enumerate() {
                 let xs = tile * BLOCK..width.min((tile + 1) * BLOCK);
                 let (count, start) = (xs.len(), [xs.start, y]);
                 let [.., smoothness, pulls, phis, _, _, _] = &mut pixels;
@@ -171,7 +173,7 @@ fn cpu_reference<N: Number>(
                 pixels[V][count..].fill(v.row(y)[xs.end - 1]);
                 let (gain, offset, eta, noise) = (r.gain, r.offset, c.eta.into(), &c.noise);
                 let level = Level { c, alpha, datum: Datum { gain, offset, eta, separation, spread, noise } };
-                let line = vectorised::<N, _>(
+                let mut line = vectorised::<N, _>(
                     #[inline(always)]
                     || {
                         displacement.of_row(start, &pixels[V], [&mut dx, &mut dy]);
@@ -227,6 +229,11 @@ fn cpu_reference<N: Number>(
                         level.line(&pixels, &mut terms)
                     },
                 );
+                let now = [terms[SIGNED], pixels[SHARE]];
+                if (y - row * lines) % 2 == 1 {
+                    line.spread = spreads_between(spread, before, &now);
+                }
+                *before = now;
                 line.add_to(partials, (y as f64 - centre[1]) / f64::from(c.scale_length), layout);
                 let first = (y - row * lines) * width + xs.start;
                 diagonals[first..first + count].copy_from_slice(&terms[DIAGONAL][..count]);
@@ -235,7 +242,15 @@ fn cpu_reference<N: Number>(
         }
         partials
     });
-    Linearised { equations, partials: partials.concat() }
+    let row_of_tiles = |parts: &[Vec<f64>]| {
+        let add = |mut sums: Vec<f64>, part: &Vec<f64>| {
+            sums.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            sums
+        };
+        parts[1..].iter().fold(parts[0].clone(), add)
+    };
+    let partials = parts.chunks((WORKGROUP[1] * c.rows) as usize / lines).flat_map(row_of_tiles).collect();
+    Linearised { equations, partials }
 }
 
 /// The numbers of each pixel of a line, in the order in which they are gathered: V, share, noise of I2 between pixels,
@@ -251,7 +266,7 @@ const MOVES: usize = PARTS - 3;
 /// X, the last.
 const PLACE: usize = PARTS - 1;
 /// The pixels of a line of a tile.
-const BLOCK: usize = 2 * WORKGROUP[0] as usize;
+const BLOCK: usize = WORKGROUP[0] as usize;
 const _: () = assert!(BLOCK.is_multiple_of(SEGMENT));
 
 /// The terms of each pixel: its part of N (xx, xy, yy) and of g, the energy, the roughness of b and of V, D, b, and the
@@ -369,7 +384,7 @@ impl Level<'_> {
         }
         let x = &pixels[PLACE];
         let sum = |numbers: &[N; BLOCK]| -> f64 { moments::<N, 1>(numbers, x)[0] };
-        let mut line = Line {
+        Line {
             normal: [moments(&terms[0], x), moments(&terms[1], x), moments(&terms[2], x)],
             gradient: [moments(&terms[3], x), moments(&terms[4], x)],
             energy: sum(&terms[ENERGY]),
@@ -377,16 +392,7 @@ impl Level<'_> {
             roughness: [sum(&terms[ROUGHNESS]), sum(&terms[ROUGHNESS + 1])],
             variance: [moments::<N, 2>(&terms[SIDE], &terms[SIDE])[1], sum(&terms[DIAGONAL])],
             ..Line::default()
-        };
-        // The first of two adjacent pixels is in an even column: tiles are even.
-        let (signed, shares) = (terms[SIGNED].as_chunks::<2>().0, pixels[SHARE].as_chunks::<2>().0);
-        for (s, share) in signed.iter().zip(shares) {
-            let least: f64 = share[0].min(share[1]).into();
-            if least > 0.0 {
-                line.spread += least * spreads(self.datum.spread, (s[1] - s[0]).into());
-            }
         }
-        line
     }
 
     /// The terms of a pixel.
@@ -431,8 +437,17 @@ pub(super) fn spread(eta: f32, before: f64) -> f64 {
     before.max(f64::from(eta) / BROAD)
 }
 
-/// The contribution of two adjacent pixels to the spread: a bounded square, whose mean is a half where the spread is
-/// right.
+/// The sum for the spread of a line and the one before, by the signed residuals and the shares of their pixels.
+fn spreads_between<N: Number>(spread: f64, before: &[[N; BLOCK]; 2], now: &[[N; BLOCK]; 2]) -> f64 {
+    let pixel = |n: usize| {
+        let least: f64 = before[1][n].min(now[1][n]).into();
+        if least > 0.0 { least * spreads(spread, (now[0][n] - before[0][n]).into()) } else { 0.0 }
+    };
+    (0..BLOCK).map(pixel).sum()
+}
+
+/// The contribution of two adjacent pixels of a column to the spread: a bounded square, whose mean is a half where the
+/// spread is right.
 #[inline(always)]
 fn spreads(spread: f64, difference: f64) -> f64 {
     let square = 0.5 * difference * difference;

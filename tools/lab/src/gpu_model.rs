@@ -9,7 +9,8 @@
 //! ```
 //!
 //! A wave has 64 invocations. The inverse throughput is the cycles per wave on a full SIMD, the latency those of a wave
-//! alone. What the last workgroup of a dispatch does when all others are done adds its latency.
+//! alone. What the last workgroup of a dispatch does when all others are done adds its latency. The tool lists passes
+//! that keep numbers in scratch memory, whose time the compiler's cycles leave out.
 //! `docs/performance.md` has the results, and what the model leaves out.
 
 use std::collections::hash_map::Entry;
@@ -72,6 +73,8 @@ struct Compiled {
     latency: u64,
     /// Cycles per wave on a full SIMD.
     inverse_throughput: u64,
+    /// Memory in the place of registers, bytes per wave: arrays that are indexed, and spilled registers.
+    scratch: u64,
 }
 
 impl Compiled {
@@ -85,6 +88,7 @@ impl Compiled {
             instructions: of("Instructions")?,
             latency: of("Latency")?,
             inverse_throughput: of("Inverse Throughput")?,
+            scratch: of("Scratch size")?,
         })
     }
 }
@@ -142,7 +146,7 @@ fn passes(card: &Card, solve: &Solve, work: &[Work], compiled: &HashMap<String, 
     let mut sums: Vec<(String, Sum)> = sums.collect();
     sums.sort_by(|(_, a), (_, b)| b.time.total_cmp(&a.time));
     sums.push((Pass::copy("all").label(), Sum::of(card, work.iter(), compiled)));
-    let header = ["pass, variant", "dispatches", "others", "registers", "shared", "waves", "instructions"];
+    let header = ["pass, variant", "dispatches", "others", "registers", "scratch", "shared", "waves", "instructions"];
     let columns = ["arithmetic", "traffic", "latency", "ms"];
     let line = |cells: &[String]| {
         let [name, cells @ ..] = cells else { unreachable!("a row has a name") };
@@ -152,7 +156,8 @@ fn passes(card: &Card, solve: &Solve, work: &[Work], compiled: &HashMap<String, 
     text += &line(&header.into_iter().chain(columns).map(String::from).collect::<Vec<_>>());
     for (name, sum) in sums {
         let c = compiled.get(&name).copied().unwrap_or_default();
-        let counts = [sum.dispatches as u64, sum.others as u64, c.registers, c.shared, c.waves, c.instructions];
+        let counts =
+            [sum.dispatches as u64, sum.others as u64, c.registers, c.scratch, c.shared, c.waves, c.instructions];
         let times = [sum.arithmetic, sum.traffic, sum.latency, sum.time].map(|seconds| format!("{:.3}", 1e3 * seconds));
         let cells = counts.iter().map(u64::to_string).chain(times);
         text += &line(&[name].into_iter().chain(cells).collect::<Vec<_>>());
@@ -270,6 +275,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
         }
     }
     print!("{details}");
+    let in_scratch = compiled.iter().filter(|(_, compiled): &(&String, &Compiled)| compiled.scratch > 0);
+    let in_scratch: BTreeMap<_, _> = in_scratch.map(|(pass, compiled)| (pass, compiled.scratch)).collect();
+    if !in_scratch.is_empty() {
+        println!("bytes of scratch memory per wave: {in_scratch:?}");
+    }
     if !driver.contains(DRIVER) {
         println!("NOT COMPARED with docs/performance.md, whose totals are from {DRIVER}: these are from {driver}");
         let problem = format!("docs/performance.md has the totals of {DRIVER}, not of {driver}");
