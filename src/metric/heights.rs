@@ -1,6 +1,8 @@
 //! Height maps with standard deviations.
 
+use super::evidence::evidence;
 use super::measure::Values;
+use super::response::Detail;
 use crate::base::{Error, Region, Similarity, centre};
 
 /// A height map, in any unit, greater towards the camera.
@@ -19,6 +21,11 @@ pub struct Heights {
     /// The evidence for each height: the standard deviation of the picture's texture over that of its noise. Infinite
     /// where it is not known; NaN outside of the picture.
     pub evidence: Vec<f32>,
+    /// Of a golden part, by how much the evidence of a good part may fall short of it at a pixel, as a factor: 1, unless
+    /// good parts have texture of their own.
+    pub spread: f32,
+    /// The detail that the map resolves, if it is known.
+    pub detail: Option<Detail>,
 }
 
 impl Heights {
@@ -37,7 +44,16 @@ impl Heights {
         let pixel = |(&v, &s): (&f32, &f32)| if is_valid(v, s) { (v, s) } else { (f32::NAN, f32::NAN) };
         let (values, deviation): (_, Vec<f32>) = values.iter().zip(deviation).map(pixel).unzip();
         let part_deviation = deviation.clone();
-        Ok(Self { width, height, values, deviation, part_deviation, evidence: vec![f32::INFINITY; pixels] })
+        Ok(Self {
+            width,
+            height,
+            values,
+            deviation,
+            part_deviation,
+            evidence: vec![f32::INFINITY; pixels],
+            spread: 1.0,
+            detail: None,
+        })
     }
 
     fn check_size(&self, what: &str, values: &[f32]) -> Result<(), Error> {
@@ -53,6 +69,27 @@ impl Heights {
     pub fn with_evidence(self, evidence: Vec<f32>) -> Result<Self, Error> {
         self.check_size("evidence", &evidence)?;
         Ok(Self { evidence, ..self })
+    }
+
+    /// Sets the evidence for the heights from a grey picture of the part and from what a solve does not explain, its
+    /// residual, both in intensities.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if one has another size.
+    pub fn with_picture(self, picture: &[f32], residual: &[f32]) -> Result<Self, Error> {
+        self.check_size("a picture", picture)?;
+        self.check_size("a residual", residual)?;
+        let evidence = evidence(picture, residual, self.width as usize);
+        self.with_evidence(evidence)
+    }
+
+    /// Sets the detail that the map resolves.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if it has another size.
+    pub fn with_detail(self, detail: Detail) -> Result<Self, Error> {
+        self.check_size("sensitivities", &detail.sensitivity)?;
+        Ok(Self { detail: Some(detail), ..self })
     }
 
     /// Takes from the standard deviations an error of one standard deviation that all heights have in common. A height
@@ -108,8 +145,7 @@ impl Heights {
             pixels.map(|(value, evidence)| if *evidence < least { f32::NAN } else { *value }).collect()
         };
         let (values, deviation) = (keep(&self.values), keep(&self.deviation));
-        let (part_deviation, evidence) = (self.part_deviation.clone(), self.evidence.clone());
-        Self { values, deviation, part_deviation, evidence, ..*self }
+        Self { values, deviation, ..self.clone() }
     }
 
     /// Samples the map at `T x` for each pixel x of an image of the given size, with T about its centre.
@@ -118,15 +154,19 @@ impl Heights {
     /// not reduce the standard deviation.
     pub fn resample(&self, [width, height]: [u32; 2], t: &Similarity) -> Self {
         let fields = [&self.values, &self.deviation, &self.part_deviation, &self.evidence];
-        let fields = fields.map(|values| Values { width: self.width, values });
         let (middle, count) = (centre(width, height), width as usize * height as usize);
         let point = |i: usize| {
             let pixel = [(i % width as usize) as f64, (i / width as usize) as f64];
             t.apply(pixel, middle).map(snap_to_pixel)
         };
-        let [values, deviation, part_deviation, evidence] =
-            fields.map(|field| (0..count).map(|i| field.at(point(i)) as f32).collect::<Vec<_>>());
-        Self { width, height, values, deviation, part_deviation, evidence }
+        let moved = |values: &Vec<f32>| -> Vec<f32> {
+            let field = Values { width: self.width, values };
+            (0..count).map(|i| field.at(point(i)) as f32).collect()
+        };
+        let [values, deviation, part_deviation, evidence] = fields.map(moved);
+        let moved = |detail: &Detail| Detail { sensitivity: moved(&detail.sensitivity), ..*detail };
+        let detail = self.detail.as_ref().map(moved);
+        Self { width, height, values, deviation, part_deviation, evidence, spread: self.spread, detail }
     }
 
     /// Returns the slope at a pixel, in heights per pixel, from the adjacent pixels that have a height.

@@ -9,6 +9,7 @@ pub mod inspect;
 pub mod measure;
 mod plane;
 pub mod repeat;
+pub mod response;
 pub mod roughness;
 mod target;
 

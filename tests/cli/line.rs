@@ -248,6 +248,17 @@ fn parts_that_are_not_what_they_seem_cannot_be_judged() {
         let reasons = desk.json(&format!("out/{serial}/inspect.json"))["reasons"].to_string();
         assert!(reasons.contains(reason), "{serial}: {reasons}");
     }
+    let small = |width: &str| {
+        let inspect = ["inspect", "out/good", "--golden", "golden.exr", "--tolerance", "9", "--json", "--inspect-roi"];
+        desk.run(&[&inspect[..], &["30,24,36,32", "--smallest", width]].concat())
+    };
+    let (wide, narrow) = (printed(&small("40")), printed(&small("2")));
+    assert_eq!((&wide["smallest_px"], &wide["verdict"]), (&40.0.into(), &"go".into()), "{wide:#}");
+    assert_eq!((&narrow["verdict"], &narrow["gaps"][0]["is_unseen"]), (&"cannot-judge".into(), &true.into()));
+    assert!(
+        narrow["reasons"].to_string().contains("a defect 2 px wide and 9 px² high would not be seen"),
+        "{narrow:#}"
+    );
     let allowed = ["inspect", "out/turned", "--golden", "golden.exr", "--max-rotation", "180", "--max-shift", "9"];
     assert!(!stderr_of(&desk.run(&allowed)).contains("the part lies turned"));
 }

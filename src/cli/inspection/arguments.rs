@@ -53,6 +53,10 @@ pub(crate) struct InspectionArguments {
     /// unit of the tolerance [default: 10 tolerances]
     #[arg(long, value_name = "TILT", help_heading = INSPECTION, value_parser = from_zero)]
     max_tilt: Option<f64>,
+    /// Width of the smallest defect that must be seen, px; where one as high as the tolerance would not be, the part
+    /// cannot be judged. Of pairs only [default: none]
+    #[arg(long, value_name = "PX", help_heading = INSPECTION, value_parser = within(2.0..=100.0, "give 2 to 100 px"))]
+    smallest: Option<f64>,
     /// The allowed shift of the part from where the golden one lies in its picture, px [default: as good parts taught]
     #[arg(long, value_name = "PX", help_heading = INSPECTION, value_parser = from_zero)]
     max_shift: Option<f64>,
@@ -115,6 +119,7 @@ impl InspectionArguments {
                 (max_unjudged.is_some(), "--max-unjudged"),
                 (in_place, "--in-place"),
                 (self.max_tilt.is_some(), "--max-tilt"),
+                (self.smallest.is_some(), "--smallest"),
                 (self.max_shift.is_some(), "--max-shift"),
                 (self.max_rotation.is_some(), "--max-rotation"),
                 (!self.inspect_roi.is_empty(), "--inspect-roi"),
@@ -128,7 +133,8 @@ impl InspectionArguments {
         golden.placement = self.placement_range(golden.placement);
         let tolerance = self.tolerance(&golden)?;
         let default = self.comparison.limits(tolerance);
-        let limits = Limits { max_tilt: self.max_tilt.unwrap_or(default.max_tilt), ..default };
+        let max_tilt = self.max_tilt.unwrap_or(default.max_tilt);
+        let limits = Limits { max_tilt, smallest_px: self.smallest, ..default };
         Judge::new(golden, limits, &self.inspect_roi, self.comparison.placement()).map(Some)
     }
 
@@ -140,7 +146,7 @@ impl InspectionArguments {
                     "--golden: {} is a file beside others; give one file of parfocal teach, or folders of results",
                     file.display()
                 ))),
-                None => Golden::of_folders(&result_folders(several)?, self.comparison.placement()),
+                None => Golden::of_folders(&result_folders(several)?, self.comparison.placement(), false),
             },
         }
     }

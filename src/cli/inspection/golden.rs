@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{FUSED_FILE, GoldenPart, Kind, Report, Results};
+use parfocal::internals::{key_points, median};
 use parfocal::metric::inspect::golden::{Disagreement, disagreement, golden};
 use parfocal::metric::inspect::{Heights, Limits, PlacementRange};
+use parfocal::metric::response::{Detail, Smoothing};
 use parfocal::settings::Decode;
 use parfocal::transform::Similarity;
-use parfocal::{Error, Frame, Region, internals::key_points};
+use parfocal::{Error, Frame, Region};
 use serde_json::Value;
 
 use crate::cli::options::settings::differing;
@@ -49,15 +51,27 @@ pub(crate) struct Part {
 
 impl Part {
     /// Reads the results of a pair or a sweep, if they are as the solve wrote them.
-    pub(crate) fn read(folder: &Path) -> Result<Self, Failure> {
+    /// With `resolves` it states which detail of V they resolve.
+    pub(crate) fn read(folder: &Path, resolves: bool) -> Result<Self, Failure> {
         let results = Results::read(folder)?;
         results.check_hashes()?;
         let evidence = results.evidence()?;
-        let fields = results.comparable().into_iter().map(|quantity| {
+        let detail = if resolves { results.detail()? } else { None };
+        let quantities = results.comparable();
+        let of_blur = quantities.first().map(|blur| blur.deviation.clone()).unwrap_or_default();
+        let fields = quantities.into_iter().map(|quantity| {
             let heights = quantity.heights(results.report.size.into())?;
             let heights = match &evidence {
                 Some(evidence) => heights.with_evidence(evidence.clone())?,
                 None => heights,
+            };
+            let ratios = of_blur.iter().zip(&*quantity.deviation).map(|(blur, own)| f64::from(blur / own));
+            let heights = match (&detail, median(ratios)) {
+                (Some(detail), Some(px2_per_height)) => {
+                    let smoothing = Smoothing { px2_per_height, ..detail.smoothing };
+                    heights.with_detail(Detail { smoothing, ..detail.clone() })?
+                }
+                _ => heights,
             };
             Ok(Field { name: quantity.label(), unit: quantity.unit, heights })
         });
@@ -155,9 +169,9 @@ pub(crate) struct Golden {
 }
 
 impl Golden {
-    /// Reads golden parts, and registers them onto the first.
-    pub(crate) fn of_folders(folders: &[PathBuf], placement: Placement) -> Result<Self, Failure> {
-        let mut parts = folders.iter().map(|folder| Part::read(folder)).collect::<Result<Vec<_>, _>>()?;
+    /// Reads golden parts, and registers them onto the first. With `resolves` they state which detail of V they resolve.
+    pub(crate) fn of_folders(folders: &[PathBuf], placement: Placement, resolves: bool) -> Result<Self, Failure> {
+        let mut parts = folders.iter().map(|folder| Part::read(folder, resolves)).collect::<Result<Vec<_>, _>>()?;
         let Some(first) = parts.first() else {
             return Err(Failure::Usage("no golden part was given; name folders of results".to_string()));
         };

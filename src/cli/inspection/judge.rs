@@ -51,7 +51,7 @@ impl Judge {
     }
 
     pub(crate) fn judge(&self, folder: &Path, label: InspectedPart) -> Result<Judged, Failure> {
-        let (part, golden) = (Part::read(folder)?, &self.golden);
+        let (part, golden) = (Part::read(folder, self.limits.smallest_px.is_some())?, &self.golden);
         let mut faults: Vec<String> = part.doubt().into_iter().chain(self.frozen(&part, &label.serial)).collect();
         let (index, field) = self.common(&part)?;
         part.check(&golden.first)?;

@@ -53,6 +53,13 @@ pub struct GoldenReport {
     pub suggested: bool,
     /// The settings that heights depend on, of all good parts.
     pub settings: Value,
+    /// By how much the evidence of a good part may fall short of that of the golden part at a pixel, as a factor.
+    #[serde(default = "one")]
+    pub spread: f32,
+    /// The width of the smallest defect as high as the tolerance that is seen at 95 % of the pixels, px; absent if there
+    /// is none, or it is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub smallest_px: Option<f64>,
     /// How parts may lie on the picture, if three or more good parts have taught it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<PlacementRange>,
@@ -68,6 +75,11 @@ pub struct TaughtPart {
     pub folder: String,
     /// The least tolerance at which it is go against the others.
     pub least_tolerance: f64,
+}
+
+/// The spread of good parts that have one texture.
+fn one() -> f32 {
+    1.0
 }
 
 impl GoldenReport {
@@ -88,6 +100,8 @@ impl GoldenReport {
             tolerance,
             suggested,
             settings,
+            spread: one(),
+            smallest_px: None,
             placement: None,
             registration: None,
         }
@@ -103,6 +117,7 @@ impl GoldenReport {
         match self {
             _ if self.program != PROGRAM || self.kind != Kind::Golden => Some("its comments are of another kind"),
             _ if self.known_unit().is_none() => Some("its unit is unknown"),
+            _ if !(self.spread >= 1.0 && self.spread.is_finite()) => Some("its spread is no number from 1"),
             _ if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) => Some("its tolerance is no number from 0"),
             _ => None,
         }
@@ -116,6 +131,7 @@ impl GoldenReport {
 pub fn write_golden<'d>(out: impl Into<Destination<'d>>, golden: &GoldenPart) -> Result<(), Error> {
     let GoldenPart { report, heights, picture } = golden;
     let out = out.into();
+    let report = &GoldenReport { spread: heights.spread, ..report.clone() };
     let json = serde_json::to_string(report).map_err(|e| Error::file(out.path, e.to_string()))?;
     let count = picture.format().channels.count() as usize;
     let stored = picture.intensities(Decode::None);
@@ -166,6 +182,7 @@ pub fn read_golden(path: &Path) -> Result<GoldenPart, Error> {
     let picture = Frame::new(width, height, Channels::Rgb, crate::base::Samples::F32(samples)).map_err(invalid)?;
     let heights = Heights::new([width, height], &values, &deviation)?;
     let heights = heights.with_part_deviation(part_deviation)?.with_evidence(evidence)?;
+    let heights = Heights { spread: report.spread, ..heights };
     Ok(GoldenPart { report, heights, picture })
 }
 

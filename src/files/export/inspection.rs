@@ -161,8 +161,8 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
             limits.tolerance
         )
     });
-    let gap = |is_bare: bool| {
-        let mut all = inspection.gaps.iter().filter(move |gap| gap.is_bare == is_bare);
+    let gap = |is: &dyn Fn(&Gap) -> bool| {
+        let mut all = inspection.gaps.iter().filter(|gap| is(gap));
         all.next().map(|gap| {
             let ([x, y], more) = (gap.centroid_px, all.count());
             let more = if more > 0 { format!(", and in {more} smaller ones") } else { String::new() };
@@ -170,11 +170,21 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
             format!("in a region of {area} px at {x:.0},{y:.0}{more}; regions from {} px on count", limits.min_area_px)
         })
     };
-    let bare = gap(true).map(|places| format!("the part lacks the texture that the golden part has {places}"));
+    let bare =
+        gap(&|gap| gap.is_bare).map(|places| format!("the part lacks the texture that the golden part has {places}"));
     // Around a defect, a part is less certain too.
-    let unclear = gap(false).filter(|_| deviates.is_none() && bare.is_none()).map(|places| {
-        format!("the part is far less certain than the golden part {places}; take it in more light, or as a sweep")
+    let unseen = gap(&|gap| !gap.is_bare && gap.is_unseen).filter(|_| deviates.is_none() && bare.is_none()).map(|places| {
+        let smallest = limits.smallest_px.unwrap_or_default();
+        format!(
+            "a defect {smallest} px wide and {} {unit} high would not be seen {places}; take the part in more light, or \
+             allow more by --tolerance or --smallest",
+            limits.tolerance
+        )
     });
+    let unclear =
+        gap(&|gap| !gap.is_bare && !gap.is_unseen).filter(|_| deviates.is_none() && bare.is_none()).map(|places| {
+            format!("the part is far less certain than the golden part {places}; take it in more light, or as a sweep")
+        });
     let tilted = (inspection.tilt > limits.max_tilt).then(|| {
         let (tilt, most) = (inspection.tilt, limits.max_tilt);
         format!(
@@ -187,7 +197,16 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
             "the heights are those of the golden part with the other sign: the photographs are in the other order";
         problem.to_string()
     });
-    negated.into_iter().chain(deviates).chain(bare).chain(missing).chain(blurred).chain(unclear).chain(tilted).collect()
+    negated
+        .into_iter()
+        .chain(deviates)
+        .chain(bare)
+        .chain(missing)
+        .chain(blurred)
+        .chain(unseen)
+        .chain(unclear)
+        .chain(tilted)
+        .collect()
 }
 
 /// Writes report and picture into a folder: both or none. Creates the folder if it is missing. Replaces the files of an

@@ -1,6 +1,6 @@
 //! A golden part from several good ones.
 
-use super::{Deviation, GOLDEN_EVIDENCE, Heights, Limits, Verdict, difference, inspect};
+use super::{Deviation, GOLDEN_EVIDENCE, Gap, Heights, Limits, Verdict, difference, inspect};
 use crate::base::Error;
 
 /// Returns by how much a scatter that is known with some degrees of freedom, from 1, is widened: the quantile of
@@ -45,7 +45,7 @@ pub fn disagreement(parts: &[Heights], limits: &Limits) -> Result<Option<Disagre
     let mut found: Option<Disagreement> = None;
     for part in first..if parts.len() > 1 { parts.len() } else { 0 } {
         let wider = student(parts.len().saturating_sub(2));
-        let off = inspect(&levelled[part], &combined(&others(&levelled, part), wider)?, limits)?;
+        let off = inspect(&parts[part], &combined(&others(&levelled, part), wider)?, limits)?;
         let Some(deviation) = off.regions.first().copied() else { continue };
         if found.is_none_or(|found| deviation.area_px > found.deviation.area_px) {
             found = Some(Disagreement { part, deviation });
@@ -60,31 +60,45 @@ const STEP: f64 = 1.1;
 /// The least tolerance that [`least_tolerances`] tries, as a share of the largest difference.
 const LEAST_SHARE: f64 = 1e-4;
 
-/// Returns for each golden part the least tolerance at which it is go against the golden part of the others, within a
-/// tenth; infinite if there is none, since texture or heights are missing or too uncertain. A single part is compared
-/// with itself, which shows its noise alone. The parts are registered to the pixels of the first; the tolerance and the
+/// The least tolerance at which a good part is go against the others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeastTolerance {
+    /// The tolerance, within a tenth; infinite if there is none, since texture or heights are missing or too uncertain.
+    pub tolerance: f64,
+    /// The largest region that is not judged at any tolerance.
+    pub gap: Option<Gap>,
+}
+
+/// By how much the tolerance that a region needs may exceed that of most of the pixels.
+const UNCERTAIN: f64 = 20.0;
+
+/// Returns for each golden part the least tolerance at which it is go against the golden part of the others. A single
+/// part is compared with itself, which shows its noise alone. The parts are registered to the pixels of the first; the tolerance and the
 /// tilt of the limits do not count.
 ///
 /// # Errors
 /// As for [`inspect`].
-pub fn least_tolerances(parts: &[Heights], limits: &Limits) -> Result<Vec<f64>, Error> {
+pub fn least_tolerances(parts: &[Heights], limits: &Limits) -> Result<Vec<LeastTolerance>, Error> {
     let at = |tolerance: f64| Limits { tolerance, max_tilt: f64::INFINITY, ..*limits };
     let levelled = level(parts, &at(0.0))?;
     let least = |part: usize| {
         let others = combined(&others(&levelled, part), 1.0)?;
-        let noise = inspect(&levelled[part], &others, &at(0.0))?.least_tolerance;
+        let noise = inspect(&parts[part], &others, &at(0.0))?.least_tolerance;
         let differences = levelled[part].values.iter().zip(&others.values).map(|(own, other)| (own - other).abs());
         let largest = f64::from(differences.filter(|difference| difference.is_finite()).fold(0.0, f32::max));
-        let Some(noise) = noise.filter(|noise| noise.is_finite()) else { return Ok(f64::INFINITY) };
+        let none = LeastTolerance { tolerance: f64::INFINITY, gap: None };
+        let Some(noise) = noise.filter(|noise| noise.is_finite()) else { return Ok(none) };
         let mut tolerance = noise.max(LEAST_SHARE * largest).max(f64::MIN_POSITIVE) * (1.0 + 1e-6);
         loop {
             let limits = at(tolerance);
-            if inspect(&levelled[part], &others, &limits)?.verdict(&limits) == Verdict::Go {
-                return Ok(tolerance);
+            let found = inspect(&parts[part], &others, &limits)?;
+            if found.verdict(&limits) == Verdict::Go {
+                return Ok(LeastTolerance { tolerance, gap: None });
             }
-            // The plane that is subtracted may double a difference. From there on, none is left.
-            if tolerance > 2.0 * largest {
-                return Ok(f64::INFINITY);
+            // The plane that is subtracted may double a difference. From there on, none is left. Of uncertain heights
+            // none is left beyond the largest that count.
+            if tolerance > 2.0 * largest && tolerance > UNCERTAIN * noise {
+                return Ok(LeastTolerance { gap: found.gaps.first().copied(), ..none });
             }
             tolerance *= STEP;
         }
@@ -132,7 +146,23 @@ fn combined(parts: &[&Heights], wider: f64) -> Result<Heights, Error> {
     let all = 0..first.values.len();
     let (part_deviation, evidence) = (all.clone().map(part_deviation).collect(), all.map(evidence).collect());
     let heights = Heights::new([first.width, first.height], &values, &deviation)?;
-    heights.with_part_deviation(part_deviation)?.with_evidence(evidence)
+    let heights = heights.with_part_deviation(part_deviation)?.with_evidence(evidence)?;
+    let heights = Heights { spread: spread(parts), ..heights };
+    // That of the first: good parts are alike.
+    first.detail.clone().map_or(Ok(heights.clone()), |detail| heights.with_detail(detail))
+}
+
+/// Returns the factor by which the evidence of a good part may fall short of that of all at a pixel: three standard
+/// deviations of its logarithm. One number for all pixels, so that few parts determine it.
+fn spread(parts: &[&Heights]) -> f32 {
+    let variance = |i: usize| {
+        let all = parts.iter().map(|part| f64::from(part.evidence[i]).ln()).filter(|ln| ln.is_finite());
+        let [count, sum, squares] = all.fold([0.0; 3], |[n, s, q], ln| [n + 1.0, s + ln, q + ln * ln]);
+        if count > 1.0 { (squares - sum * sum / count) / (count - 1.0) } else { f64::NAN }
+    };
+    let all = (0..parts.first().map_or(0, |part| part.values.len())).map(variance).filter(|v| v.is_finite());
+    let (sum, count) = all.fold((0.0, 0.0f64), |(sum, count), variance| (sum + variance, count + 1.0));
+    (3.0 * (sum / count.max(1.0)).max(0.0).sqrt()).exp() as f32
 }
 
 /// Returns the mean of heights with their standard deviations, and the standard deviation of a good part from it,
@@ -196,7 +226,9 @@ mod tests {
             };
             heights(at, sigma)
         };
-        let least = |parts: &[Heights]| least_tolerances(parts, &Limits::new(7.0)).unwrap();
+        let least = |parts: &[Heights]| -> Vec<f64> {
+            least_tolerances(parts, &Limits::new(7.0)).unwrap().iter().map(|least| least.tolerance).collect()
+        };
         let good = least(&[part(0, 0.0, 0.1), part(1, 0.0, 0.1), part(2, 0.0, 0.1)]);
         assert!(good.iter().all(|least| (0.25..0.45).contains(least)), "three standard deviations: {good:?}");
         let [bad, ..] = least(&[part(0, 2.0, 0.1), part(1, 0.0, 0.1), part(2, 0.0, 0.1)])[..] else { panic!() };
@@ -207,6 +239,28 @@ mod tests {
         assert!((0.29..0.31).contains(&alone[0]), "{alone:?}");
         let hole = heights(|x, y| if x < 60.0 { f64::NAN } else { relief([x, y]) }, 0.1);
         assert_eq!(least(&[hole, part(1, 0.0, 0.1), part(2, 0.0, 0.1)])[0], f64::INFINITY);
+    }
+
+    #[test]
+    fn texture_of_the_single_part_is_noise_of_the_golden_part() {
+        // Evidence and certainty change from place to place by up to a factor of two, otherwise on each part.
+        let part = |n: u64| {
+            let noise = smooth_noise([120, 90], 4.0, n);
+            let texture = smooth_noise([120, 90], 6.0, 100 + n).iter().map(|v| 8.0 * (0.35 * v).exp() as f32).collect();
+            let at = |x: f64, y: f64| relief([x, y]) + 0.05 * noise[y as usize * 120 + x as usize];
+            heights(at, 0.05).with_evidence(texture).unwrap()
+        };
+        let parts: Vec<Heights> = (0..5).map(part).collect();
+        let least = least_tolerances(&parts, &Limits::new(1.0)).unwrap();
+        assert!(least.iter().all(|least| least.tolerance < 0.5), "{least:?}");
+        let limits = Limits::new(0.5);
+        let golden = golden(&parts, &limits).unwrap();
+        assert!((1.5..6.0).contains(&golden.spread), "{}", golden.spread);
+        assert_eq!(inspect(&part(9), &golden, &limits).unwrap().verdict(&limits), Verdict::Go);
+        let bare =
+            (0..120 * 90).map(|i| if disk((i % 120) as f64, (i / 120) as f64, [40.0, 30.0], 9.0) { 0.9 } else { 8.0 });
+        let bare = heights(|x, y| relief([x, y]), 0.05).with_evidence(bare.collect()).unwrap();
+        assert_eq!(inspect(&bare, &golden, &limits).unwrap().verdict(&limits), Verdict::NoGo);
     }
 
     #[test]

@@ -7,8 +7,9 @@ pub mod golden;
 mod placement;
 mod regions;
 
-use self::regions::{Extent, connected_regions, label_regions};
+use self::regions::{Extent, connected_regions, label_regions, peak_of};
 use super::plane::MIN_POINTS;
+use super::response::Response;
 use crate::base::statistics::median;
 use crate::base::{Error, Region};
 
@@ -44,6 +45,9 @@ const GOLDEN_EVIDENCE: f32 = 2.0 * LEAST_EVIDENCE;
 /// area on a textured part has up to 0.05 in scenes, a good part of the same light from 0.75.
 const BARE: f64 = 1.0 / 3.0;
 
+/// By how much less evidence than good parts with texture of their own have at least is bare.
+const BEYOND_SPREAD: f64 = 1.5;
+
 /// The limits of an inspection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -59,6 +63,9 @@ pub struct Limits {
     pub max_unjudged: f64,
     /// The largest tilt of the part over the golden part, [`Plane::tilt`], in the unit of the heights.
     pub max_tilt: f64,
+    /// The width of the smallest defect that must be seen, px. Where one as high as the tolerance would not be, nothing
+    /// is judged.
+    pub smallest_px: Option<f64>,
 }
 
 impl Limits {
@@ -67,7 +74,14 @@ impl Limits {
     /// px exceeds 3 standard deviations in regions of 5 px on average, and in one of 50 px once in twenty images of 2
     /// Mpx.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, sigmas: 3.0, min_area_px: 50, max_unjudged: 0.25, max_tilt: MAX_TILT * tolerance }
+        Self {
+            tolerance,
+            sigmas: 3.0,
+            min_area_px: 50,
+            max_unjudged: 0.25,
+            max_tilt: MAX_TILT * tolerance,
+            smallest_px: None,
+        }
     }
 }
 
@@ -119,7 +133,8 @@ pub struct Inspection {
     /// The number of pixels at which the part is too uncertain for the tolerance, or has no height since all of it has
     /// as little evidence.
     pub uncertain: usize,
-    /// The least tolerance that the part's uncertainty allows to judge; `None` if too many of its heights are missing.
+    /// The least tolerance that the part's uncertainty allows to judge; `None` if too many of its heights are missing, or
+    /// with [`Limits::smallest_px`].
     pub least_tolerance: Option<f64>,
     /// Regions that are not judged although the golden part is certain there, the largest first. Pixels outside the
     /// picture of the part are not among them.
@@ -174,40 +189,58 @@ impl Inspection {
 /// Heights without evidence count as missing: on the golden part they are not compared, on the part they are not
 /// judged.
 ///
+/// With [`Limits::smallest_px`] what shows of a small defect is corrected by the response of V to its width. A region
+/// deviates too if the corrected height of its peak exceeds the tolerance.
+///
 /// # Errors
-/// [`Error::Mismatch`] if their sizes differ, or the golden part has too few heights.
+/// [`Error::Mismatch`] if their sizes differ, the golden part has too few heights, or the detail that the part resolves is
+/// not known and the limits ask for it.
 pub fn inspect(part: &Heights, golden: &Heights, limits: &Limits) -> Result<Inspection, Error> {
-    let (part, golden) = (&part.supported(LEAST_EVIDENCE), &golden.supported(GOLDEN_EVIDENCE));
+    let least_of_golden = GOLDEN_EVIDENCE.max(LEAST_EVIDENCE * golden.spread);
+    let (part, golden) = (&part.supported(LEAST_EVIDENCE), &golden.supported(least_of_golden));
     let valid = golden.values.iter().filter(|v| v.is_finite()).count();
     if valid < MIN_POINTS {
         let problem = "the golden part has a height at too few pixels: take one, and light, that show its texture";
         return Err(Error::Mismatch(problem.to_string()));
     }
     let (plane, mut difference) = difference(part, golden, limits)?;
-    let allowed = |i: usize| limits.tolerance.max(limits.sigmas * deviation(part, golden, i));
-    let sign = |(i, difference): (usize, &f32)| match f64::from(*difference) {
-        above if above > allowed(i) => 1,
-        below if below < -allowed(i) => -1,
-        _ => 0,
+    let small = limits.smallest_px.map(|smallest| Small::new(part, limits, smallest)).transpose()?;
+    // The share of the tolerance that shows of the smallest defect.
+    let shown = |i: usize| small.as_ref().map_or(1.0, |small| small.over_area(i));
+    let noise = |i: usize| limits.sigmas * deviation(part, golden, i);
+    let is_beyond = |i: usize| f64::from(difference[i].abs()) > limits.tolerance.max(noise(i));
+    let sign = |(i, difference): (usize, &f32)| {
+        let least = (shown(i) * limits.tolerance).max(noise(i));
+        if f64::from(difference.abs()) > least { difference.signum() as i8 } else { 0 }
     };
     let signs: Vec<i8> = difference.iter().enumerate().map(sign).collect();
-    let (regions, labels) = label_regions(golden.width, &signs, &difference, limits.min_area_px);
+    let deviates = |pixels: &[usize]| match &small {
+        None => true,
+        Some(small) => {
+            pixels.iter().filter(|i| is_beyond(**i)).count() >= limits.min_area_px
+                || small.exceeds(pixels, golden.width, &difference)
+        }
+    };
+    let (regions, labels) = label_regions(golden.width, &signs, &difference, limits.min_area_px, deviates);
     let is_negated = !regions.is_empty() && is_negated(part, golden, limits, &difference)?;
     let compared = difference.iter().filter(|v| v.is_finite()).count();
     // A deviation as large as the tolerance would be within this of a good part.
     let needed = |i: usize| limits.sigmas * f64::from(part.deviation[i].max(golden.deviation[i]));
-    let is_uncertain = |i: &usize| difference[*i].is_finite() && signs[*i] == 0 && needed(*i) > limits.tolerance;
+    let is_unseen = |i: usize| needed(i) > shown(i) * limits.tolerance;
+    let is_uncertain = |i: &usize| difference[*i].is_finite() && !is_beyond(*i) && labels[*i] == 0 && is_unseen(*i);
     let mut all: Vec<f64> = (0..difference.len()).filter(|i| difference[*i].is_finite()).map(needed).collect();
     all.sort_by(f64::total_cmp);
     let last = ((1.0 - limits.max_unjudged) * valid as f64).ceil() as usize;
-    let least_tolerance = all.get(last.saturating_sub(1)).copied().filter(|t| t.is_finite());
+    // What shows of a small defect depends on its height.
+    let least_tolerance = all.get(last.saturating_sub(1)).copied().filter(|t| t.is_finite() && small.is_none());
     let too_uncertain: Vec<usize> = (0..difference.len()).filter(is_uncertain).collect();
     too_uncertain.iter().for_each(|i| difference[*i] = f32::NAN);
     let is_bare = bareness(part, golden);
     // Inside the picture of a part that is as dim all over.
     let is_dim = |i: usize| part.values[i].is_nan() && !part.evidence[i].is_nan() && !is_bare(i);
     let dim = (0..difference.len()).filter(|i| golden.values[*i].is_finite() && is_dim(*i)).count();
-    let gaps = gaps(part, golden, &difference, limits, &is_bare);
+    let is_small = |i: usize| small.is_some() && part.values[i].is_finite() && is_unseen(i);
+    let gaps = gaps(part, golden, &difference, limits, (&is_bare, &is_small));
     let (judged, unjudged) = (compared - too_uncertain.len(), valid - compared - dim);
     let uncertain = too_uncertain.len() + dim;
     let tilt = plane.tilt([golden.width, golden.height]);
@@ -245,6 +278,8 @@ pub struct Gap {
     /// Whether a quarter of it, and as much as the least region, has no height and far less texture than the rest of
     /// the part has, compared with the golden part: then the surface differs there, and not the light.
     pub is_bare: bool,
+    /// Whether in most of it the smallest defect as high as the tolerance would not be seen.
+    pub is_unseen: bool,
 }
 
 /// Returns whether a pixel of the part is bare: it has far less evidence than the rest of the part has, compared with
@@ -252,7 +287,8 @@ pub struct Gap {
 fn bareness<'a>(part: &'a Heights, golden: &'a Heights) -> impl Fn(usize) -> bool + 'a {
     let ratio = move |i: usize| f64::from(part.evidence[i]) / f64::from(golden.evidence[i]);
     let usual = median((0..golden.values.len()).filter(|i| golden.values[*i].is_finite()).map(ratio));
-    move |i| !usual.is_some_and(|usual| ratio(i) >= BARE * usual)
+    let least = BARE.min(1.0 / (BEYOND_SPREAD * f64::from(golden.spread)));
+    move |i| !usual.is_some_and(|usual| ratio(i) >= least * usual)
 }
 
 /// Returns the regions that are not judged, without those whose pixels a part like the golden one may miss by chance.
@@ -261,16 +297,17 @@ fn gaps(
     golden: &Heights,
     difference: &[f32],
     limits: &Limits,
-    is_bare: &impl Fn(usize) -> bool,
+    (is_bare, is_unseen): (&impl Fn(usize) -> bool, &impl Fn(usize) -> bool),
 ) -> Vec<Gap> {
     let is_golden = |i: usize| golden.values[i].is_finite();
     let is_missing = |i: usize| is_golden(i) && difference[i].is_nan() && !part.evidence[i].is_nan();
     // A part with twice the standard deviation of one golden part, or of the mean of several with what they differ by,
-    // would be judged.
+    // would be judged. Where good parts have texture of their own, one with less has more.
+    let more = f64::from(golden.spread).max(2.0);
     let of_golden = |i: usize| f64::from(golden.deviation[i].max(golden.part_deviation[i]));
-    let is_certain = |i: usize| limits.sigmas * 2.0 * of_golden(i) <= limits.tolerance;
+    let is_certain = |i: usize| limits.sigmas * more * of_golden(i) <= limits.tolerance;
     let has_lost = |i: usize| golden.evidence[i].is_finite() && part.evidence[i] < LEAST_EVIDENCE && is_bare(i);
-    let is_gap = |i: usize| is_missing(i) && (is_certain(i) || has_lost(i));
+    let is_gap = |i: usize| is_missing(i) && (is_certain(i) || has_lost(i) || is_unseen(i));
     let marks: Vec<i8> = (0..difference.len()).map(|i| i8::from(is_gap(i))).collect();
     let gap = |pixels: Vec<usize>| {
         let bare = pixels.iter().filter(|i| part.values[**i].is_nan() && is_bare(**i)).count();
@@ -278,9 +315,42 @@ fn gaps(
         // Around a bare area V is uncertain, which is two thirds of the region of a grey disk of 14 px radius. The
         // share is set by that scene alone.
         let is_bare = bare >= limits.min_area_px && 4 * bare > pixels.len();
-        Gap { area_px, centroid_px, bounds_px, is_bare }
+        let is_unseen = 2 * pixels.iter().filter(|i| is_unseen(**i)).count() > pixels.len();
+        Gap { area_px, centroid_px, bounds_px, is_bare, is_unseen }
     };
     connected_regions(golden.width, &marks, limits.min_area_px).into_iter().map(gap).collect()
+}
+
+/// What shows of small defects of a part.
+struct Small<'a> {
+    response: Response,
+    sensitivity: &'a [f32],
+    tolerance: f64,
+}
+
+impl<'a> Small<'a> {
+    /// The widths of defects, in those of the smallest.
+    const WIDTHS: [f64; 5] = [1.0, 1.5, 2.2, 3.3, 5.0];
+
+    fn new(part: &'a Heights, limits: &Limits, smallest: f64) -> Result<Self, Error> {
+        let detail = part.detail.as_ref().ok_or_else(|| {
+            Error::Mismatch("of a sweep it is not known which small defects show; leave out the smallest".to_string())
+        })?;
+        let widths = Self::WIDTHS.map(|width| width * smallest);
+        let response = Response::new(&detail.smoothing, &widths, limits.tolerance, limits.min_area_px);
+        Ok(Self { response, sensitivity: &detail.sensitivity, tolerance: limits.tolerance })
+    }
+
+    /// The share of the height of the smallest defect that shows at a pixel over the least area.
+    fn over_area(&self, i: usize) -> f64 {
+        self.response.over_area(0, self.sensitivity[i])
+    }
+
+    /// Whether the corrected height of the peak among these pixels exceeds the tolerance.
+    fn exceeds(&self, pixels: &[usize], width: u32, difference: &[f32]) -> bool {
+        let Some((peak, seen_width)) = peak_of(pixels, width, difference) else { return false };
+        f64::from(difference[peak].abs()) > self.response.top(seen_width, self.sensitivity[peak]) * self.tolerance
+    }
 }
 
 /// Returns the plane of a part over another, and the differences of their heights without it. NaN where either has no
@@ -422,6 +492,31 @@ pub(super) mod tests {
         assert_eq!(inspect(&part(added, 0.01), &good(0.01), &wide).unwrap().regions.len(), 1);
         assert!(inspect(&part(added, 0.01), &good(0.01), &Limits::new(1.2)).unwrap().regions.is_empty());
         assert!(inspect(&part(added, 0.3), &good(0.3), &limits).unwrap().regions.is_empty(), "within three deviations");
+    }
+
+    #[test]
+    fn a_small_defect_is_seen_by_what_shows_of_it_or_cannot_be_judged() {
+        use crate::metric::response::{Detail, tests::SMOOTHING};
+        let limits = Limits { smallest_px: Some(12.0), ..Limits::new(1.7) };
+        let part = |height: f64, radius: f64, faint: f64| {
+            let bump = move |x: f64, y: f64| if disk(x, y, [60.0, 45.0], radius) { height } else { 0.0 };
+            let sensitivity = (0..120 * 90).map(|i| if f64::from(i % 120) < faint { 1e-4 } else { 0.006 }).collect();
+            heights(bump, 0.02).with_detail(Detail { sensitivity, smoothing: SMOOTHING }).unwrap()
+        };
+        let golden = heights(|_, _| 0.0, 0.02);
+        let of = |part: &Heights| inspect(part, &golden, &limits).unwrap();
+        let shown = Response::new(&SMOOTHING, &[12.0, 18.0, 26.4, 39.6, 60.0], 1.7, 50).top(12.0, 0.006) * 1.7;
+        assert!((0.4..1.3).contains(&shown), "{shown}");
+        assert_eq!(of(&part(0.0, 6.0, 0.0)).verdict(&limits), Verdict::Go);
+        assert_eq!(of(&part(1.1 * shown, 6.0, 0.0)).verdict(&limits), Verdict::NoGo);
+        assert_eq!(of(&part(0.5 * shown, 6.0, 0.0)).verdict(&limits), Verdict::Go);
+        assert_eq!(of(&part(1.1 * shown, 25.0, 0.0)).verdict(&limits), Verdict::Go, "of a wide one all shows");
+        assert_eq!(of(&part(1.8, 25.0, 0.0)).verdict(&limits), Verdict::NoGo);
+        let found = of(&part(0.0, 6.0, 10.0));
+        assert!(found.verdict(&limits) == Verdict::CannotJudge && found.gaps[0].is_unseen, "{:?}", found.gaps);
+        let plain = inspect(&part(1.1 * shown, 6.0, 10.0), &golden, &Limits::new(1.7)).unwrap();
+        assert_eq!(plain.verdict(&limits), Verdict::Go, "nothing was asked for");
+        assert!(inspect(&golden, &golden, &limits).is_err(), "no detail");
     }
 
     #[test]

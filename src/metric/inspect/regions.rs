@@ -84,10 +84,37 @@ pub struct Deviation {
     pub bounds_px: Region,
 }
 
-/// Labels the 8-connected regions of pixels with the same sign, -1 or 1, and at least `min_area` pixels. Returns them,
-/// the largest first, with the number of each pixel's region, from 1, or 0.
-pub(super) fn label_regions(width: u32, signs: &[i8], heights: &[f32], min_area: usize) -> (Vec<Deviation>, Vec<u32>) {
-    let regions = connected_regions(width, signs, min_area);
+/// Returns the pixel of the largest magnitude among some that are connected, and how wide it is at half of that, across
+/// the longer side, px: what is around it may reach beyond these pixels.
+pub(super) fn peak_of(pixels: &[usize], width: u32, heights: &[f32]) -> Option<(usize, f64)> {
+    let peak = pixels.iter().copied().max_by(|a, b| heights[*a].abs().total_cmp(&heights[*b].abs()))?;
+    let half = 0.5 * heights[peak];
+    let signs: Vec<i8> = heights.iter().map(|height| i8::from(height * half.signum() >= half.abs())).collect();
+    let mut visited: Vec<bool> = signs.iter().map(|sign| *sign == 0).collect();
+    let around = connected_pixels(peak, width as usize, &signs, &mut visited);
+    let count = around.len() as f64;
+    let at = |i: &usize| [(i % width as usize) as f64, (i / width as usize) as f64];
+    let middle = [0, 1].map(|n| around.iter().map(|i| at(i)[n]).sum::<f64>() / count);
+    let moment = |a: usize, b: usize| {
+        around.iter().map(|i| (at(i)[a] - middle[a]) * (at(i)[b] - middle[b])).sum::<f64>() / count
+    };
+    let (mean, half) = ((moment(0, 0) + moment(1, 1)) / 2.0, (moment(0, 0) - moment(1, 1)) / 2.0);
+    // A row of n pixels has the variance (n² - 1)/12.
+    let across = (mean - half.hypot(moment(0, 1))).max(0.0);
+    Some((peak, (12.0 * across + 1.0).sqrt()))
+}
+
+/// Labels the 8-connected regions of pixels with the same sign, -1 or 1, that have at least `min_area` pixels and are to
+/// be kept. Returns them, the largest first, with the number of each pixel's region, from 1, or 0.
+pub(super) fn label_regions(
+    width: u32,
+    signs: &[i8],
+    heights: &[f32],
+    min_area: usize,
+    keep: impl Fn(&[usize]) -> bool,
+) -> (Vec<Deviation>, Vec<u32>) {
+    let mut regions = connected_regions(width, signs, min_area);
+    regions.retain(|pixels| keep(pixels));
     let mut labels = vec![0; signs.len()];
     for (number, pixels) in (1..).zip(&regions) {
         pixels.iter().for_each(|i| labels[*i] = number);
@@ -123,7 +150,7 @@ mod tests {
         let sign = |c: char| i8::from(c == '+') - i8::from(c == '-');
         let signs: Vec<i8> = pattern.chars().map(sign).collect();
         let heights: Vec<f32> = signs.iter().enumerate().map(|(i, s)| f32::from(*s) * (1 + i) as f32).collect();
-        let (regions, labels) = label_regions(5, &signs, &heights, 2);
+        let (regions, labels) = label_regions(5, &signs, &heights, 2, |_| true);
         assert_eq!(regions.len(), 2);
         let bounds_px = Region { x: 0, y: 0, width: 3, height: 3 };
         let diagonal = Deviation { area_px: 3, mean: 7.0, extreme: 13.0, centroid_px: [1.0, 1.0], bounds_px };

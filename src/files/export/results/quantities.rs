@@ -3,14 +3,38 @@
 use std::borrow::Cow;
 
 use super::Results;
+use crate::base::color::LUMINANCE;
+use crate::base::statistics::median;
 use crate::base::{Decode, Error, Frame};
 use crate::engine::solution::confidence;
 use crate::engine::stages::scale_deviation::without_scale;
+use crate::engine::stages::separable::smoothed;
+use crate::engine::stages::spline::Raster;
+use crate::engine::stages::unit;
 use crate::files::export::report::{Kind, UNITS};
 use crate::files::export::scale::Quantity;
 use crate::metric::evidence;
+use crate::metric::response::{Detail, Smoothing};
 use crate::solve::fill::filled;
 use crate::solve::resample::luminance;
+
+/// The least variance of blur under which the fused image is looked at, px², the octaves above it, and the least squared
+/// sensitivity.
+const LEAST_BLUR: f32 = 0.5;
+const BLUR_OCTAVES: usize = 8;
+const LEAST_SQUARE: f32 = 1e-12;
+
+/// The Laplacian of an image, mirrored about its border pixels.
+fn laplacian(image: &Raster<f32>, i: usize) -> f32 {
+    let (x, y, width) = (i % image.width, i / image.width, image.width);
+    let along = |at: usize, last: usize, step: usize| match at {
+        _ if last == 0 => 0.0,
+        0 => 2.0 * image.data[i + step],
+        at if at == last => 2.0 * image.data[i - step],
+        _ => image.data[i - step] + image.data[i + step],
+    };
+    along(x, width - 1, 1) + along(y, image.height - 1, width) - 4.0 * image.data[i]
+}
 
 impl Results<'_> {
     /// V of a pair, or the focus of a sweep.
@@ -120,11 +144,56 @@ impl Results<'_> {
         if self.report.kind != Kind::Pair {
             return Ok(None);
         }
-        let (noise, fused) = (self.field("residual")?, self.fused()?);
+        Ok(Some(evidence(&self.grey(&self.fused()?), &self.field("residual")?, self.report.size.width as usize)))
+    }
+
+    /// The mean of the channels of the fused image, in intensities.
+    fn grey(&self, fused: &Frame) -> Vec<f32> {
         let channels = fused.format().channels.count() as usize;
         let intensities = fused.intensities(self.report.values.decode);
-        let grey: Vec<f32> =
-            intensities.chunks_exact(channels).map(|pixel| pixel.iter().sum::<f32>() / channels as f32).collect();
-        Ok(Some(evidence(&grey, &noise, self.report.size.width as usize)))
+        intensities.chunks_exact(channels).map(|pixel| pixel.iter().sum::<f32>() / channels as f32).collect()
+    }
+
+    /// For a pair, the detail of V that it resolves. `None` for a sweep, and without the report of its levels.
+    ///
+    /// The photographs change with V by half of the Laplacian of the softer one, which is the fused image under |V|. Its
+    /// square is averaged over the window of the solve, and then, as a logarithm, over σ 4 px: a few strong places do not
+    /// carry a weak one.
+    ///
+    /// # Errors
+    /// As for [`field`](Self::field) and [`fused`](Self::fused).
+    pub fn detail(&self) -> Result<Option<Detail>, Error> {
+        let (report, settings) = (&self.report, &self.report.settings);
+        let iterations = report.levels.as_ref().and_then(|levels| levels.last()).map(|level| level.iterations);
+        let (Some(regularization), Some(iterations)) = (report.regularization.filter(|a| a.is_finite()), iterations)
+        else {
+            return Ok(None);
+        };
+        let (residual, fused) = (self.field("residual")?, self.fused()?);
+        let unit = unit::cpu_reference([&fused; 2], report.values.decode, LUMINANCE);
+        let noise = median(residual.iter().map(|v| f64::from(*v))).unwrap_or(0.0) / unit;
+        let (width, height) = (report.size.width as usize, report.size.height as usize);
+        let data = self.grey(&fused).iter().map(|v| v / unit as f32).collect();
+        let picture = Raster { data, ..Raster::<f32>::zeros(width, height) };
+        let octave = |v: f32| if v.is_nan() { 0.0 } else { (v.abs() / LEAST_BLUR).max(1.0).log2() };
+        let octaves: Vec<f32> = self.values().iter().map(|v| octave(*v).min(BLUR_OCTAVES as f32)).collect();
+        let last = octaves.iter().fold(0.0, |a: f32, b| a.max(*b)).ceil() as usize;
+        let mut squares = vec![0.0; width * height];
+        for n in 0..=last {
+            let blur = LEAST_BLUR * 2f32.powi(n as i32);
+            let soft = smoothed(&picture, f64::from(blur).sqrt());
+            let square = |i: usize| (0.5 * laplacian(&soft, i)).powi(2);
+            let mean = smoothed(&Raster { data: (0..width * height).map(square).collect(), ..soft.clone() }, 2.0);
+            // White noise under a Gaussian of variance v has half of a Laplacian of 0.2 v^-1.5.
+            let of_noise = 0.04 * noise as f32 * noise as f32 / blur.powi(3);
+            for ((sum, mean), octave) in squares.iter_mut().zip(&mean.data).zip(&octaves) {
+                *sum += (1.0 - (octave - n as f32).abs()).max(0.0) * (mean - of_noise).max(LEAST_SQUARE);
+            }
+        }
+        let logarithms = squares.iter().map(|square: &f32| square.max(LEAST_SQUARE).ln()).collect();
+        let even = smoothed(&Raster { data: logarithms, ..picture }, 4.0);
+        let (data_eta, smoothness_eta) = (settings.data_eta, settings.smoothness_eta);
+        let smoothing = Smoothing { regularization, data_eta, smoothness_eta, noise, iterations, px2_per_height: 1.0 };
+        Ok(Some(Detail { sensitivity: even.data.iter().map(|v| (0.5 * v).exp()).collect(), smoothing }))
     }
 }
