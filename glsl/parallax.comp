@@ -1,6 +1,5 @@
 #version 460
-// Steps T and the parallax together by the sums over windows, if the parallax is larger than chance makes it. One
-// workgroup. CPU reference: src/engine/stages/parallax.rs.
+// Steps T and the parallax together by the sums over windows. One workgroup. CPU reference: src/engine/stages/parallax.rs.
 
 #include "state.glsl"
 #include "parallax.glsl"
@@ -8,27 +7,18 @@
 layout(local_size_x = 64, local_size_y = 4, local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer Partials { float partials[]; };
 layout(binding = 1, std430) buffer StateBuffer { State state; };
-layout(binding = 2, std430) writeonly buffer Arguments { uint arguments[]; };
-layout(binding = 3, std430) readonly buffer AllArguments { uint start_arguments[]; };
 layout(push_constant) uniform Constants {
     int windows;
     int level;                       // nothing changes once it has settled
-    uint starts;                     // 1: also while there is no parallax
     int unknowns;                    // of T
     float factor;                    // pixels of the full-size image per pixel of this level
     float scale_length;              // L, the length that places are divided by, pixels
-    int warp_place, warp_words;      // of the arguments of the passes that warp I2 again
 };
 
 // The least number of windows that count, by their pixels. With fewer, nothing changes.
 const int LEAST_COUNT = 12;
-// The least square of the parallax over its deviation by the scatter over the windows, times the share of the energy that
-// it explains. Errors of the model explain little however sure they seem: of cameras that stood still it reached 0.8.
-const float LEAST_EVIDENCE = 1.0;
-// The least deviation of V over the photograph, px² of the full-size image: twice the error of V at noise 0.01. If V
-// varies less, it says nothing of near and far. The least parallax of one such deviation, pixels of the full-size image:
-// less changes V by less than its noise.
-const float LEAST_SPREAD = 0.2, LEAST_MOVED = 0.02;
+// The share of the evidence for the scale of V from which on the parallax keeps its size: displacement is all of it.
+const float DISPLACED = 0.9;
 // The largest step of the parallax, of one deviation of V, pixels of the level.
 const float LARGEST = 0.3;
 // A level settles only once the square of the parallax's step over its deviation is less than MOVING, or the step of one
@@ -44,7 +34,6 @@ shared float scales[ALL];
 shared float equations[ALL][COLUMNS];
 shared float scatter[gl_WorkGroupSize.x * gl_WorkGroupSize.y][SCATTER];
 shared float scattered[SCATTER];
-shared bool warps;
 
 float normal(int row, int i, int j) { return partials[NUMBERS * row + product_of(i, j)]; }
 
@@ -70,7 +59,7 @@ void solve() {
         // from the parallax.
         vec3 p = before();
         float square = dot(p, p);
-        float pull = i < OF_T || square == 0.0 ? 0.0
+        float pull = i < OF_T ? 0.0
             : totals[ROUGHNESS_OF_V] * totals[BY_PARALLAX] / max(totals[EVIDENCE], 1e-30) * p[i - OF_T] / square;
         own = j < ALL ? scales[i] * scales[j] * totals[product_of(i, min(j, ALL - 1))]
             : j == ALL ? -scales[i] * (totals[GRADIENT_OF_ALL + i] + pull)
@@ -116,8 +105,6 @@ void add_scatter(int row, float x[ALL], inout float sums[SCATTER]) {
     sums[SCATTER - 1] += 1.0;
 }
 
-float square_over(float c[6], vec3 x) { return dot(x, over_positive(c, x)); }
-
 void step_once(float x[ALL]) {
     float c[6], inverse[6];
     for (int n = 0; n < 6; n++) c[n] = scattered[n];
@@ -126,38 +113,29 @@ void step_once(float x[ALL]) {
     for (int k = 0, at = 0; k < 3; k++) {
         for (int l = k; l < 3; l++, at++) inverse[at] = over_pivot(OF_T + k, ALL + 1 + l);
     }
-    bool had = is_some(state.parallax);
     vec3 before = before();
     float count = totals[PIXELS], mean = totals[OF_V] / count, spread = sqrt(max(totals[SQUARE_OF_V] / count - mean * mean, 0.0));
-    vec3 move = vec3(x[OF_T], x[OF_T + 1], x[OF_T + 2]), found = before + move;
-    // To second order.
-    float explained = 0.5 * dot(move, over_positive(inverse, move)) / (count * state.levels[level].energy);
-    bool is_large = spread * factor * factor > LEAST_SPREAD && spread * factor * length(found) > LEAST_MOVED && square_over(c, found) * explained > LEAST_EVIDENCE;
-    if (!had && !is_large) return;
-    state.parallax_moves = uint(square_over(c, move) > MOVING && spread * length(move) > STILL);
+    vec3 move = vec3(x[OF_T], x[OF_T + 1], x[OF_T + 2]);
+    if (totals[BY_PARALLAX] > DISPLACED * totals[EVIDENCE]) move -= dot(before, move) / dot(before, before) * before;
+    state.parallax_moves = uint(dot(move, over_positive(c, move)) > MOVING && spread * length(move) > STILL);
     float share = min(1.0, LARGEST / max(spread * length(move), 1e-12));
-    found = before + share * move;
+    vec3 found = before + share * move;
     // T follows the parallax. Its own step is that of all pixels, elsewhere.
     vec3 pull = over_positive(inverse, move);
+    float of_t[OF_T];
     for (int i = 0; i < OF_T; i++) {
-        x[i] = 0.0;
-        for (int k = 0; k < 3; k++) x[i] += over_pivot(i, ALL + 1 + k) * pull[k];
+        of_t[i] = 0.0;
+        for (int k = 0; k < 3; k++) of_t[i] += share * over_pivot(i, ALL + 1 + k) * pull[k];
     }
-    float over = share / scale_length, bent = over / (factor * scale_length);
-    Registration moves = Registration(over * (x[2] + x[4]), over * (x[5] - x[3]), over * (x[3] + x[5]), over * (x[2] - x[4]),
-                                      share * factor * x[0], share * factor * x[1], bent * x[6], bent * x[7], 0.0, 0.0);
-    state.registration = after(state.registration, moves);
+    state.registration = after(state.registration, step_of(of_t, factor, scale_length));
     float to_along = 1.0 / (factor * factor * scale_length);
     state.parallax = Parallax(found.x / factor, found.y / factor, to_along * found.z);
     state.parallax_deviation = Parallax(sqrt(c[0]) / factor, sqrt(c[3]) / factor, to_along * sqrt(c[5]));
-    warps = !had && warp_words > 0;
-    if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);
 }
 
 void main() {
-    if (state.levels[level].settled != 0u || starts == 0u && !is_some(state.parallax)) return;
+    if (state.levels[level].settled != 0u || !is_some(state.parallax)) return;
     int n = int(gl_LocalInvocationIndex), invocations = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    if (n == 0) warps = false;
     for (int number = n; number < NUMBERS; number += invocations) {
         float sum = 0.0;
         for (int row = 0; row < windows; row++) sum += partials[NUMBERS * row + number];
@@ -178,8 +156,4 @@ void main() {
     }
     barrier();
     if (n == 0) step_once(x);
-    barrier();
-    for (int word = n; warps && word < warp_words; word += invocations) {
-        arguments[warp_place + word] = start_arguments[warp_place + word];
-    }
 }

@@ -13,7 +13,7 @@ layout(constant_id = 3) const bool WARPED = false;
 #include "mask.glsl"
 #include "parallax.glsl"
 
-layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 0, r32f) uniform readonly image2DArray unknown;
 layout(binding = 1, r32ui) uniform readonly uimage2DArray stacks;         // of I1, then of I2
 layout(binding = 2, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 3, r32f) uniform readonly image2DArray masks;          // of I1, of I2
@@ -24,7 +24,6 @@ layout(push_constant) uniform Constants {
     int second_stack;                // its first layer
     int grid[2];                     // columns and rows of windows
     int level;                       // nothing is done once it has settled
-    uint starts;                     // 1: also while there is no parallax
     float factor;                    // pixels of the full-size image per pixel of this level
     float centre[2];
     float scale_length;              // L, the length that places are divided by, pixels
@@ -37,6 +36,10 @@ layout(push_constant) uniform Constants {
 #include "pair.glsl"
 #include "data.glsl"
 
+const bool SWEEP = false;
+
+#include "links.glsl"
+
 float mask_at(int image, ivec2 x) {
     return imageLoad(masks, ivec3(x, image - 1)).r;
 }
@@ -48,45 +51,20 @@ const int AT_ONCE = SIDE * SIDE / 2; // whose numbers are in shared memory
 const int WEIGHT = ALL, SIDE_WEIGHT = ALL + 1, ADDED = ALL + 2, ROWS = ADDED + NUMBERS - PIXELS;
 shared float columns[ROWS][AT_ONCE + 1];
 
-float relative_blur_at(ivec2 x) {
-    return imageLoad(relative_blur, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 0)).r;
-}
-
-// φ = 1/sqrt(|∇V|² + η²)
-float inverse_gradient(ivec2 x) {
-    float gx = 0.5 * (relative_blur_at(x + ivec2(1, 0)) - relative_blur_at(x - ivec2(1, 0)));
-    float gy = 0.5 * (relative_blur_at(x + ivec2(0, 1)) - relative_blur_at(x - ivec2(0, 1)));
-    return inversesqrt(gx * gx + gy * gy + smoothness_eta * smoothness_eta);
-}
-
-// Σa, Σ a (V_n - V), and half of Σ a (V_n - V)².
-vec3 smoothness(ivec2 x, float v) {
-    const ivec2 AROUND[4] = ivec2[](ivec2(1, 0), ivec2(-1, 0), ivec2(0, 1), ivec2(0, -1));
-    float phi = inverse_gradient(x);
-    vec3 sums = vec3(0.0);
-    for (int n = 0; n < 4; n++) {
-        ivec2 y = x + AROUND[n];
-        if (any(lessThan(y, ivec2(0))) || any(greaterThanEqual(y, ivec2(width, height)))) continue;
-        float a = 0.5 * state.alpha * (phi + inverse_gradient(y)), rise = relative_blur_at(y) - v;
-        sums += a * vec3(1.0, rise, 0.5 * rise * rise);
-    }
-    return sums;
-}
-
 void store_pixel(int n, ivec2 x) {
     ivec2 size = ivec2(width, height);
     Registration r = state.registration;
     vec2 centre = vec2(centre[0], centre[1]);
-    float v = relative_blur_at(x), share = 0.0, column[ROWS];
+    float v = at(x), share = 0.0, column[ROWS];
     for (int k = 0; k < ROWS; k++) column[k] = 0.0;
     vec2 d = displacement_of(r, state.parallax, vec2(x), v, factor, centre);
     Variances of = variances_at(v, state.separation / (factor * factor));
     if (inside(x, d, size, of, scale_of(r))) share = counts(x, d, size);
     if (share > 0.0) {
         Data t = data_term(r, of, sample_pair(x, d, of, factor), share, d);
-        vec3 links = smoothness(x, v);
+        Links links = links_at(x, state.alpha, 1.0);
         vec2 p = (vec2(x) - centre) / scale_length;
-        float diagonal = t.weight * t.by_v * t.by_v, over = 1.0 / max(diagonal + elimination * links.x, 1e-12);
+        float diagonal = t.weight * t.by_v * t.by_v, over = 1.0 / max(diagonal + elimination * dot(links.weights, vec4(1.0)), 1e-12);
         float powers[6] = float[](1.0, p.x, p.y, p.x * p.x, p.x * p.y, p.y * p.y);
         for (int k = 0; k < OF_T; k++) {
             for (int c = 0; c < 2; c++) column[k] += float(SIGNS[k][c]) * powers[monomial(powers_of(k, c))] * t.by_place[c];
@@ -97,9 +75,9 @@ void store_pixel(int n, ivec2 x) {
         float weight = broadened(t.psi) * t.weight;
         float of_scale = v * t.by_v, by_parallax = v * dot(t.by_place, parallax_by_v(state.parallax, vec2(x), factor, centre));
         column[WEIGHT] = weight * (1.0 - diagonal * over);
-        column[SIDE_WEIGHT] = weight * (t.s + t.by_v * over * (links.y - t.weight * t.s * t.by_v));
+        column[SIDE_WEIGHT] = weight * (t.s + t.by_v * over * (dot(links.weights, links.rough) - t.weight * t.s * t.by_v));
         float added[NUMBERS - PIXELS] =
-            float[](share, share * v, share * v * v, broadened(t.psi) * links.z, weight * of_scale * of_scale,
+            float[](share, share * v, share * v * v, 0.5 * broadened(t.psi) * dot(links.weights * links.rises, links.rough), weight * of_scale * of_scale,
                     weight * by_parallax * by_parallax);
         for (int k = 0; k < NUMBERS - PIXELS; k++) column[ADDED + k] = added[k];
     }
@@ -107,7 +85,7 @@ void store_pixel(int n, ivec2 x) {
 }
 
 void main() {
-    if (state.levels[level].settled != 0u || starts == 0u && !is_some(state.parallax)) return;
+    if (state.levels[level].settled != 0u || !is_some(state.parallax)) return;
     ivec2 size = ivec2(width, height), windows = ivec2(grid[0], grid[1]), window = ivec2(gl_WorkGroupID.xy);
     ivec2 corner = (2 * window + 1) * size / (2 * windows) - SIDE / 2;
     int invocations = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y), number = int(gl_LocalInvocationIndex);

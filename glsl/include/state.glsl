@@ -114,6 +114,14 @@ Registration after(Registration r, Registration step) {
     return both;
 }
 
+// The displacement by the unknowns of T, in full-size pixels, with places divided by `unit` pixels of the level.
+Registration step_of(float x[8], float factor, float unit) {
+    vec4 linear = vec4(x[2], x[3], x[4], x[5]) / unit;
+    vec2 g = vec2(x[6], x[7]) / (factor * unit * unit);
+    return Registration(linear.x + linear.z, linear.w - linear.y, linear.y + linear.w, linear.x - linear.z,
+                        factor * x[0], factor * x[1], g.x, g.y, 0.0, 0.0);
+}
+
 // The motion of T since an earlier T0: the registration whose displacement d has T x = T0 (x + d), in I1's pixels.
 Registration moved_since(Registration before, Registration r) {
     return from_excess(inverse(matrix(before)) * (excess(r) - excess(before)));

@@ -2,22 +2,9 @@
 // `unknown` and `weights`, the buffer `state` and the constants. CPU reference: src/engine/stages/system.rs.
 
 #include "grid.glsl"
+#include "links.glsl"
 
-const int REACH = 16;                // pixels on either side for the slope of V
 const int SUMS = 2;                  // q b, q², divided by D plus the smoothness
-
-float at(ivec2 x) { return imageLoad(unknown, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 0)).r; }
-
-float inverse_gradient(float rise_x, float rise_y) {
-    return inversesqrt(0.25 * rate * (rise_x * rise_x + rise_y * rise_y) + smoothness_eta * smoothness_eta);
-}
-
-// The rise of V from a pixel to the next, by its slopes over REACH pixels before and behind: their harmonic mean, 0
-// where they differ in sign.
-float slope(float far_before, float here, float next, float far_behind) {
-    float before = here - far_before, behind = far_behind - next;
-    return before * behind > 0.0 ? before * behind / (0.5 * float(REACH) * (before + behind)) : 0.0;
-}
 
 // The right side and the weights are divided by the diagonal.
 struct Equation {
@@ -28,26 +15,9 @@ struct Equation {
 };
 
 Equation equation(ivec2 x, float d, float b) {
-    const ivec2 R = ivec2(1, 0), D = ivec2(0, 1);
-    float here = at(x), right = at(x + R), left = at(x - R), below = at(x + D), above = at(x - D);
-    float right_below = at(x + R + D), left_below = at(x - R + D);
-    float right_above = at(x + R - D), left_above = at(x - R - D);
-    vec4 phis = vec4(inverse_gradient(at(x + 2 * R) - here, right_below - right_above),
-                     inverse_gradient(here - at(x - 2 * R), left_below - left_above),
-                     inverse_gradient(right_below - left_below, at(x + 2 * D) - here),
-                     inverse_gradient(right_above - left_above, here - at(x - 2 * D)));
-    bvec4 exists = bvec4(x.x + 1 < width, x.x > 0, x.y + 1 < height, x.y > 0);
-    float half_alpha = 0.5 * rate * (SWEEP ? alpha : alpha * state.alpha);
-    vec4 a = mix(vec4(0.0), half_alpha * (inverse_gradient(right - left, below - above) + phis), exists);
-    vec4 rises = vec4(right, left, below, above) - here;
-    if (!SWEEP) {
-        const ivec2 NEAR = ivec2(REACH, 0), FAR = ivec2(REACH + 1, 0);
-        rises -= vec4(slope(at(x - NEAR), here, right, at(x + FAR)),
-                      -slope(at(x - FAR), left, here, at(x + NEAR)),
-                      slope(at(x - NEAR.yx), here, below, at(x + FAR.yx)),
-                      -slope(at(x - FAR.yx), above, here, at(x + NEAR.yx)));
-    }
-    float pull = dot(a, rises);
+    Links links = links_at(x, rate * (SWEEP ? alpha : alpha * state.alpha), rate);
+    vec4 a = links.weights;
+    float pull = dot(a, links.rough);
     float over = 1.0 / max(d + (a.x + a.y + (a.z + a.w)), 1e-12);
     return Equation((b + pull) * over, a * over, vec4(d, b + pull, a.x, a.z), over);
 }

@@ -181,14 +181,6 @@ float corner_moves(Registration d) {
     return length(vec2(d.tx, d.ty)) + (linear + length(vec2(d.gx, d.gy)) * corner) * corner;
 }
 
-// The displacement by the unknowns, in full-size pixels.
-Registration step_of(float x[8]) {
-    vec4 linear = vec4(x[2], x[3], x[4], x[5]) / length_of_places();
-    vec2 g = vec2(x[6], x[7]) / (factor * length_of_places() * length_of_places());
-    return Registration(linear.x + linear.z, linear.w - linear.y, linear.y + linear.w, linear.x - linear.z,
-                        factor * x[0], factor * x[1], g.x, g.y, 0.0, 0.0);
-}
-
 // α = 0.14 (mean √|b|)² / mean |∇V|. It changes only by more than a tenth, since each change takes iterations.
 void find_alpha() {
     float count = max(totals[VALID], 1.0), root = totals[ROUGHNESS] / count, steep = totals[ROUGHNESS + 1] / count;
@@ -209,7 +201,7 @@ void step_once() {
         decrease -= x[i] * gradient(i);
         x[i] *= t_step.share;
     }
-    Registration moves = step_of(x);
+    Registration moves = step_of(x, factor, length_of_places());
     float moved = corner_moves(moves);
     registration = after(registration, moves);
     updated.registration = registration;

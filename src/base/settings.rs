@@ -62,12 +62,12 @@ choices! {
 choices! {
     /// Whether parallax is found, of a camera that moved.
     pub enum ParallaxSearch {
-        /// Of the frames of a sweep, not of a pair
+        /// Where the photographs show it beyond doubt
         #[default]
         Auto = "auto",
-        /// Of a pair too
+        /// Of a pair wherever it explains something
         On = "on",
-        /// Of neither
+        /// Never
         Off = "off",
     }
 }
@@ -380,8 +380,8 @@ settings! {
     /// The summary says when a simpler model explains as much or a richer one more. SIFT finds a similarity at most.
     motion: Motion = Motion::Similarity, flag "Registration" "MODEL";
     /// Whether parallax is found, of a camera that moved between the photographs.
-    /// Near things are then displaced against far ones, in proportion to V. auto finds it in sweeps. Of a pair, where it is
-    /// nearly a plane, a richer motion model and parallax explain the same, and a part that moved can pass for parallax.
+    /// Near things are then displaced against far ones, in proportion to V. Of a pair auto takes it only if three quarters of
+    /// the photographs show it by themselves, and no map of the plane explains the same. on takes it if it explains anything.
     parallax: ParallaxSearch = ParallaxSearch::Auto, flag "Registration" "WHERE";
     /// How T is updated in each outer iteration.
     registration_step: RegistrationStep = RegistrationStep::GaussNewton, flag "Registration" "STEP";

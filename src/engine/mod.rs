@@ -13,6 +13,7 @@ mod judgement;
 pub mod model;
 mod motion;
 mod pair_memory;
+pub(crate) mod parallax_start;
 pub(crate) mod parts;
 pub(crate) mod plan;
 mod prepared_solver;

@@ -8,6 +8,7 @@ use super::cpu::pair::CpuPair;
 use super::device::AnyDevice;
 use super::frame_in_flight::{FrameInFlight, Memory, SURE_CORRELATION, Start};
 use super::pair_memory::Shared;
+use super::parallax_start;
 use super::plan::Plan;
 use super::record::{Profile, Reading, Workspace};
 use super::script::{CountedPixels, Script};
@@ -19,7 +20,8 @@ use super::vulkan::{
 use super::vulkan_pair::VulkanPair;
 use super::{Engine, KeyPoints};
 use crate::base::{
-    CancellationToken, Error, Frame, Mask, Method, Motion, Parallax, PixelFormat, Progress, Settings, Shading,
+    CancellationToken, Error, Frame, Mask, Method, Motion, Parallax, ParallaxSearch, PixelFormat, Progress, Settings,
+    Shading,
 };
 
 /// Everything that is prepared before the first pair: memory, recordings and compiled passes.
@@ -252,13 +254,17 @@ impl PreparedSolver {
             (Method::Sift, ..) => return Err(Error::NoKeyPoints),
             _ => settings.start,
         };
+        let found = frames
+            .filter(|_| settings.parallax == ParallaxSearch::On && self.shared.plan.solves_transform())
+            .and_then(|frames| parallax_start::find(frames, &self.shared.plan, mask));
+        let (transform, parallax) = found.unwrap_or((transform, Parallax::NONE));
         Ok(Start {
             transform,
             photometric: settings.start_photometric,
             shading: Shading::NONE,
             kernel_shape: 0.0,
             separation: 0.0,
-            parallax: Parallax::NONE,
+            parallax,
         })
     }
 }

@@ -8,7 +8,8 @@ use crate::base::{
 };
 use crate::engine::interop::{DeviceSource, ExternalCommandBuffer, SemaphoreWait};
 use crate::engine::{
-    Encoded, Engine, PairOptions, Pending, PreparedSolver, Registered, Solution, Source, parts, same_size,
+    Encoded, Engine, PairOptions, Pending, PreparedSolver, Registered, Solution, Source, parallax_start, parts,
+    same_size,
 };
 use crate::solve::FieldCurvature;
 
@@ -348,6 +349,7 @@ impl PairSolver {
         mask: Option<&Mask>,
         options: &SolveOptions,
     ) -> Result<Solution, Error> {
+        let settings = &parallax_start::resolved(frames, settings, mask)?;
         let layout = Layout::of(frames, settings);
         let report = |progress| options.report(progress);
         let pair = PairOptions::new(mask, &options.cancel, &report);

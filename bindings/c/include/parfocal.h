@@ -96,11 +96,11 @@ typedef enum {
 
 // Whether parallax is found, of a camera that moved.
 typedef enum {
-  // Of the frames of a sweep, not of a pair.
+  // Where the photographs show it beyond doubt.
   PARFOCAL_PARALLAX_AUTO = 0,
-  // Of a pair too.
+  // Of a pair wherever it explains something.
   PARFOCAL_PARALLAX_ON = 1,
-  // Of neither.
+  // Never.
   PARFOCAL_PARALLAX_OFF = 2,
 } parfocal_parallax_search;
 

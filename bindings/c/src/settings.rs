@@ -50,11 +50,11 @@ pub enum parfocal_registration_step {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub enum parfocal_parallax_search {
-    /// Of the frames of a sweep, not of a pair.
+    /// Where the photographs show it beyond doubt.
     PARFOCAL_PARALLAX_AUTO = 0,
-    /// Of a pair too.
+    /// Of a pair wherever it explains something.
     PARFOCAL_PARALLAX_ON = 1,
-    /// Of neither.
+    /// Never.
     PARFOCAL_PARALLAX_OFF = 2,
 }
 

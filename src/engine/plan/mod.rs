@@ -248,12 +248,6 @@ impl Plan {
         is_free && k % 2 == 1 && parallax_windows::fits(level.size)
     }
 
-    /// Whether there may be parallax from iteration k of a level on, if there was none: where I2 may be warped again.
-    /// Where it is not warped, as on the second coarsest level, T still moves far at first.
-    pub(crate) fn starts_parallax(&self, level: &Level, k: u32) -> bool {
-        k == if self.warps(level) { 1 } else { 3 }
-    }
-
     /// Whether law and kernel are found on a level, before its first iteration: where I2 is warped.
     pub(crate) fn finds_lens(&self, level: &Level) -> bool {
         self.settings.kernel == Kernel::Auto && self.warps(level) && lens_windows::fits(level.size)

@@ -329,7 +329,7 @@ impl<'a> Composer<'a> {
         for k in 0..plan.settings.outer_iterations {
             self.begin_iteration(level, k, |k| plan.may_settle(level, k));
             if plan.steps_parallax(level, k) {
-                self.step_parallax(level, k);
+                self.step_parallax(level);
             }
             if plan.warps_again(level, k) {
                 self.warp_again(level);

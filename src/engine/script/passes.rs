@@ -7,7 +7,7 @@ use super::compose::Composer;
 use super::filters::Layers;
 use crate::base::color::LUMINANCE;
 use crate::base::{Decode, RegistrationStep};
-use crate::engine::arguments::{self, Grid, Over};
+use crate::engine::arguments::{Grid, Over};
 use crate::engine::plan::{Level, Plan, step_share};
 use crate::engine::slot::Slot;
 use crate::engine::stages::cascade::Start;
@@ -171,19 +171,16 @@ impl Composer<'_> {
         self.shape(level, 0..2, stacks);
     }
 
-    /// Steps T and the parallax together. Without parallax each level tests once whether there is some, since most cameras do
-    /// not move.
-    pub(super) fn step_parallax(&mut self, level: &Level, k: u32) {
+    /// Steps T and the parallax together.
+    pub(super) fn step_parallax(&mut self, level: &Level) {
         let (plan, grid @ [columns, rows]) = (self.plan, parallax_windows::grid(level.size));
-        let (starts, index) = (u32::from(plan.starts_parallax(level, k)), level.index as u32);
         let constants = parallax_windows::Constants {
             width: level.size[0],
             height: level.size[1],
             nodes: level.nodes as u32,
             second_stack: plan.second_stack(level),
             grid,
-            level: index,
-            starts,
+            level: level.index as u32,
             factor: level.factor as f32,
             centre: single(level.centre),
             scale_length: level.length as f32,
@@ -197,16 +194,12 @@ impl Composer<'_> {
         let variant = stack::packed(variant, plan.packs(level));
         let bindings = parallax_windows::Bindings::on(level.index);
         self.dispatch(bindings, &constants, variant, Grid::Direct([columns, rows, 1]));
-        let [_, warping] = arguments::words(level.index);
         let constants = parallax::Constants {
             windows: columns * rows,
-            level: index,
-            starts,
+            level: level.index as u32,
             unknowns: plan.settings.motion.unknowns() as u32,
             factor: level.factor as f32,
             scale_length: level.length as f32,
-            warp_place: warping.start as u32,
-            warp_words: if plan.warps(level) { warping.len() as u32 } else { 0 },
         };
         self.dispatch(parallax::Bindings::on(0), &constants, NO_VARIANT, Grid::Direct([1; 3]));
     }

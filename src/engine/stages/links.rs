@@ -6,7 +6,7 @@ use crate::engine::shaders;
 
 /// Pixels over which slopes on either side of two neighbours are computed. Over fewer, noise counts as slope; over
 /// more, bends of V are straightened.
-const REACH: isize = shaders::system::REACH as isize;
+const REACH: isize = shaders::links::REACH as isize;
 
 /// Links from each pixel of a row to the next pixel along x or y.
 #[derive(Default)]
@@ -75,6 +75,16 @@ impl<N: Number> LinkRows<'_, N> {
                 add(N::of(-1.0), [&across.pulls, &down.pulls, &above.pulls], start, pulls);
             },
         );
+    }
+
+    /// Half of the sum of the pulls on a pixel of the row times the rises to its neighbours.
+    pub(super) fn roughness(&self, unknown: &Raster<N>, [x, y]: [usize; 2]) -> f64 {
+        let (last, here) = (unknown.width - 1, unknown.get(x, y));
+        let [left, right] = [x.max(1) - 1, (x + 1).min(last)].map(|x| unknown.get(x, y));
+        let [above, below] = [y.max(1) - 1, (y + 1).min(unknown.height - 1)].map(|y| unknown.get(x, y));
+        let [across, before] = [x, x.max(1) - 1].map(|x| self.across.pulls[x].into());
+        let sides = across * (right - here) + before * (here - left);
+        0.5 * (sides + self.down.pulls[x].into() * (below - here) + self.above.pulls[x].into() * (here - above))
     }
 
     /// Goes on to row y, which follows the row before.

@@ -9,6 +9,7 @@
 
 use super::blur::Samples;
 use super::linearise::{Datum, spread};
+use super::links::Links;
 use super::mask::{self, Masks};
 use super::noise;
 use super::pass::{Memory, Pass};
@@ -53,9 +54,9 @@ pub(crate) fn fits([width, height]: [u32; 2]) -> bool {
     width.min(height) >= SIDE as u32
 }
 
-/// Whether a step is taken: not once the level has settled, and without parallax only where one may start.
-pub(super) fn is_due(state: &DoubleState, level: u32, starts: u32) -> bool {
-    state.levels[level as usize].settled == 0 && (starts != 0 || state.parallax != Parallax::NONE)
+/// Whether a step is taken: not once the level has settled.
+pub(super) fn is_due(state: &DoubleState, level: u32) -> bool {
+    state.levels[level as usize].settled == 0 && state.parallax != Parallax::NONE
 }
 
 impl Pass for Bindings {
@@ -66,13 +67,13 @@ impl Pass for Bindings {
 
     fn run<N: Number>(&self, c: &Constants, variant: Variant, memory: &mut Memory<N>) {
         let state = memory.state(self.state);
-        if !is_due(state, c.level, c.starts) {
+        if !is_due(state, c.level) {
             return;
         }
         let masks = mask::of(memory, self.masks, variant);
         let lens = (c.mean, c.factor, c.centre);
         let samples = Samples::of(state, memory.layers(self.stacks), [c.second_stack, c.nodes], lens, variant);
-        let windows = cpu_reference(c, state, &samples, memory.layer(self.relative_blur, 0), masks);
+        let windows = cpu_reference(c, state, &samples, memory.layer(self.unknown, 0), masks);
         let numbers = memory.numbers_mut(self.partials, FLOATS as usize);
         numbers.iter_mut().zip(windows.as_flattened()).for_each(|(to, from)| *to = N::of(*from));
     }
@@ -88,14 +89,26 @@ fn cpu_reference<N: Number>(
 ) -> Vec<[f64; NUMBERS]> {
     let [columns, rows] = c.grid.map(|n| n as usize);
     let corner = |n: usize, of: usize, side: usize| (2 * n + 1) * side / (2 * of) - SIDE / 2;
-    workers::map(columns * rows, |n| {
-        let corner = [corner(n % columns, columns, v.width), corner(n / columns, rows, v.height)];
-        let mut numbers = [0.0; NUMBERS];
-        for k in 0..SIDE * SIDE {
-            add_pixel(c, state, samples, (v, masks), [corner[0] + k % SIDE, corner[1] + k / SIDE], &mut numbers);
+    let links = Links::new(v, [state.alpha, 1.0, c.smoothness_eta.into()], true);
+    let rows = workers::map(rows, |row| {
+        let (top, mut windows) = (corner(row, rows, v.height), vec![[0.0; NUMBERS]; columns]);
+        let mut links = links.rows_from(top);
+        for y in top..top + SIDE {
+            links.advance(y);
+            for (n, numbers) in windows.iter_mut().enumerate() {
+                let (left, mut sums) = (corner(n, columns, v.width), [[N::default(); SIDE]; 2]);
+                let [weights, pulls] = &mut sums;
+                links.sums(left, [weights, pulls]);
+                for x in left..left + SIDE {
+                    let [weight, pull] = sums.map(|sums| sums[x - left].into());
+                    let smoothness = [weight, pull, links.roughness(v, [x, y])];
+                    add_pixel(c, state, samples, (v, masks), ([x, y], smoothness), numbers);
+                }
+            }
         }
-        numbers
-    })
+        windows
+    });
+    rows.concat()
 }
 
 /// Adds a pixel to the numbers of its window.
@@ -104,7 +117,7 @@ fn add_pixel<N: Number>(
     state: &DoubleState,
     samples: &Samples<N>,
     (v, masks): (&Raster<N>, Option<&Masks<N>>),
-    at @ [x, y]: [usize; 2],
+    (at @ [x, y], [total, pull, roughness]): ([usize; 2], [f64; 3]),
     numbers: &mut [f64; NUMBERS],
 ) {
     let (Displacement { r, centre, .. }, place) = (samples.displacement, at.map(|x| x as f64));
@@ -128,7 +141,6 @@ fn add_pixel<N: Number>(
     let [b1, b2] = samples.read(at, d, of_v);
     let t = level.of([of_v, share, noise::interpolated(d)], [b1.value, b1.slope], [b2.value, b2.slope]);
     let by_place: [f64; 2] = [-r.gain * b2.dx, -r.gain * b2.dy];
-    let [total, pull, roughness] = smoothness(c, state.alpha, v, at);
     let diagonal = t.weight * t.by_v * t.by_v;
     let over = 1.0 / (diagonal + f64::from(c.elimination) * total).max(1e-12);
     let p = [0, 1].map(|k| (place[k] - centre[k]) / f64::from(c.scale_length));
@@ -160,21 +172,4 @@ fn add_pixel<N: Number>(
         weight * by_parallax.powi(2),
     ];
     numbers[PIXELS..].iter_mut().zip(added).for_each(|(sum, number)| *sum += number);
-}
-
-/// Σa of a pixel, Σ a (V_n - V), and half of Σ a (V_n - V)².
-fn smoothness<N: Number>(c: &Constants, alpha: f64, v: &Raster<N>, [x, y]: [usize; 2]) -> [f64; 3] {
-    let [x, y] = [x as isize, y as isize];
-    let phi = |x: isize, y: isize| {
-        let gradient = [v.clamped(x + 1, y) - v.clamped(x - 1, y), v.clamped(x, y + 1) - v.clamped(x, y - 1)];
-        let [gx, gy] = gradient.map(|rise| 0.5 * rise);
-        1.0 / (gx * gx + gy * gy + f64::from(c.smoothness_eta).powi(2)).sqrt()
-    };
-    let around = [[x + 1, y], [x - 1, y], [x, y + 1], [x, y - 1]];
-    let inside =
-        around.into_iter().filter(|&[x, y]| (0..v.width as isize).contains(&x) && (0..v.height as isize).contains(&y));
-    inside.fold([0.0; 3], |[total, pull, roughness], [i, j]| {
-        let (a, rise) = (0.5 * alpha * (phi(x, y) + phi(i, j)), v.clamped(i, j) - v.clamped(x, y));
-        [total + a, pull + a * rise, roughness + 0.5 * a * rise * rise]
-    })
 }

@@ -21,6 +21,8 @@ use crate::engine::stages::separable::smoothed;
 const BAND: [f64; 2] = [0.6, 1.2];
 /// σ of the windows, px.
 const WINDOW: f64 = 4.0;
+/// What is added to the power of both photographs of a pair, in shares of the mean of I1: areas without texture have V of 0.
+const LEAST_POWER: f64 = 0.03;
 /// ω², px⁻². The joint solve then finds 0.8 to 1.5 times c on five real sweeps, 3 times where steps are of 5 px of blur.
 const FREQUENCY: f64 = 0.7;
 
@@ -41,16 +43,28 @@ struct Peak {
     power: f64,
 }
 
+/// The power of fine detail about every `every`-th pixel.
+fn detail(frame: &Field, every: usize) -> Field {
+    let [fine, coarse] = BAND.map(|sigma| smoothed(frame, sigma));
+    let square = |x, y| (fine.get(x, y) - coarse.get(x, y)).powi(2);
+    let windows = smoothed(&Field::from_fn(fine.width, fine.height, square), WINDOW);
+    let at = |x, y| windows.get(every * x, every * y);
+    Field::from_fn(fine.width.div_ceil(every), fine.height.div_ceil(every), at)
+}
+
+/// V of a pair at every `every`-th pixel, px² of its level, of photographs that lie roughly on each other.
+pub(in crate::engine) fn relative_blur(pair: &[Field], every: usize) -> Field {
+    let powers = workers::map(2, |n| detail(&pair[n], every));
+    let least = LEAST_POWER * powers[0].data.iter().sum::<f64>() / powers[0].data.len() as f64;
+    Field::from_fn(powers[0].width, powers[0].height, |x, y| {
+        let [first, second] = [0, 1].map(|n| powers[n].get(x, y) + least);
+        (first / second).ln() / FREQUENCY
+    })
+}
+
 /// c, and u at every `every`-th pixel, of frames that lie roughly on each other.
 pub(super) fn by_contrast(frames: &[Field], settings: &[f64], every: usize) -> ByContrast {
-    let powers = workers::map(frames.len(), |n| {
-        let [fine, coarse] = BAND.map(|sigma| smoothed(&frames[n], sigma));
-        let square = |x, y| (fine.get(x, y) - coarse.get(x, y)).powi(2);
-        let windows = smoothed(&Field::from_fn(fine.width, fine.height, square), WINDOW);
-        Field::from_fn(fine.width.div_ceil(every), fine.height.div_ceil(every), |x, y| {
-            windows.get(every * x, every * y)
-        })
-    });
+    let powers = workers::map(frames.len(), |n| detail(&frames[n], every));
     let peaks = workers::map(powers[0].data.len(), |i| {
         let powers: Vec<f64> = powers.iter().map(|power| power.data[i]).collect();
         peak(&powers, settings)

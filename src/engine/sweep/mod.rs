@@ -5,17 +5,17 @@
 //! parameters that all pixels share: T of each frame, and c. So nothing can be submitted ahead as it is for pairs, and
 //! a sweep has no `submit`.
 
-mod contrast;
+pub(super) mod contrast;
 mod device;
 #[cfg(feature = "program")]
 pub(super) mod model;
 mod outlines;
 mod pairs;
 mod parts;
-mod pyramid;
+pub(super) mod pyramid;
 mod shared;
 mod spacing;
-mod start;
+pub(super) mod start;
 mod validity;
 
 use std::time::Duration;

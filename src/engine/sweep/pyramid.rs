@@ -59,7 +59,7 @@ const LEAST_BLUR: f64 = 1.0;
 /// How many levels finer that is. Of three sweeps taken by hand, of 700 px, u by contrast and u of a plain sharpness
 /// measure at full size have rank correlations of 0.86 to 0.90, one level coarser 0.64 to 0.84, on the level of the start
 /// 0.25 to 0.48.
-const CONTRAST_LEVELS: usize = 2;
+pub(in crate::engine) const CONTRAST_LEVELS: usize = 2;
 /// Contrast counts if it finds at least this share of the rate of blur that differences find.
 const MISLED: f64 = 0.25;
 /// The least longer side of a level that says how certain u is, px: on smaller ones a window is a thirtieth of the frame.
@@ -80,7 +80,7 @@ const UNLIKE: [f64; 2] = [0.4, 3.0];
 pub(super) type IterationDone<'a> = dyn FnMut(u64, bool) + 'a;
 
 /// The level where a solve starts.
-pub(super) fn first_level(plan: &Plan) -> usize {
+pub(in crate::engine) fn first_level(plan: &Plan) -> usize {
     let longest = |level: &Level| level.size[0].max(level.size[1]);
     let coarsest = plan.pyramid.len() - 1;
     plan.pyramid.iter().position(|level| longest(level) <= START_SIDE).unwrap_or(coarsest)

@@ -18,9 +18,9 @@ use crate::engine::stages::update_transform::displacing;
 use crate::engine::stages::{Field, spline};
 
 /// The frames of a sweep on one level.
-pub(super) struct Frames {
-    pub(super) images: Vec<Field>,
-    pub(super) level: Level,
+pub(in crate::engine) struct Frames {
+    pub(in crate::engine) images: Vec<Field>,
+    pub(in crate::engine) level: Level,
 }
 
 /// f, the variance of the filter that correlates noise: a pixel and the low pass, px².
@@ -44,9 +44,9 @@ fn coefficients(image: &Field) -> Field {
 /// How the pixels of the reference are mapped to those of a frame: by T, after what is in focus at u was displaced by u
 /// times the parallax, px of the full-size image per setting.
 #[derive(Clone, Copy)]
-pub(super) struct Motion {
-    pub(super) transform: Homography,
-    pub(super) parallax: [f64; 2],
+pub(in crate::engine) struct Motion {
+    pub(in crate::engine) transform: Homography,
+    pub(in crate::engine) parallax: [f64; 2],
 }
 
 impl Motion {
@@ -60,7 +60,7 @@ impl Motion {
 }
 
 /// The frames on the reference's pixels, with its brightness.
-pub(super) fn resample(
+pub(in crate::engine) fn resample(
     frames: &Frames,
     motions: &[Motion],
     focus: Option<&Field>,
@@ -97,32 +97,32 @@ const WIDE: [f64; 2] = [16.0, 6.0];
 
 /// A frame registered to the one before it.
 #[derive(Clone, Copy)]
-pub(super) struct Registered {
-    pub(super) motion: Motion,
+pub(in crate::engine) struct Registered {
+    pub(in crate::engine) motion: Motion,
     /// The mean difference that is left.
-    pub(super) left: f64,
+    pub(in crate::engine) left: f64,
     /// The share of the contrast of the frame before that does not correlate with it.
-    pub(super) unlike: f64,
+    pub(in crate::engine) unlike: f64,
 }
 
 /// What the motion of a frame is found with.
-pub(super) struct Registration<'a> {
+pub(in crate::engine) struct Registration<'a> {
     /// The motion of the frames before.
-    pub(super) start: &'a [Motion],
+    pub(in crate::engine) start: &'a [Motion],
     /// Unknowns of T.
-    pub(super) unknowns: usize,
+    pub(in crate::engine) unknowns: usize,
     /// u relative to the middle setting, with which parallax is found too.
-    pub(super) focus: Option<&'a Field>,
+    pub(in crate::engine) focus: Option<&'a Field>,
 }
 
 /// The coefficients of the frames under the low pass by which they are registered.
-pub(super) fn appearance(frames: &Frames) -> Frames {
+pub(in crate::engine) fn appearance(frames: &Frames) -> Frames {
     let spline = |n: usize| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR));
     Frames { images: workers::map(frames.images.len(), spline), level: frames.level.clone() }
 }
 
 /// The motion of each frame by [`appearance`], each relative to its neighbour, starting at the reference.
-pub(super) fn register(
+pub(in crate::engine) fn register(
     Frames { images: splines, level }: &Frames,
     reference: usize,
     registration: &Registration<'_>,
@@ -182,7 +182,8 @@ fn register_frame(
         for (y, x) in (1..target.height - 1).flat_map(|y| (1..target.width - 1).map(move |x| (y, x))) {
             let [px, py] = motion.mapped(level, [x, y], focus);
             let last = [target.width as f64 - 3.0, target.height as f64 - 3.0];
-            if px < 2.0 || py < 2.0 || px > last[0] || py > last[1] {
+            // No pixel where u is unknown is inside.
+            if !((2.0..=last[0]).contains(&px) && (2.0..=last[1]).contains(&py)) {
                 continue;
             }
             let gradient =
@@ -191,20 +192,23 @@ fn register_frame(
             let by = displacements(at);
             let u = focus.map_or(0.0, |focus| focus.get(x, y) / level.factor);
             // T, parallax, gain and offset.
-            let term = |a: usize| match (a < unknowns, a.checked_sub(all)) {
+            let terms: [f64; UNKNOWNS + 4] = std::array::from_fn(|a| match (a < unknowns, a.checked_sub(all)) {
                 (true, _) => by[a][0] * gradient[0] + by[a][1] * gradient[1],
                 (_, None) => u * gradient[a - unknowns],
                 (_, Some(0)) => moved.get(x, y),
                 (_, Some(_)) => 1.0,
-            };
+            });
             let s = moved.get(x, y) - target.get(x, y);
+            if !terms.iter().sum::<f64>().is_finite() {
+                continue;
+            }
             let w = 1.0 / (s * s + 1e-4).sqrt();
             (sum, count) = (sum + w * s * s, count + 1.0);
             let [a, b] = [target, &moved].map(|image| image.get(x, y));
             moments.iter_mut().zip([a, b, a * a, b * b, a * b]).for_each(|(sum, term)| *sum += term);
             for a in 0..all + 2 {
-                right[a] -= w * term(a) * s;
-                (0..=a).for_each(|b| normal[(a, b)] += w * term(a) * term(b));
+                right[a] -= w * terms[a] * s;
+                (0..=a).for_each(|b| normal[(a, b)] += w * terms[a] * terms[b]);
             }
         }
         left = sum / f64::max(count, 1.0);
