@@ -42,28 +42,32 @@ pub(super) fn find(frames: [&Frame; 2], plan: &Plan, mask: Option<&Mask>) -> Opt
     let (settings, first) = (&plan.settings, first_level(plan));
     let finest = first.saturating_sub(CONTRAST_LEVELS);
     let levels = levels(frames, plan, finest..first + 1);
-    let appearance: Vec<Frames> = levels.iter().map(start::appearance).collect();
+    let last = levels.len() - 1;
+    let judged = last.saturating_sub(1);
+    let appearance: Vec<Frames> = levels[judged..].iter().map(start::appearance).collect();
     let register = |l: usize, from: Motion, unknowns: usize, focus: Option<&Field>| -> Registered {
-        start::register(&appearance[l], 0, &Registration { start: &[from; 2], unknowns, focus })[1]
+        start::register(&appearance[l - judged], 0, &Registration { start: &[from; 2], unknowns, focus })[1]
     };
-    let (unknowns, judged) = (settings.motion.unknowns(), levels.len().saturating_sub(2));
+    let unknowns = settings.motion.unknowns();
     let none = Motion { transform: settings.start, parallax: [0.0; 2] };
-    let coarse = register(levels.len() - 1, none, unknowns, None).motion;
+    let coarse = register(last, none, unknowns, None).motion;
     let aligned = start::resample(&levels[0], &[none, coarse], None, &[(1.0, Shading::NONE); 2]);
     let factor = levels[0].level.factor;
-    let blur = |l: usize| (l, relative_blur(&aligned, 1 << l));
-    // Times a factor; NaN where a pixel does not count.
-    let scaled = |(l, v): &(usize, Field), by: f64, counts: &(dyn Fn([usize; 2]) -> bool + Sync)| {
-        let is_seen = |x: usize, y: usize| {
-            let [x, y] = [x, y].map(|n| (n << (l + finest)) as f64);
-            mask.is_none_or(|mask| mask.contains(x, y))
+    let blur = relative_blur(&aligned, 1 << judged);
+    let size = [blur.width, blur.height];
+    // V of every `every`-th pixel, times a factor; NaN where a pixel does not count.
+    let v = |every: usize, by: f64, counts: &(dyn Fn([usize; 2]) -> bool + Sync)| {
+        let is_seen = |at: [usize; 2]| {
+            let [x, y] = at.map(|n| (n << (judged + finest)) as f64);
+            mask.is_none_or(|mask| mask.contains(x, y)) && counts(at)
         };
-        let at = |x, y| if is_seen(x, y) && counts([x, y]) { by * factor * factor * v.get(x, y) } else { f64::NAN };
-        Field::from_fn(v.width, v.height, at)
+        Field::from_fn(size[0].div_ceil(every), size[1].div_ceil(every), |x, y| {
+            let at @ [x, y] = [every * x, every * y];
+            if is_seen(at) { by * factor * factor * blur.get(x, y) } else { f64::NAN }
+        })
     };
-    let (v, last) = (blur(judged), levels.len() - 1);
-    let [flat, all] = [0.0, 1.0].map(|by| scaled(&v, by, &|_| true));
-    let from = register(last, coarse, unknowns, Some(&scaled(&blur(last), 1.0, &|_| true))).motion;
+    let [flat, all] = [0.0, 1.0].map(|by| v(1, by, &|_| true));
+    let from = register(last, coarse, unknowns, Some(&v(1 << (last - judged), 1.0, &|_| true))).motion;
     let with = register(judged, from, unknowns, Some(&all));
     let without = register(judged, coarse, unknowns, Some(&flat));
     let leaves = |with: Registered, without: Registered, most: f64| with.left < most * without.left;
@@ -72,10 +76,8 @@ pub(super) fn find(frames: [&Frame; 2], plan: &Plan, mask: Option<&Mask>) -> Opt
         let plane = register(judged, without.motion, UNKNOWNS, Some(&flat));
         let both = register(judged, Motion { parallax: [x, y], ..plane.motion }, UNKNOWNS, Some(&all));
         let agrees = |&n: &usize| {
-            let quarter =
-                |[x, y]: [usize; 2]| n == usize::from(2 * x > all.width) + 2 * usize::from(2 * y > all.height);
-            let [own_x, own_y] =
-                register(judged, with.motion, unknowns, Some(&scaled(&v, 1.0, &quarter))).motion.parallax;
+            let quarter = |[x, y]: [usize; 2]| n == usize::from(2 * x > size[0]) + 2 * usize::from(2 * y > size[1]);
+            let [own_x, own_y] = register(judged, with.motion, unknowns, Some(&v(1, 1.0, &quarter))).motion.parallax;
             own_x * x + own_y * y > AGREES * (x * x + y * y)
         };
         leaves(with, without, MOVED) && leaves(both, plane, NO_PLANE) && (0..4).filter(agrees).count() >= 3

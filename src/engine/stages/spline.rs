@@ -418,6 +418,34 @@ pub(super) fn read_segment<N: Number>(
     );
 }
 
+/// The values of the spline where `place` takes each pixel; NaN where that is.
+pub(crate) fn resampled(coefficients: &Field, place: impl Fn([usize; 2]) -> [f64; 2] + Sync) -> Field {
+    let width = coefficients.width;
+    let [values] = Field::fill_segments(
+        [Field::zeros(width, coefficients.height)],
+        #[inline(always)]
+        |[x, y]| {
+            let mut d = [[0.0; SEGMENT]; 2];
+            for n in 0..SEGMENT.min(width - x) {
+                let [px, py] = place([x + n, y]);
+                (d[0][n], d[1][n]) = (px - (x + n) as f64, py - y as f64);
+            }
+            let mut values = [0.0; SEGMENT];
+            read_segment(
+                coefficients,
+                [x, y],
+                [&d[0], &d[1]],
+                |last| [-1.0, last + 1.0],
+                |n, jet| {
+                    values[n] = if (d[0][n] + d[1][n]).is_nan() { f64::NAN } else { jet.value };
+                },
+            );
+            [values]
+        },
+    );
+    values
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::harness::smooth_field;

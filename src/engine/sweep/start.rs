@@ -3,6 +3,7 @@
 //! The registration comes from appearance, c from an exhaustive search, and u from the minimum of a volume of energies.
 
 use std::f64::consts::PI;
+use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -43,7 +44,7 @@ fn coefficients(image: &Field) -> Field {
 
 /// How the pixels of the reference are mapped to those of a frame: by T, after what is in focus at u was displaced by u
 /// times the parallax, px of the full-size image per setting.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 pub(in crate::engine) struct Motion {
     pub(in crate::engine) transform: Homography,
     pub(in crate::engine) parallax: [f64; 2],
@@ -67,20 +68,21 @@ pub(in crate::engine) fn resample(
     brightness: &[(f64, Shading)],
 ) -> Vec<Field> {
     workers::map(frames.images.len(), |n| {
-        let (spline, (gain, shading)) = (coefficients(&frames.images[n]), brightness[n]);
-        Field::from_fn(spline.width, spline.height, |x, y| {
-            let at = motions[n].mapped(&frames.level, [x, y], focus);
-            gain * shading.at(from_centre(at, frames.level.centre)) * spline::read(&spline, at[0], at[1]).value
+        let (gain, shading) = brightness[n];
+        if (motions[n], gain, shading) == (Motion::NONE, 1.0, Shading::NONE) {
+            return frames.images[n].clone();
+        }
+        let moved = resampled(&coefficients(&frames.images[n]), &motions[n], &frames.level, focus);
+        Field::from_fn(moved.width, moved.height, |x, y| {
+            let at = from_centre(motions[n].mapped(&frames.level, [x, y], focus), frames.level.centre);
+            gain * shading.at(at) * moved.get(x, y)
         })
     })
 }
 
 /// A frame on the reference's pixels.
 fn resampled(spline: &Field, motion: &Motion, level: &Level, focus: Option<&Field>) -> Field {
-    Field::from_fn(spline.width, spline.height, |x, y| {
-        let [px, py] = motion.mapped(level, [x, y], focus);
-        spline::read(spline, px, py).value
-    })
+    spline::resampled(spline, |at| motion.mapped(level, at, focus))
 }
 
 /// σ of the low pass under which neighbouring frames look alike whatever their blur, px of the level.
@@ -149,7 +151,8 @@ fn register_side(
         let start = registration.start.get(n).copied().unwrap_or(motion);
         let from = |start| register_frame(&target, &splines[n], start, level, registration);
         let mut registered = from(start);
-        if registered.unlike > DOUBTFUL {
+        // Parallax is found from a registration without it.
+        if registered.unlike > DOUBTFUL && registration.focus.is_none() {
             let shift = Registration { unknowns: registration.unknowns.min(2), ..*registration };
             let wide = |start, sigma: &f64| {
                 let [target, frame] = [&target, &splines[n]].map(|image| smoothed(image, *sigma));
@@ -164,6 +167,52 @@ fn register_side(
     frames.iter().map(next).collect()
 }
 
+/// Rows of which one thread adds up the sums.
+const ROWS: usize = 16;
+/// The most unknowns of a frame: T, parallax, gain and offset.
+const TERMS: usize = UNKNOWNS + 4;
+
+/// What a step of a frame's registration adds up over pixels.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    /// On and below the diagonal.
+    normal: [[f64; TERMS]; TERMS],
+    right: [f64; TERMS],
+    left: f64,
+    count: f64,
+    /// Of the target and the frame, their squares and their product.
+    moments: [f64; 5],
+}
+
+impl Sums {
+    /// Adds a pixel with `count` derivatives of the frame, and the values of target and frame.
+    #[inline(always)]
+    fn add(&mut self, terms: [f64; TERMS], count: usize, [a, b]: [f64; 2]) {
+        let s = b - a;
+        if !terms.iter().sum::<f64>().is_finite() {
+            return;
+        }
+        let w = 1.0 / (s * s + 1e-4).sqrt();
+        (self.left, self.count) = (self.left + w * s * s, self.count + 1.0);
+        self.moments.iter_mut().zip([a, b, a * a, b * b, a * b]).for_each(|(sum, term)| *sum += term);
+        for a in 0..count {
+            let weighted = w * terms[a];
+            self.right[a] -= weighted * s;
+            (0..=a).for_each(|b| self.normal[a][b] += weighted * terms[b]);
+        }
+    }
+
+    fn plus(self, other: Self) -> Self {
+        Self {
+            normal: std::array::from_fn(|a| std::array::from_fn(|b| self.normal[a][b] + other.normal[a][b])),
+            right: std::array::from_fn(|a| self.right[a] + other.right[a]),
+            left: self.left + other.left,
+            count: self.count + other.count,
+            moments: std::array::from_fn(|n| self.moments[n] + other.moments[n]),
+        }
+    }
+}
+
 /// The motion of a frame that looks like the target, by Gauss-Newton steps, and what differed before the last one.
 fn register_frame(
     target: &Field,
@@ -176,49 +225,46 @@ fn register_frame(
     let all = unknowns + if focus.is_some() { 2 } else { 0 };
     let (mut left, mut unlike) = (0.0, 0.0);
     for _ in 0..STEPS[usize::from(focus.is_some())] {
-        let (mut sum, mut count, mut moments) = (0.0, 0.0, [0.0; 5]);
         let moved = resampled(spline, &motion, level, focus);
-        let (mut normal, mut right) = (DMatrix::<f64>::zeros(all + 2, all + 2), DVector::zeros(all + 2));
-        for (y, x) in (1..target.height - 1).flat_map(|y| (1..target.width - 1).map(move |x| (y, x))) {
-            let [px, py] = motion.mapped(level, [x, y], focus);
-            let last = [target.width as f64 - 3.0, target.height as f64 - 3.0];
-            // No pixel where u is unknown is inside.
-            if !((2.0..=last[0]).contains(&px) && (2.0..=last[1]).contains(&py)) {
-                continue;
+        let last = [target.width as f64 - 3.0, target.height as f64 - 3.0];
+        let of_rows = |rows: Range<usize>| {
+            let mut sums = Sums::default();
+            for (y, x) in rows.flat_map(|y| (1..target.width - 1).map(move |x| (y, x))) {
+                let [px, py] = motion.mapped(level, [x, y], focus);
+                // No pixel where u is unknown is inside.
+                if !((2.0..=last[0]).contains(&px) && (2.0..=last[1]).contains(&py)) {
+                    continue;
+                }
+                let gradient = [
+                    0.5 * (moved.get(x + 1, y) - moved.get(x - 1, y)),
+                    0.5 * (moved.get(x, y + 1) - moved.get(x, y - 1)),
+                ];
+                let at = [(x as f64 - level.centre[0]) / length, (y as f64 - level.centre[1]) / length];
+                let by = displacements(at);
+                let u = focus.map_or(0.0, |focus| focus.get(x, y) / level.factor);
+                // T, parallax, gain and offset.
+                let terms = std::array::from_fn(|a| match (a < unknowns, a.checked_sub(all)) {
+                    (true, _) => by[a][0] * gradient[0] + by[a][1] * gradient[1],
+                    (_, None) => u * gradient[a - unknowns],
+                    (_, Some(0)) => moved.get(x, y),
+                    (_, Some(_)) => 1.0,
+                });
+                sums.add(terms, all + 2, [target.get(x, y), moved.get(x, y)]);
             }
-            let gradient =
-                [0.5 * (moved.get(x + 1, y) - moved.get(x - 1, y)), 0.5 * (moved.get(x, y + 1) - moved.get(x, y - 1))];
-            let at = [(x as f64 - level.centre[0]) / length, (y as f64 - level.centre[1]) / length];
-            let by = displacements(at);
-            let u = focus.map_or(0.0, |focus| focus.get(x, y) / level.factor);
-            // T, parallax, gain and offset.
-            let terms: [f64; UNKNOWNS + 4] = std::array::from_fn(|a| match (a < unknowns, a.checked_sub(all)) {
-                (true, _) => by[a][0] * gradient[0] + by[a][1] * gradient[1],
-                (_, None) => u * gradient[a - unknowns],
-                (_, Some(0)) => moved.get(x, y),
-                (_, Some(_)) => 1.0,
-            });
-            let s = moved.get(x, y) - target.get(x, y);
-            if !terms.iter().sum::<f64>().is_finite() {
-                continue;
-            }
-            let w = 1.0 / (s * s + 1e-4).sqrt();
-            (sum, count) = (sum + w * s * s, count + 1.0);
-            let [a, b] = [target, &moved].map(|image| image.get(x, y));
-            moments.iter_mut().zip([a, b, a * a, b * b, a * b]).for_each(|(sum, term)| *sum += term);
-            for a in 0..all + 2 {
-                right[a] -= w * terms[a] * s;
-                (0..=a).for_each(|b| normal[(a, b)] += w * terms[a] * terms[b]);
-            }
-        }
+            sums
+        };
+        let bands = (target.height - 2).div_ceil(ROWS);
+        let band = |n: usize| 1 + n * ROWS..(1 + (n + 1) * ROWS).min(target.height - 1);
+        let Sums { normal, right, left: sum, count, moments } =
+            workers::map(bands, |n| of_rows(band(n))).into_iter().fold(Sums::default(), Sums::plus);
         left = sum / f64::max(count, 1.0);
         let [a, b, aa, bb, ab] = moments;
         let variances = (count * aa - a * a) * (count * bb - b * b);
         unlike = (1.0 - (count * ab - a * b).powi(2) / variances.max(f64::MIN_POSITIVE)).max(0.0).sqrt();
-        (0..all + 2).for_each(|a| (0..a).for_each(|b| normal[(b, a)] = normal[(a, b)]));
-        (0..all + 2).for_each(|a| normal[(a, a)] = normal[(a, a)] * (1.0 + 1e-9) + 1e-12);
-        let Some(cholesky) = normal.cholesky() else { return Registered { motion, left, unlike } };
-        let step = cholesky.solve(&right);
+        let ridge = |a: usize, b: usize| if a == b { normal[a][b] * 1e-9 + 1e-12 } else { 0.0 };
+        let matrix = DMatrix::from_fn(all + 2, all + 2, |a, b| normal[a.max(b)][a.min(b)] + ridge(a, b));
+        let Some(cholesky) = matrix.cholesky() else { return Registered { motion, left, unlike } };
+        let step = cholesky.solve(&DVector::from_column_slice(&right[..all + 2]));
         let x: [f64; UNKNOWNS] = std::array::from_fn(|a| if a < unknowns { step[a] } else { 0.0 });
         motion.transform = motion.transform.after(&displacing(length, level.factor, x));
         if focus.is_some() {
