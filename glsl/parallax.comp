@@ -19,6 +19,8 @@ layout(push_constant) uniform Constants {
 const int LEAST_COUNT = 12;
 // The share of the evidence for the scale of V from which on the parallax keeps its size: displacement is all of it.
 const float DISPLACED = 0.9;
+// The standard deviation of that size, as a share.
+const float OF_START = 0.4;
 // The largest step of the parallax, of one deviation of V, pixels of the level.
 const float LARGEST = 0.3;
 // A level settles only once the square of the parallax's step over its deviation is less than MOVING, or the step of one
@@ -116,7 +118,9 @@ void step_once(float x[ALL]) {
     vec3 before = before();
     float count = totals[PIXELS], mean = totals[OF_V] / count, spread = sqrt(max(totals[SQUARE_OF_V] / count - mean * mean, 0.0));
     vec3 move = vec3(x[OF_T], x[OF_T + 1], x[OF_T + 2]);
-    if (totals[BY_PARALLAX] > DISPLACED * totals[EVIDENCE]) move -= dot(before, move) / dot(before, before) * before;
+    bool holds_size = totals[BY_PARALLAX] > DISPLACED * totals[EVIDENCE];
+    if (holds_size) move -= dot(before, move) / dot(before, before) * before;
+    state.parallax_size = holds_size ? OF_START : 0.0;
     state.parallax_moves = uint(dot(move, over_positive(c, move)) > MOVING && spread * length(move) > STILL);
     float share = min(1.0, LARGEST / max(spread * length(move), 1e-12));
     vec3 found = before + share * move;
@@ -130,7 +134,8 @@ void step_once(float x[ALL]) {
     state.registration = after(state.registration, step_of(of_t, factor, scale_length));
     float to_along = 1.0 / (factor * factor * scale_length);
     state.parallax = Parallax(found.x / factor, found.y / factor, to_along * found.z);
-    state.parallax_deviation = Parallax(sqrt(c[0]) / factor, sqrt(c[3]) / factor, to_along * sqrt(c[5]));
+    vec3 of_size = state.parallax_size * found, deviations = sqrt(vec3(c[0], c[3], c[5]) + of_size * of_size);
+    state.parallax_deviation = Parallax(deviations.x / factor, deviations.y / factor, to_along * deviations.z);
 }
 
 void main() {

@@ -1,5 +1,5 @@
 #version 460
-// The standard deviation of the scale of V, by the law and the correlation of neighbouring residuals.
+// The standard deviation of the scale of V, by the law, the correlation of neighbouring residuals, and parallax.
 // One workgroup. CPU reference: src/engine/stages/scale_deviation.rs.
 
 #include "state.glsl"
@@ -37,6 +37,6 @@ void main() {
     for (int n = 1; n < step; n++) sum += sums[n];
     float excess = max(sum.x / max(sum.y, 1.0) - 1.0, 0.0), share = excess / (1.0 + excess);
     bool is_relative = is_disk != 0u || state.kernel_shape != 0.0 && state.separation == 0.0;
-    state.scale_deviation = length(vec2(is_relative ? OF_LAW : 0.0, OF_RESIDUALS * share));
+    state.scale_deviation = length(vec3(is_relative ? OF_LAW : 0.0, OF_RESIDUALS * share, state.parallax_size));
     state.correlated = excess * excess / (excess * excess + CHANCE);
 }

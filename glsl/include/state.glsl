@@ -41,6 +41,7 @@ struct State {
     float spread;      // σ of noise in S, from adjacent pixels
     float scale_deviation; // of V, as a share of it
     Parallax parallax_deviation; // standard deviations
+    float parallax_size; // the standard deviation of its size, as a share, where that is only the start's
     uint parallax_moves; // 1: its latest step was not at rest yet, so that the level may not settle
     float correlated;  // by how much the correlation of neighbouring residuals in a window counts, 0 to 1
     float variance;    // Σ b² / Σ D of the latest iteration

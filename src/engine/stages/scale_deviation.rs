@@ -1,7 +1,7 @@
 //! Computes the standard deviation of the scale of V, as a share of V.
 //!
 //! A kernel that does not describe the blur makes all of V too large or too small, by a factor that differs between the
-//! in-focus and the blurred parts of a scene. Two quantities indicate this error:
+//! in-focus and the blurred parts of a scene. Three quantities indicate this error:
 //!
 //! - **The law.** If disks blur both photographs, one of them blurred by V does not become the other, by fourth
 //!   cumulants: the relative law is then off by a factor that differs from place to place. On planes and reliefs through
@@ -11,6 +11,7 @@
 //! - **The correlation of neighbouring residuals.** Noise differs from pixel to pixel. What the kernel leaves is alike
 //!   over a feature of the texture. The ratio of b times the sum of b around it to b² is 1 for the former, and 3 to 11
 //!   on real pairs. Their V is 1.06 to 1.4 times that of their sweeps.
+//! - **Parallax.** Where displacement outweighs blur, the size of the parallax is that of its start, and V with it.
 //!
 //! `docs/experiments/noise.md` has what was tried.
 //!
@@ -58,6 +59,7 @@ impl Pass for Bindings {
         let found = cpu_reference(c, is_relative, memory.layer(self.relative_blur, 0), [&terms[1], &terms[3]]);
         let state = memory.state_mut(self.state);
         [state.scale_deviation, state.correlated] = found;
+        state.scale_deviation = state.scale_deviation.hypot(state.parallax_size);
     }
 }
 
