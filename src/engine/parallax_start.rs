@@ -25,6 +25,10 @@ const NO_PLANE: f64 = 0.985;
 /// more of generated scenes, 0.45 and more of leaves taken by hand, up to 0.19 where a part moved by itself.
 const AGREES: f64 = 0.3;
 
+/// The most pixels of the level where it is first sought. Pictures of few levels, or of few rows, have more, and would take
+/// seconds.
+const MOST_PIXELS: u64 = 1 << 16;
+
 /// The settings by which a pair is solved: [`ParallaxSearch::On`] if it shows parallax.
 ///
 /// # Errors
@@ -40,6 +44,10 @@ pub(crate) fn resolved(frames: [&Frame; 2], settings: &Settings, mask: Option<&M
 /// T and the parallax that a pair starts from; `None` if there is none.
 pub(super) fn find(frames: [&Frame; 2], plan: &Plan, mask: Option<&Mask>) -> Option<(Homography, Parallax)> {
     let (settings, first) = (&plan.settings, first_level(plan));
+    let [width, height] = plan.pyramid[first].size;
+    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+        return None;
+    }
     let finest = first.saturating_sub(CONTRAST_LEVELS);
     let levels = levels(frames, plan, finest..first + 1);
     let last = levels.len() - 1;
