@@ -3,6 +3,7 @@
 mod convert;
 mod engine;
 mod files;
+mod inspection;
 mod measure;
 mod settings;
 mod stream;
@@ -46,6 +47,7 @@ mod _native {
         Cancelled, DeviceError, Engine,
         engine::{apply, check_lens, depth, devices},
         files::{format_name, read, unpack},
+        inspection::{evidence, inspect, teach},
         measure::{gauge, level, profile, readings, repeated, step, texture},
         settings::setting_table,
         stream::Stream,

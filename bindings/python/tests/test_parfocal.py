@@ -7,13 +7,14 @@ import pickle
 import subprocess
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import parfocal
-from parfocal import measure
+from parfocal import inspection, measure
 
 ROOT = Path(__file__).resolve().parents[3]
 SIZE = (96, 80)
@@ -257,6 +258,27 @@ def test_depth_and_measures(result):
         with pytest.raises(ValueError, match=words):
             parfocal.Lens(*wrong)
     assert "did you mean a pixel pitch of 0.0075 mm" in result.depth(parfocal.Lens(50, 4, 7.5, (300, 310))).warning
+
+
+def test_parts_are_judged_without_files(result):
+    def part(bump=0.0, seed=0):
+        noise = np.random.default_rng(seed).normal(0, 0.02, result.relative_blur.shape)
+        height, width = noise.shape
+        noise[height // 2 - 6 : height // 2 + 6, width // 2 - 6 : width // 2 + 6] += bump
+        whole = inspection.Part.of(result)
+        return replace(whole, values=(whole.values + noise).astype(np.float32))
+
+    golden = inspection.teach([part(seed=n) for n in range(3)], tolerance=1)
+    assert golden.inspect(part(seed=5), serial="SN1").verdict == "go"
+    found = golden.inspect(part(4, seed=6), serial="SN2")
+    assert (found.verdict, found.report["serial"], len(found.report["regions"])) == ("no-go", "SN2", 1) and found.seconds >= 0
+    assert "deviates at one place" in found.reasons[0] and found.difference.shape == result.relative_blur.shape
+    stopped = replace(part(seed=7), faults=("its solve had not converged",))
+    assert golden.inspect(stopped).verdict == "cannot-judge"
+    with pytest.raises(ValueError, match="less than the taught"):
+        golden.inspect(part(), tolerance=0.1)
+    with pytest.raises(ValueError, match="good part 3 disagrees"):
+        inspection.teach([part(seed=n) for n in range(3)] + [part(4)], tolerance=1)
 
 
 def test_roughness_of_known_waves(result):

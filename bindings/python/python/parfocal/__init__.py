@@ -16,7 +16,7 @@ from ._native import CancellationToken, Cancelled, DeviceError, Engine, __versio
 from ._results import Brightness, Depth, Lens, Level, Registration, Result, Sweep
 from ._solves import Settings, apply, read, register, solve, stack, unpack
 from ._stream import Stream
-from . import measure
+from . import inspection, measure
 
 __all__ = [
     "Brightness",
@@ -35,6 +35,7 @@ __all__ = [
     "__version__",
     "apply",
     "devices",
+    "inspection",
     "measure",
     "read",
     "register",
