@@ -53,8 +53,8 @@ pub(crate) struct InspectionArguments {
     /// unit of the tolerance [default: 10 tolerances]
     #[arg(long, value_name = "TILT", help_heading = INSPECTION, value_parser = from_zero)]
     max_tilt: Option<f64>,
-    /// Width of the smallest defect that must be seen, px; where one as high as the tolerance would not be, the part
-    /// cannot be judged. Of pairs only [default: none]
+    /// Width of the smallest defect that must be seen (px, 2 to 100); where one as high as the tolerance would not be, the
+    /// part cannot be judged. Of pairs only [default: none]
     #[arg(long, value_name = "PX", help_heading = INSPECTION, value_parser = within(2.0..=100.0, "give 2 to 100 px"))]
     smallest: Option<f64>,
     /// The allowed shift of the part from where the golden one lies in its picture, px [default: as good parts taught]
