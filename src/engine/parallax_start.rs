@@ -15,11 +15,12 @@ use super::sweep::start::{self, Frames, Motion, Registered, Registration};
 use crate::base::color::LUMINANCE;
 use crate::base::{Error, Frame, Homography, Mask, Parallax, ParallaxSearch, Settings, Shading, workers};
 
-/// The share of the contrast that does not correlate, from which on the registration is not trusted: up to 0.3 of eleven real
-/// pairs, nearly 1 where photographs of stripes were mapped to a point.
+/// The share of the contrast that does not correlate, from which on the registration is not trusted: up to 0.28 of eleven real
+/// pairs.
 const UNLIKE: f64 = 0.5;
-/// The largest displacement by parallax, rms, as a share of the longer side. Stripes do not determine that along them.
-const FARTHEST: f64 = 0.03;
+/// The least power of the gradient in any direction, as a share of the largest. Stripes do not determine parallax along them:
+/// they have up to 0.002, and eleven real pairs 0.48 and more.
+const STRIPES: f64 = 0.02;
 /// The most of the difference between the photographs that parallax leaves if it is asked for: it explains something.
 const EXPLAINS: f64 = 0.99;
 /// The same if it is not, and beyond what a map of the plane explains. Of 60 real pairs of cameras that stood still it leaves
@@ -85,10 +86,6 @@ pub(super) fn find(frames: [&Frame; 2], plan: &Plan, mask: Option<&Mask>) -> Opt
     let without = register(judged, coarse, unknowns, Some(&flat));
     let leaves = |with: Registered, without: Registered, most: f64| with.left < most * without.left;
     let [x, y] = with.motion.parallax;
-    let known = || all.data.iter().filter(|v| v.is_finite());
-    let rms = (known().map(|v| v * v).sum::<f64>() / known().count().max(1) as f64).sqrt();
-    let width = levels[judged].level.factor * size[0].max(size[1]) as f64;
-    let is_near = x.hypot(y) * rms < FARTHEST * width;
     let is_parallax = || {
         let plane = register(judged, without.motion, UNKNOWNS, Some(&flat));
         let both = register(judged, Motion { parallax: [x, y], ..plane.motion }, UNKNOWNS, Some(&all));
@@ -100,6 +97,7 @@ pub(super) fn find(frames: [&Frame; 2], plan: &Plan, mask: Option<&Mask>) -> Opt
         leaves(with, without, MOVED) && leaves(both, plane, NO_PLANE) && (0..4).filter(agrees).count() >= 3
     };
     let is_found = with.unlike < UNLIKE
+        && with.isotropy > STRIPES
         && leaves(with, without, EXPLAINS)
         && (settings.parallax == ParallaxSearch::On || is_parallax());
     is_found.then_some((with.motion.transform, Parallax { across: [x, y], along: 0.0 }))

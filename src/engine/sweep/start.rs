@@ -105,6 +105,8 @@ pub(in crate::engine) struct Registered {
     pub(in crate::engine) left: f64,
     /// The share of the contrast of the frame before that does not correlate with it.
     pub(in crate::engine) unlike: f64,
+    /// The least over the largest power of its gradient in a direction: 0 of stripes.
+    pub(in crate::engine) isotropy: f64,
 }
 
 /// What the motion of a frame is found with.
@@ -132,7 +134,7 @@ pub(in crate::engine) fn register(
     // The two sides of the reference are independent.
     let sides: [Vec<usize>; 2] = [(reference + 1..splines.len()).collect(), (0..reference).rev().collect()];
     let registered = workers::map(2, |n| register_side(splines, reference, &sides[n], level, registration));
-    let mut all = vec![Registered { motion: Motion::NONE, left: 0.0, unlike: 0.0 }; splines.len()];
+    let mut all = vec![Registered { motion: Motion::NONE, left: 0.0, unlike: 0.0, isotropy: 0.0 }; splines.len()];
     sides.iter().flatten().zip(registered.into_iter().flatten()).for_each(|(n, registered)| all[*n] = registered);
     all
 }
@@ -223,7 +225,7 @@ fn register_frame(
 ) -> Registered {
     let length = (target.width as f64).hypot(target.height as f64) / 4.0;
     let all = unknowns + if focus.is_some() { 2 } else { 0 };
-    let (mut left, mut unlike) = (0.0, 0.0);
+    let (mut left, mut unlike, mut isotropy) = (0.0, 0.0, 0.0);
     for _ in 0..STEPS[usize::from(focus.is_some())] {
         let moved = resampled(spline, &motion, level, focus);
         let last = [target.width as f64 - 3.0, target.height as f64 - 3.0];
@@ -261,9 +263,12 @@ fn register_frame(
         let [a, b, aa, bb, ab] = moments;
         let variances = (count * aa - a * a) * (count * bb - b * b);
         unlike = (1.0 - (count * ab - a * b).powi(2) / variances.max(f64::MIN_POSITIVE)).max(0.0).sqrt();
+        let [along_x, along_y] = [normal[0][0], normal[1][1]];
+        let (mean, by) = (0.5 * (along_x + along_y), (0.5 * (along_x - along_y)).hypot(normal[1][0]));
+        isotropy = (mean - by) / (mean + by).max(f64::MIN_POSITIVE);
         let ridge = |a: usize, b: usize| if a == b { normal[a][b] * 1e-9 + 1e-12 } else { 0.0 };
         let matrix = DMatrix::from_fn(all + 2, all + 2, |a, b| normal[a.max(b)][a.min(b)] + ridge(a, b));
-        let Some(cholesky) = matrix.cholesky() else { return Registered { motion, left, unlike } };
+        let Some(cholesky) = matrix.cholesky() else { return Registered { motion, left, unlike, isotropy } };
         let step = cholesky.solve(&DVector::from_column_slice(&right[..all + 2]));
         let x: [f64; UNKNOWNS] = std::array::from_fn(|a| if a < unknowns { step[a] } else { 0.0 });
         motion.transform = motion.transform.after(&displacing(length, level.factor, x));
@@ -271,7 +276,7 @@ fn register_frame(
             (0..2).for_each(|c| motion.parallax[c] += step[unknowns + c]);
         }
     }
-    Registered { motion, left, unlike }
+    Registered { motion, left, unlike, isotropy }
 }
 
 /// σ of the window over which mean brightness is compared, px of the level: blur moves no light across it.
