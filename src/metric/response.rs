@@ -102,7 +102,7 @@ impl Response {
     }
 }
 
-/// Solves for a square defect, of which a quadrant is computed: the other three mirror it.
+/// Computes V of a square defect. Only a quadrant is computed, since the other three mirror it.
 fn shown(smoothing: &Smoothing, width: f64, rise: f64, sensitivity: f64, min_area_px: usize) -> Shown {
     let Smoothing { regularization, data_eta, smoothness_eta, noise, iterations, .. } = *smoothing;
     let side = (width / 2.0).ceil() as usize + MARGIN;

@@ -2,7 +2,7 @@
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use parfocal::export::{InspectReport, InspectedPart, to_json};
-use parfocal::metric::inspect::golden::{disagreement, golden, least_tolerances};
+use parfocal::metric::inspect::golden::{disagreement, golden, least_tolerances, suggestion};
 use parfocal::metric::inspect::{Heights, Limits};
 use parfocal::transform::Similarity;
 use pyo3::exceptions::PyValueError;
@@ -70,17 +70,22 @@ pub(crate) fn evidence(
 /// with the others: its index, the place and the extreme.
 type Taught = ([Py<PyAny>; 4], f32, f64, Vec<f64>, Option<(usize, [f64; 2], f64)>);
 
-/// Teaches a golden part from good parts. Without a tolerance it is a quarter more than the largest that a part needs.
+/// Teaches a golden part from good parts. Without a tolerance the suggested one is taken.
 #[pyfunction]
 pub(crate) fn teach(py: Python<'_>, parts: Vec<Map<'_>>, bounds: Bounds, tolerance: Option<f64>) -> PyResult<Taught> {
     let maps = parts.iter().map(Map::heights).collect::<PyResult<Vec<_>>>()?;
     let found = py.detach(|| {
         let least = least_tolerances(&maps, &bounds.limits(0.0))?;
+        let suggested = suggestion(&least);
         let least: Vec<f64> = least.iter().map(|least| least.tolerance).collect();
-        let tolerance = tolerance.unwrap_or(1.25 * least.iter().copied().fold(0.0, f64::max));
-        let limits = Limits { max_tilt: f64::INFINITY, ..bounds.limits(tolerance) };
-        let disagreeing = if tolerance.is_finite() { disagreement(&maps, &limits)? } else { None };
-        Ok::<_, parfocal::Error>((golden(&maps, &limits)?, tolerance, least, disagreeing))
+        let doubtful = suggested.doubtful.filter(|_| tolerance.is_none());
+        let tolerance = tolerance.unwrap_or(suggested.tolerance);
+        let limits = |tolerance: f64| Limits { max_tilt: f64::INFINITY, ..bounds.limits(tolerance) };
+        let mut disagreeing = None;
+        for at in doubtful.into_iter().chain([tolerance]).filter(|at| at.is_finite()) {
+            disagreeing = disagreeing.or(disagreement(&maps, &limits(at))?);
+        }
+        Ok::<_, parfocal::Error>((golden(&maps, &limits(tolerance))?, tolerance, least, disagreeing))
     });
     let (golden, tolerance, least, disagreeing) = found.map_err(exception)?;
     let (size, spread) = ([golden.width, golden.height], golden.spread);

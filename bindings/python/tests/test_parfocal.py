@@ -279,6 +279,8 @@ def test_parts_are_judged_without_files(result):
         golden.inspect(part(), tolerance=0.1)
     with pytest.raises(ValueError, match="good part 3 disagrees"):
         inspection.teach([part(seed=n) for n in range(3)] + [part(4)], tolerance=1)
+    with pytest.raises(ValueError, match="good part 3 disagrees"):
+        inspection.teach([part(seed=n) for n in range(3)] + [part(4)])
 
 
 def test_roughness_of_known_waves(result):

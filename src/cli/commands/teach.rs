@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use parfocal::export::{FileKind, GoldenPart, GoldenReport, TaughtPart, write_golden};
 use parfocal::internals::median;
-use parfocal::metric::inspect::golden::{LeastTolerance, least_tolerances};
+use parfocal::metric::inspect::golden::{LeastTolerance, Suggestion, least_tolerances, suggestion};
 use parfocal::metric::inspect::{Heights, Limits, PlacementRange};
 use parfocal::metric::response::Response;
 
@@ -46,13 +46,6 @@ Examples:
   parfocal watch incoming -o results --golden golden.exr
 
 Exit status: 0 done, 4 the good parts disagree or a solve had not converged, 1 failed, 2 wrong usage.";
-
-/// The factor by which the suggested tolerance exceeds what good parts need, since the next good part may need more
-/// than all before.
-const MARGIN: f64 = 1.25;
-
-/// The factor by which the least tolerance of a good part may exceed the median of all before it is compared in detail.
-const OUTLYING: f64 = 2.0;
 
 /// Reads, compares, writes and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -147,13 +140,11 @@ fn combined(
     let tolerance = match arguments.comparison.tolerance {
         Some(tolerance) => tolerance,
         None => {
-            let mut sorted: Vec<f64> = least.iter().map(|least| least.tolerance).collect();
-            sorted.sort_by(f64::total_cmp);
-            let typical = OUTLYING * sorted[(sorted.len() - 1) / 2];
-            if typical.is_finite() && sorted.last().is_some_and(|most| *most > typical) {
+            let Suggestion { tolerance, doubtful } = suggestion(least);
+            if let Some(typical) = doubtful {
                 doubts.extend(golden.combined(field, &limits(typical))?.disagreeing);
             }
-            rounded_up(MARGIN * sorted.last().copied().filter(|most| most.is_finite()).unwrap_or(typical))
+            rounded_up(tolerance)
         }
     };
     for (name, least) in golden.names.iter().zip(least).filter(|(_, least)| least.tolerance.is_infinite()) {

@@ -169,7 +169,7 @@ fn register_side(
     frames.iter().map(next).collect()
 }
 
-/// Rows of which one thread adds up the sums.
+/// A thread adds up the sums of this many rows.
 const ROWS: usize = 16;
 /// The most unknowns of a frame: T, parallax, gain and offset.
 const TERMS: usize = UNKNOWNS + 4;

@@ -72,6 +72,32 @@ pub struct LeastTolerance {
 /// By how much the tolerance that a region needs may exceed that of most of the pixels.
 const UNCERTAIN: f64 = 20.0;
 
+/// The factor by which the suggested tolerance exceeds what good parts need, since the next good part may need more
+/// than all before.
+const MARGIN: f64 = 1.25;
+
+/// The factor by which the least tolerance of a good part may exceed the median of all before it is compared in detail.
+const OUTLYING: f64 = 2.0;
+
+/// The tolerance that good parts suggest, in the unit of the heights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Suggestion {
+    /// A quarter more than what they need; infinite if most are go at no tolerance.
+    pub tolerance: f64,
+    /// The tolerance at which they must agree too, if one of them needs far more than is typical.
+    pub doubtful: Option<f64>,
+}
+
+/// Returns the tolerance that good parts suggest by their [`least_tolerances`].
+pub fn suggestion(least: &[LeastTolerance]) -> Suggestion {
+    let mut sorted: Vec<f64> = least.iter().map(|least| least.tolerance).collect();
+    sorted.sort_by(f64::total_cmp);
+    let typical = sorted.get(sorted.len().saturating_sub(1) / 2).map_or(f64::INFINITY, |median| OUTLYING * median);
+    let most = sorted.last().copied().unwrap_or(f64::INFINITY);
+    let tolerance = MARGIN * if most.is_finite() { most } else { typical };
+    Suggestion { tolerance, doubtful: (typical.is_finite() && most > typical).then_some(typical) }
+}
+
 /// Returns for each golden part the least tolerance at which it is go against the golden part of the others. A single
 /// part is compared with itself, which shows its noise alone. The parts are registered to the pixels of the first; the tolerance and the
 /// tilt of the limits do not count.

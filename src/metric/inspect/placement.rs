@@ -30,9 +30,8 @@ impl PlacementRange {
         max_scale: f64::INFINITY,
     };
 
-    /// Returns the range of which good parts are samples, for pictures of this size, px. The next good part is beyond
-    /// it once in some 400 times if parts scatter as a Gaussian. `None` for fewer than three parts, or for infinite
-    /// values.
+    /// Returns the range in which good parts lie, for pictures of this size, px. If parts scatter as a Gaussian, one good
+    /// part in 400 lies beyond it. `None` for fewer than three parts, or for infinite values.
     pub fn taught(parts: &[Similarity], [width, height]: [u32; 2]) -> Option<Self> {
         let count = parts.len() as f64;
         let mean = |of: &dyn Fn(&Similarity) -> f64| parts.iter().map(of).sum::<f64>() / count;

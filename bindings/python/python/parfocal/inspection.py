@@ -134,7 +134,7 @@ def teach(parts: Sequence[Part], tolerance: float | None = None, limits: Limits 
         if part.faults:
             raise ValueError(f"good part {n}: {part.faults[0]}")
     fields, spread, found, least, disagreeing = _native.teach(list(parts), limits, tolerance)
-    if not np.isfinite(found):
+    if not np.all(np.isfinite(least)):
         n = int(np.argmax(least))
         raise ValueError(f"good part {n} is go against the others at no tolerance: leave it out, or take it again")
     if disagreeing is not None:
