@@ -1,6 +1,7 @@
 //! The laboratory: experiments with bounds on what parfocal measures, for `tools/evaluate`; a model of GPUs, for
 //! `tools/gpu-model`.
 
+mod beside_sweeps;
 mod contact_sheet;
 mod defaults;
 mod errors;

@@ -11,6 +11,7 @@ use parfocal::{
     transform::centre,
 };
 
+use crate::beside_sweeps;
 use crate::errors::{BORDER, Coverage, inside, spread};
 use crate::pairs::intensities;
 use crate::section::{Case, Runner, Section};
@@ -21,7 +22,11 @@ pub(crate) const HEADING: &str = "Focus sweeps";
 
 /// Measures everything.
 pub(crate) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
-    vec![generated(runner, data), simulated(runner), flat_patch(runner), fused(runner, data)]
+    let mut sections = vec![generated(runner, data), simulated(runner), flat_patch(runner), fused(runner, data)];
+    if !runner.quick {
+        sections.push(beside_sweeps::section(runner, data));
+    }
+    sections
 }
 
 const ERROR: &str = "MAD, frames";
