@@ -53,19 +53,19 @@ impl ChannelSums {
     }
 }
 
-/// By how much V differs between the channels of the photographs, px². By the law of a lens it is the same at all
-/// depths.
+/// By how much V of a pair, px², or u of a sweep, settings, differs between the channels of the photographs. By the law of
+/// a lens it is the same at all depths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ColorShift {
-    /// V by red less that by green.
+    /// V or u by red less that by green.
     pub red: f64,
-    /// V by blue less that by green.
+    /// V or u by blue less that by green.
     pub blue: f64,
     /// The standard errors of both.
     pub deviation: [f64; 2],
-    /// The standard deviation of V that [`Solution::uncertainty`](crate::Solution::uncertainty) includes for it, px²:
-    /// V then depends on the color of the texture. 0 if the shift may be chance, or is less than the uncertainty of V.
+    /// The standard deviation of V or u that the uncertainty of the result includes for it: V then depends on the color of
+    /// the texture. 0 if the shift may be chance, or is less than that uncertainty.
     pub included: f64,
 }
 
@@ -92,11 +92,17 @@ impl ColorShift {
             ((count as f64 - 1.0) / count as f64 * squares).sqrt()
         });
         let is_finite = [red, blue, deviation[0], deviation[1]].iter().all(|v| v.is_finite());
+        let shift = Self::judged([red, blue], deviation, LEAST.max(median_of(uncertainty)));
+        (count >= FEWEST && is_finite).then_some(shift)
+    }
+
+    /// A shift that is included if it is certain, and its standard deviation over the channels more than `least`.
+    pub(super) fn judged([red, blue]: [f64; 2], deviation: [f64; 2], least: f64) -> Self {
         let mut shift = Self { red, blue, deviation, included: 0.0 };
-        if shift.is_certain() && shift.spread() > LEAST.max(median_of(uncertainty)) {
+        if shift.is_certain() && shift.spread() > least {
             shift.included = shift.spread();
         }
-        (count >= FEWEST && is_finite).then_some(shift)
+        shift
     }
 
     fn is_certain(&self) -> bool {

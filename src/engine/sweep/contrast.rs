@@ -35,8 +35,8 @@ pub(super) struct ByContrast {
 }
 
 /// A parabola of the contrast in a window.
-struct Peak {
-    u: f64,
+pub(super) struct Peak {
+    pub(super) u: f64,
     /// ω² c.
     bend: f64,
     /// Power of the sharpest frame.
@@ -79,7 +79,7 @@ pub(super) fn by_contrast(frames: &[Field], settings: &[f64], every: usize) -> B
 }
 
 /// The parabola through the logarithms of powers, which count by themselves: weak ones are mostly noise.
-fn peak(powers: &[f64], settings: &[f64]) -> Peak {
+pub(super) fn peak(powers: &[f64], settings: &[f64]) -> Peak {
     let [first, last] = [settings[0], settings[settings.len() - 1]];
     let (middle, power) = (0.5 * (first + last), powers.iter().copied().fold(f64::MIN_POSITIVE, f64::max));
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());

@@ -5,6 +5,7 @@
 //! parameters that all pixels share: T of each frame, and c. So nothing can be submitted ahead as it is for pairs, and
 //! a sweep has no `submit`.
 
+mod color;
 pub(super) mod contrast;
 mod device;
 #[cfg(feature = "program")]
@@ -32,6 +33,7 @@ use crate::base::{
     Photometric, Progress, Settings,
 };
 use crate::engine::Engine;
+use crate::engine::channels::ColorShift;
 use crate::engine::plan::Plan;
 
 /// The largest distance of a kernel's mean from its origin, px at a variance of 1 px². Measured kernels are off by some
@@ -70,6 +72,8 @@ pub struct JointSolution {
     pub deviation: Vec<f32>,
     /// The median of the deviation before outlines moved, in settings; `None` if no pixel has one.
     pub median_deviation: Option<f64>,
+    /// By how much u differs between the channels, in settings; `None` of grey frames, and if it is not known.
+    pub color_shift: Option<ColorShift>,
     /// The registration of the frames.
     pub registration: JointRegistration,
 }
@@ -168,12 +172,11 @@ impl JointSolver {
                 parts.solve(frames, (&coarse, self.whole.measured.as_ref()), &shared, &mut done)?
             }
         };
-        Ok(JointSolution {
-            focus: focus.data.iter().map(|u| (u + shared.middle) as f32).collect(),
-            deviation: deviation.to_f32(),
-            median_deviation,
-            registration: self.registration(shared),
-        })
+        let focus = focus.data.iter().map(|u| (u + shared.middle) as f32).collect();
+        let registration = self.registration(shared);
+        let least = median_deviation.unwrap_or(f64::INFINITY);
+        let color_shift = color::shift(frames, &registration, self.settings.decode, least);
+        Ok(JointSolution { focus, deviation: deviation.to_f32(), median_deviation, color_shift, registration })
     }
 
     /// Registers a sweep, with the same result as [`solve`](Self::solve): T and c stay on the finest level, which is

@@ -355,6 +355,7 @@ mod tests {
             focus: (0..pixels).map(|i| if i / 48 < 20 { f32::NAN } else { 1.0 }).collect(),
             deviation: vec![0.1; pixels],
             median_deviation: Some(0.1),
+            color_shift: None,
             registration: JointRegistration {
                 transforms: vec![Homography::IDENTITY; 2],
                 parallax: vec![[0.0; 2]; 2],

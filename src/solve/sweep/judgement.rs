@@ -2,7 +2,7 @@
 //! enough for their blur.
 
 use crate::base::Error;
-use crate::engine::{JointRegistration, MAX_RELATIVE_BLUR};
+use crate::engine::{ColorShift, JointRegistration, MAX_RELATIVE_BLUR};
 
 /// The least blur in the last frame of what is in focus in the first, px: below it the frames do not differ in focus.
 ///
@@ -67,6 +67,18 @@ pub(super) fn coarse_warning(registration: &JointRegistration, max_relative_blur
             blur / steps as f64,
             (blur / limit.sqrt()).ceil() + 1.0,
             settings.len()
+        )
+    })
+}
+
+/// A warning if u depends on the color of the texture. A step of the settings is `step` of their `unit`.
+pub(super) fn color_warning(shift: &ColorShift, step: f64, unit: &str) -> Option<String> {
+    (shift.included > 0.0).then(|| {
+        format!(
+            "the lens focuses colours apart: red is in focus {:+.3} {unit} and blue {:+.3} {unit} from green, so that the focus depends on the colour of the texture, by {:.3} {unit} (in σ): stack the green channel alone, or photograph in light of one colour",
+            step * shift.red,
+            step * shift.blue,
+            step.abs() * shift.included
         )
     })
 }

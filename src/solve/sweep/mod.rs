@@ -307,7 +307,12 @@ impl<'a> Task<'a> {
         let unlike = unlike_warning(&solution.registration.unlike, &self.order.frames);
         let (registration, deviation) = (&solution.registration, solution.median_deviation);
         judgement::differ_in_focus(registration, deviation, self.order.differ_in_focus, unlike)?;
-        let registered = self.registered(solution.registration.clone());
+        let mut registered = self.registered(solution.registration.clone());
+        let color = solution.color_shift.as_ref();
+        registered
+            .warnings
+            .extend(color.and_then(|c| judgement::color_warning(c, self.step, registered.stated.unit())));
+        let by_color = color.map_or(0.0, |shift| shift.included);
         let settings = &solution.registration.settings;
         let last = settings[settings.len() - 1];
         let certain = |most: f64| {
@@ -319,7 +324,8 @@ impl<'a> Task<'a> {
         let beyond = sides(&on_side, last, solution.registration.rate);
         let in_range = certain(most).zip(&beyond).map(|(u, &side)| if side == 0 { u } else { f32::NAN });
         let focus = in_range.map(|u| (self.first + self.step * f64::from(u)) as f32).collect();
-        let uncertainty = solution.deviation.iter().map(|&s| (self.step.abs() * f64::from(s)) as f32).collect();
+        let deviation = |&s: &f32| (self.step.abs() * f64::from(s).hypot(by_color)) as f32;
+        let uncertainty = solution.deviation.iter().map(deviation).collect();
         // The frames are chosen by what is measured, and by what is filled in between.
         let known = certain(most).zip(&on_side).zip(&beyond).map(|((u, far), side)| if *side == 0 { u } else { *far });
         let known: Vec<f32> = known.collect();
