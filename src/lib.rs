@@ -97,7 +97,8 @@ pub mod resample {
 #[doc(hidden)]
 pub mod internals {
     pub use crate::base::color::{LUMINANCE, linear_to_srgb};
-    pub use crate::base::{Setting, available_memory, random::Random, statistics::median};
+    pub use crate::base::{Setting, random::Random, statistics::median};
+    pub use crate::engine::available_memory;
     #[cfg(feature = "program")]
     pub use crate::engine::model;
     #[cfg(any(test, debug_assertions, feature = "reference"))]

@@ -56,39 +56,6 @@ impl DeviceInfo {
     }
 }
 
-/// Returns the bytes that Linux can give this process without swapping, within the limits of its control groups and of
-/// its address space (`ulimit -v`).
-pub fn available_memory() -> Option<u64> {
-    let read = |file: &str| std::fs::read_to_string(file).ok();
-    let report = read("/proc/meminfo")?;
-    let line = report.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    let free = line.trim().strip_suffix(" kB")?.parse::<u64>().ok()? << 10;
-    let number = |file: String| read(&file)?.trim().parse::<u64>().ok();
-    let groups = read("/proc/self/cgroup").unwrap_or_default();
-    let own = groups.lines().find_map(|line| line.strip_prefix("0::")).unwrap_or("/");
-    let of_group = |group: &std::path::Path| {
-        let folder = format!("/sys/fs/cgroup{}", group.display());
-        let (limit, used) = (number(format!("{folder}/memory.max"))?, number(format!("{folder}/memory.current"))?);
-        Some(limit.saturating_sub(used))
-    };
-    let by_groups = std::path::Path::new(own).ancestors().filter_map(of_group).min();
-    let by_space = || {
-        let limits = read("/proc/self/limits")?;
-        let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
-        let limit = line.split_whitespace().next()?.parse::<u64>().ok()?;
-        let taken = read("/proc/self/statm")?.split_whitespace().next()?.parse::<u64>().ok()?;
-        let (taken, rest) = (taken * PAGE, limit.saturating_sub(taken * PAGE));
-        Some(rest - RESERVED.saturating_sub(taken).min(rest / 2))
-    };
-    [by_groups, by_space()].into_iter().flatten().chain([free]).min()
-}
-
-/// Address space that threads and their allocators reserve once they run, at most half of what is left, bytes.
-const RESERVED: u64 = 512 << 20;
-
-/// Bytes of a page of memory on most processors. Larger pages only make the estimate of what is taken smaller.
-const PAGE: u64 = 4096;
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,7 +6,7 @@
 pub enum Error {
     /// The Vulkan loader is not installed.
     #[error(
-        "no Vulkan loader on this machine ({0}): install it and the GPU's driver (Debian: libvulkan1), or name no device to use the processor"
+        "no Vulkan loader on this machine ({0}): install the GPU's driver (on Debian also libvulkan1), or name no device to use the processor"
     )]
     NoLoader(String),
     /// No device meets the requirements.

@@ -55,7 +55,6 @@ pub use color::Decode;
 pub(crate) use control::{CancelSignal, Deadline};
 pub use control::{CancellationToken, Progress};
 pub use device_info::DeviceInfo;
-pub use device_info::available_memory;
 pub(crate) use device_info::{CPU, CPU_DEVICE};
 pub use error::Error;
 pub use frame::{Frame, Samples};

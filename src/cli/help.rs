@@ -23,7 +23,7 @@ Exit status: 0 done (without --strict also if the solve did not converge), 1 fai
 Environment:
   PARFOCAL_DEVICE=D    default of --device
   PARFOCAL_VALIDATE=1  use the Khronos validation layer, which must be installed
-  PARFOCAL_CACHE_DIR   folder of compiled pipelines [default: parfocal in $XDG_CACHE_HOME or ~/.cache]
+  PARFOCAL_CACHE_DIR   folder of compiled pipelines [default: parfocal in the cache folder of the user]
   VK_DRIVER_FILES, VK_ICD_FILENAMES and the other variables of the Vulkan loader work as usual";
 
 /// The subcommands by purpose.

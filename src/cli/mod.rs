@@ -123,7 +123,7 @@ enum Command {
 
 /// Runs the program.
 pub fn main() -> ExitCode {
-    match config_file::matches(&command(), std::env::args_os().collect()) {
+    match config_file::matches(&command(), wild::args_os().collect()) {
         Err(failure) => failure.report(),
         Ok((matches, origin)) => {
             let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|e| failure::exit(e));

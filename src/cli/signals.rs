@@ -5,6 +5,7 @@ use std::thread;
 /// Exit status after Ctrl-C.
 const INTERRUPTED: i32 = 130;
 /// Exit status after SIGTERM.
+#[cfg(unix)]
 const TERMINATED: i32 = 143;
 
 /// Calls `end` with the exit status on each Ctrl-C and SIGTERM. If no listening thread can be started, the signals end

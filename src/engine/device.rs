@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::stages::Pipelines;
-use super::vulkan::Device;
-use crate::base::{self, CPU, CPU_DEVICE, DeviceInfo};
+use super::vulkan::{Device, available_memory};
+use crate::base::{CPU, CPU_DEVICE, DeviceInfo};
 
 /// Where passes run.
 #[derive(Clone)]
@@ -76,7 +76,7 @@ impl CpuDevice {
             api_version: String::new(),
             subgroup_size: 1,
             // The rest is for results and their page.
-            memory_bytes: base::available_memory().map_or(u64::MAX, |bytes| bytes / 4 * 3),
+            memory_bytes: available_memory().map_or(u64::MAX, |bytes| bytes / 4 * 3),
             max_image_size: 1 << 16,
             max_storage_buffer: u64::MAX,
             unusable: None,

@@ -64,6 +64,7 @@ pub use source::Source;
 #[cfg(test)]
 pub(crate) use stages::harness as testing;
 pub(crate) use sweep::{JointRegistration, JointSolution, JointSolver, MAX_RELATIVE_BLUR, SweepInput};
+pub use vulkan::available_memory;
 
 use crate::base::{CPU, Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
 use crate::engine::device::{AnyDevice, CpuDevice};

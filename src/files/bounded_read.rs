@@ -30,6 +30,17 @@ pub fn not_a_path(path: &Path) -> Option<&'static str> {
     }
 }
 
+/// Whether Windows has files and folders of this name. It has none with certain characters or a dot or a space at the
+/// end, and names of devices refer to these, with any extension.
+pub fn is_name_of_windows(name: &str) -> bool {
+    let stem = name.split('.').next().unwrap_or_default().trim_end().to_ascii_lowercase();
+    let is_port = |port: &str| {
+        stem.strip_prefix(port).is_some_and(|n| n.len() == 1 && n.chars().all(|digit| digit.is_ascii_digit()))
+    };
+    let is_device = ["con", "prn", "aux", "nul"].contains(&stem.as_str()) || is_port("com") || is_port("lpt");
+    !is_device && !name.contains(['<', '>', ':', '"', '|', '?', '*']) && !name.ends_with(['.', ' '])
+}
+
 /// Opens a regular file for reading. Other files are refused at once.
 ///
 /// # Errors
@@ -39,12 +50,18 @@ pub fn open(path: &Path) -> Result<File> {
     options.read(true);
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, rustix::fs::OFlags::NONBLOCK.bits() as i32);
-    let file = options.open(path)?;
+    // Windows does not open folders.
+    let is_folder = || cfg!(windows) && path.is_dir();
+    let file = options.open(path).map_err(|e| if is_folder() { irregular() } else { e })?;
     // Uses the metadata of the open file, since its name may refer to another file by now.
     if file.metadata()?.is_file() {
         return Ok(file);
     }
-    Err(Error::new(ErrorKind::InvalidInput, "not a regular file: give a file on disk"))
+    Err(irregular())
+}
+
+fn irregular() -> Error {
+    Error::new(ErrorKind::InvalidInput, "not a regular file: give a file on disk")
 }
 
 /// Reads the bytes of a regular file.
@@ -104,12 +121,18 @@ pub fn read_from(mut file: &File, position: u64, count: u64) -> Result<Vec<u8>> 
     Ok(bytes)
 }
 
-/// Reads the text of a regular file.
+/// Reads the text of a regular file, without what programs of Windows add to UTF-8: a mark at the start, and carriage
+/// returns at the end of lines.
 ///
 /// # Errors
 /// As for [`read`], and [`ErrorKind::InvalidData`] for text that is not UTF-8.
 pub fn text(path: &Path, most: u64) -> Result<String> {
-    String::from_utf8(read(path, most)?).map_err(|_| Error::new(ErrorKind::InvalidData, "not UTF-8"))
+    let mut bytes = read(path, most)?;
+    if bytes.starts_with(b"\xef\xbb\xbf") {
+        bytes.drain(..3);
+    }
+    let text = String::from_utf8(bytes).map_err(|_| Error::new(ErrorKind::InvalidData, "not UTF-8"))?;
+    Ok(if text.contains('\r') { text.replace("\r\n", "\n") } else { text })
 }
 
 /// The key of a report that holds [`Hashes`].
@@ -186,11 +209,24 @@ mod tests {
     }
 
     #[test]
+    fn names_that_windows_lacks_are_recognized() {
+        for name in ["con", "Aux.png", "NUL.tar.gz", "com1", "LPT9.txt", "nul .png", "a.", "a ", "a:b", "a*", "C:"] {
+            assert!(!is_name_of_windows(name), "{name}");
+        }
+        for name in ["console", "a.con", "com", "com10", "part 1.aux", ".b", "auxiliary_1"] {
+            assert!(is_name_of_windows(name), "{name}");
+        }
+    }
+
+    #[test]
     fn a_file_beyond_the_limit_is_refused() {
         let folder = tempfile::TempDir::new().unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, "abc").unwrap();
         assert_eq!(text(&file, 3).unwrap(), "abc");
+        std::fs::write(&file, "\u{feff}a\r\n\rc").unwrap();
+        assert_eq!(text(&file, 8).unwrap(), "a\n\rc");
+        std::fs::write(&file, "abc").unwrap();
         assert_eq!(read(&file, 2).unwrap_err().kind(), ErrorKind::FileTooLarge);
         assert_eq!(read_start(&open(&file).unwrap(), 2).unwrap(), b"ab");
         // A file that is longer than any memory takes no space on the disk, and is not read.

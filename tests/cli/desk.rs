@@ -157,9 +157,10 @@ pub fn choose_device(process: &mut std::process::Command, is_vulkan: bool) {
     }
 }
 
-/// Returns the text that the program has printed to stderr.
+/// Returns the text that the program has printed to stderr, with slashes in paths.
 pub fn stderr_of(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    if cfg!(windows) { text.replace('\\', "/") } else { text }
 }
 
 /// Returns the JSON that the program has printed to stdout.

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
@@ -276,7 +275,7 @@ fn watch_hands_each_verdict_on_and_hostile_parts_cannot_be_judged() {
         for end in ["1", "2"] {
             let file = [name, b"_", end.as_bytes(), b".png"].concat();
             let from = desk.path(from).join(format!("i{end}.png"));
-            fs::copy(from, desk.path("in").join(Path::new(OsStr::from_bytes(&file)))).unwrap();
+            fs::copy(from, desk.path("in").join(std::path::Path::new(OsStr::from_bytes(&file)))).unwrap();
         }
     };
     part(&desk, "part", 20, |_, _| false);

@@ -40,3 +40,5 @@ mod sweep_results;
 mod synthetic;
 mod trust;
 mod view;
+#[cfg(windows)]
+mod windows;

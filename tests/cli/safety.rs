@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::{Value, json};
 
-use crate::desk::{Desk, printed};
+use crate::desk::Desk;
 use crate::synthetic::WIDE_LENS;
 
 /// Options that name a missing device. A file check must fail before the device is opened.
@@ -216,7 +216,7 @@ mod links_and_devices {
             desk.run(&all.iter().map(String::as_str).chain(extra.iter().copied()).collect::<Vec<_>>())
         };
         let output = register("/dev/stdout", &[]);
-        assert_eq!(printed(&output)["method"], "appearance");
+        assert_eq!(crate::desk::printed(&output)["method"], "appearance");
 
         symlink("kept/t.json", desk.path("link.json")).unwrap();
         fs::create_dir(desk.path("kept")).unwrap();

@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::Path;
-use std::time::Duration;
 
 use crate::desk::{Desk, assert_refused, stderr_of};
 use crate::synthetic::WIDE_LENS;
@@ -19,6 +18,7 @@ fn batch(desk: &Desk, extra: &[&str], status: i32) -> Vec<String> {
     summary["pairs"].as_array().unwrap().iter().map(|row| row["status"].as_str().unwrap().to_string()).collect()
 }
 
+#[cfg(unix)]
 fn names_in(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).into_iter().flatten();
     entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect()
@@ -108,7 +108,7 @@ fn a_terminated_program_leaves_no_partial_files() {
         let arguments = ["simulate", "plane", "--size", "700x500", "--quiet", "-o"];
         let mut running = desk.process(&arguments).arg(&out).spawn().unwrap();
         while names_in(&out).is_empty() && running.try_wait().unwrap().is_none() {
-            std::thread::sleep(Duration::from_millis(1));
+            std::thread::sleep(std::time::Duration::from_millis(1));
         }
         let kill = std::process::Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
         let ended = running.wait().unwrap();

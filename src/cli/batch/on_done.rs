@@ -21,6 +21,9 @@ static PROGRAM: Mutex<Option<u32>> = Mutex::new(None);
 fn run_program(command: &mut Command) -> io::Result<ExitStatus> {
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(command, 0);
+    // CREATE_NEW_PROCESS_GROUP: Ctrl-C goes to this process only, as on Unix.
+    #[cfg(windows)]
+    std::os::windows::process::CommandExt::creation_flags(command, 0x200);
     let running = || PROGRAM.lock().unwrap_or_else(PoisonError::into_inner);
     let mut child = {
         let mut running = running();
@@ -33,18 +36,28 @@ fn run_program(command: &mut Command) -> io::Result<ExitStatus> {
     status
 }
 
-/// Ends the running program of `--on-done` on Unix. No other one is started afterwards: the process must end.
+/// Ends the running program of `--on-done` with those that it started. No other one is started afterwards: the process
+/// must end.
 pub(crate) fn end_program() {
     // A program that is just being started keeps the lock, and is not waited for.
     let Ok(running) = PROGRAM.try_lock() else { return };
-    #[cfg(unix)]
-    if let Some(id) = running.and_then(|id| i32::try_from(id).ok()) {
-        use nix::sys::signal::{Signal, killpg};
-
-        // It fails if the program has just ended.
-        let _ = killpg(nix::unistd::Pid::from_raw(id), Signal::SIGKILL);
-    }
+    running.iter().for_each(|id| kill_with_descendants(*id));
     std::mem::forget(running);
+}
+
+/// Kills the leader of a process group and the group. It fails if the program has just ended.
+#[cfg(unix)]
+fn kill_with_descendants(id: u32) {
+    use nix::sys::signal::{Signal, killpg};
+
+    let _ = i32::try_from(id).map(|id| killpg(nix::unistd::Pid::from_raw(id), Signal::SIGKILL));
+}
+
+/// Kills a program and those that it started, for which the standard library has no call.
+#[cfg(not(unix))]
+fn kill_with_descendants(id: u32) {
+    let null = Stdio::null;
+    let _ = Command::new("taskkill").args(["/F", "/T", "/PID", &id.to_string()]).stdout(null()).stderr(null()).status();
 }
 
 /// Folder, in that of the results, with an empty file for each part that was solved and is not yet passed on. No part
@@ -215,6 +228,14 @@ impl<'a> Undelivered<'a> {
             ))),
         }
     }
+}
+
+#[cfg(all(test, windows))]
+#[test]
+fn a_program_is_killed() {
+    let mut program = Command::new("cmd").args(["/C", "ping -n 60 127.0.0.1"]).stdout(Stdio::null()).spawn().unwrap();
+    kill_with_descendants(program.id());
+    assert!(!program.wait().unwrap().success());
 }
 
 #[cfg(all(test, unix))]

@@ -258,7 +258,9 @@ fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Fa
     for (number, line) in manifest::read(file)? {
         let name = line.name.clone().filter(|name| !name.is_empty());
         if let Some(name) = name.as_ref().filter(|name| !is_folder_name(name) || name.contains(':')) {
-            return Err(failed(format!("line {number}: '{name}' cannot name a folder; give a name without slashes")));
+            return Err(failed(format!(
+                "line {number}: '{name}' cannot name a folder; give another name, without slashes"
+            )));
         }
         if let Some(name) = &name
             && let Some(other) = given.insert(name.to_lowercase(), number)
@@ -283,8 +285,8 @@ pub(crate) fn reads(file: &Path) {
 /// Whether a name is valid for a visible folder directly in the folder of results.
 fn is_folder_name(name: &str) -> bool {
     let elsewhere = name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']);
-    let drive = cfg!(windows) && name.contains(':');
-    !elsewhere && !drive && !name.chars().any(char::is_control) && !is_of_batch(name)
+    let is_none = cfg!(windows) && !bounded_read::is_name_of_windows(name);
+    !elsewhere && !is_none && !name.chars().any(char::is_control) && !is_of_batch(name)
 }
 
 /// A pair, before its name is final.

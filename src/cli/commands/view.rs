@@ -160,12 +160,16 @@ pub(crate) fn open(arguments: &PageArguments) -> Result<(), Failure> {
     }
     let failed = |problem: String| Failure::Failed(format!("{OPENER} {problem}; open {} in a browser", page.display()));
     let null = Stdio::null;
-    let started = Command::new(OPENER).arg(&page).stdin(null()).stdout(null()).stderr(null()).spawn();
+    // Explorer takes only absolute paths with backslashes.
+    let address = if cfg!(windows) { std::path::absolute(&page) } else { Ok(page.clone()) };
+    let address = address.map_err(|e| failed(format!("cannot be given the page ({e})")))?;
+    let started = Command::new(OPENER).arg(address).stdin(null()).stdout(null()).stderr(null()).spawn();
     let mut opener = started.map_err(|e| failed(format!("cannot be run ({e})")))?;
     // If the program is the browser itself, it keeps running, and the page is open.
     for _ in 0..MAX_WAIT {
         match opener.try_wait() {
-            Ok(Some(status)) if status.success() => return Ok(()),
+            // Explorer returns 1 after it has opened a page.
+            Ok(Some(status)) if status.success() || cfg!(windows) => return Ok(()),
             Ok(Some(status)) => return Err(failed(format!("opened nothing ({status})"))),
             Ok(None) => thread::sleep(Duration::from_millis(100)),
             Err(e) => return Err(failed(format!("cannot be waited for ({e})"))),

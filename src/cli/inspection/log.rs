@@ -113,7 +113,7 @@ fn is_log(file: &Path) -> io::Result<bool> {
         #[cfg(unix)]
         let is_device = std::os::unix::fs::FileTypeExt::is_char_device(&found.file_type());
         #[cfg(not(unix))]
-        let is_device = false;
+        let is_device = !found.is_dir();
         return Ok(is_device);
     }
     if found.len() == 0 {

@@ -55,7 +55,7 @@ fn parse(text: &str, folder: &Path) -> Result<(Vec<Row>, String), String> {
     let mut reader = csv::ReaderBuilder::new()
         .delimiter(delimiter.unwrap_or(b','))
         .trim(csv::Trim::All)
-        .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
+        .from_reader(text.as_bytes());
     let written = reader.headers().map_err(|e| format!("is not CSV ({e})"))?.clone();
     let header: Vec<String> = written.iter().map(str::to_lowercase).collect();
     let column = |name: &str| header.iter().position(|cell| cell == name);
@@ -126,7 +126,7 @@ mod tests {
         let (rows, unit) = parsed("Operator,Part,Trial,value_mm\nA,1,1,0.5\nA,1,2,-1e-3\n").unwrap();
         assert_eq!((rows.len(), unit.as_str(), &rows[1].measured), (2, "mm", &Measured::Value(-1e-3)));
         assert_eq!((rows[0].operator.as_str(), rows[0].part.as_str()), ("A", "1"));
-        let (rows, unit) = parsed("\u{feff}part;operator;value\n1;A;0,25\n2;A;1\n").unwrap();
+        let (rows, unit) = parsed("part;operator;value\n1;A;0,25\n2;A;1\n").unwrap();
         assert_eq!((&rows[0].measured, unit.as_str()), (&Measured::Value(0.25), ""));
         let (rows, _) = parsed("results\nfirst\n\"/abs/second\"\n").unwrap();
         assert_eq!(rows[0].measured, Measured::Results("at/first".into()));

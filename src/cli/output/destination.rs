@@ -68,7 +68,8 @@ pub(crate) fn check_file(
 ) -> Result<(), Failure> {
     let failed = |problem: String| Err(Failure::file(file.path(), problem));
     if file.path() == Path::new("-") {
-        return Err(Failure::Usage(format!("-: give a file{what}; /dev/stdout is one")));
+        let stream = if cfg!(unix) { "; /dev/stdout is one" } else { "" };
+        return Err(Failure::Usage(format!("-: give a file{what}{stream}")));
     }
     if file.path().is_dir() {
         return failed(format!("is a folder; give a file{what}"));

@@ -165,7 +165,7 @@ impl Instance {
         let handle = unsafe { entry.create_instance(&create, None) }.map_err(|e| match e {
             vk::Result::ERROR_LAYER_NOT_PRESENT | vk::Result::ERROR_EXTENSION_NOT_PRESENT if validation => {
                 Error::NoDevice(
-                    " under validation: the Khronos validation layer is missing (Debian: vulkan-validationlayers)"
+                    " under validation: the Khronos validation layer is missing (of the Vulkan SDK; Debian: vulkan-validationlayers)"
                         .into(),
                 )
             }
@@ -363,7 +363,7 @@ impl Instance {
         let local = local.filter(|(heap, _)| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
         let largest = local.map(|(heap, left)| if has_budget { heap.size.min(left) } else { heap.size });
         let heap = largest.max().unwrap_or(0);
-        if kind == vk::PhysicalDeviceType::CPU { crate::base::available_memory().unwrap_or(heap) } else { heap }
+        if kind == vk::PhysicalDeviceType::CPU { super::available_memory().unwrap_or(heap) } else { heap }
     }
 
     /// Names the first requirement of the passes that a Vulkan 1.3 device does not meet.
@@ -433,7 +433,7 @@ const DRIVER_VARIABLES: [&str; 3] = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_
 fn no_driver(result: vk::Result) -> String {
     let set: Vec<&str> = DRIVER_VARIABLES.into_iter().filter(|name| std::env::var_os(name).is_some()).collect();
     let place = match set.as_slice() {
-        [] => "the manifests of drivers, in /usr/share/vulkan/icd.d and /etc/vulkan/icd.d".to_string(),
+        [] => "the manifests of drivers, on Linux in /usr/share/vulkan/icd.d and /etc/vulkan/icd.d".to_string(),
         set => format!("the files that {} names", set.join(" or ")),
     };
     format!(

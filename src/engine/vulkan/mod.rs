@@ -14,6 +14,7 @@ mod recorder;
 mod recording;
 #[cfg(feature = "program")]
 pub(crate) mod statistics;
+mod system_memory;
 mod timestamps;
 
 pub(crate) use device::{Device, MIB};
@@ -32,4 +33,5 @@ pub(crate) use memory::{Buffer, Image, Texel, image_limits};
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Resource, Stage, Variant};
 pub(crate) use recorder::{Recorder, Workgroups};
 pub(crate) use recording::Recording;
+pub use system_memory::available_memory;
 pub(crate) use timestamps::{Clock, DeviceTimes};

@@ -4,7 +4,7 @@
 //! The data end up as code that the driver runs, and a checksum does not protect against forgery. The file is therefore
 //! read only from a folder that no other user can read or write.
 
-use std::fs::{self, DirBuilder, File, Metadata};
+use std::fs::{self, File, Metadata};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ const HEADER_BYTES: usize = 8 + 16 + 4 + 8;
 fn cache_folder() -> Option<PathBuf> {
     let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     variable("PARFOCAL_CACHE_DIR")
-        .or_else(|| variable("XDG_CACHE_HOME").map(|p| p.join("parfocal")))
+        .or_else(|| variable(if cfg!(windows) { "LOCALAPPDATA" } else { "XDG_CACHE_HOME" }).map(|p| p.join("parfocal")))
         .or_else(|| variable("HOME").map(|p| p.join(".cache").join("parfocal")))
 }
 
@@ -85,10 +85,12 @@ fn is_owned(_: &Metadata) -> bool {
 /// Creates a folder that no other user can read or write.
 fn create_private_folder(folder: &Path) -> io::Result<()> {
     fs::create_dir_all(folder.parent().ok_or(io::ErrorKind::NotFound)?)?;
-    let mut builder = DirBuilder::new();
     #[cfg(unix)]
-    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    match builder.create(folder) {
+    let created = std::os::unix::fs::DirBuilderExt::mode(&mut fs::DirBuilder::new(), 0o700).create(folder);
+    // On Windows the folder is within the user's profile, whose permissions it inherits.
+    #[cfg(not(unix))]
+    let created = fs::create_dir(folder);
+    match created {
         Err(_) if is_private(folder) => Ok(()),
         other => other,
     }

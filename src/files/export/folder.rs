@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -10,6 +11,7 @@ use std::time::{Duration, Instant};
 use tempfile::{Builder, NamedTempFile};
 
 use crate::base::Error;
+use crate::files::bounded_read::Hash;
 
 /// Longest wait for another writer. Writing results takes less.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(10);
@@ -28,8 +30,7 @@ pub(super) struct Folder {
     pub(super) path: PathBuf,
     /// Folders that were created for it, the deepest first.
     made: Vec<PathBuf>,
-    /// The open folder, which holds the lock. The lock also ends if the program is killed. `None` if the file system
-    /// has no locks.
+    /// What [`open_lock`] opened. The lock also ends if the program is killed. `None` if the file system has no locks.
     handle: Option<File>,
 }
 
@@ -54,12 +55,11 @@ impl Folder {
     fn lock(&mut self, others: OtherWriters) -> Result<(), Error> {
         let until = Instant::now() + LOCK_TIMEOUT;
         loop {
-            // Windows cannot open folders.
-            let Ok(handle) = File::open(&self.path) else { return Ok(()) };
+            let Ok(handle) = open_lock(&self.path) else { return Ok(()) };
             let locked = match handle.try_lock() {
                 Ok(()) => {
                     remove_leftovers(&self.path);
-                    if others == OtherWriters::SingleFiles { handle.try_lock_shared() } else { Ok(()) }
+                    if others == OtherWriters::SingleFiles { share(&handle) } else { Ok(()) }
                 }
                 Err(TryLockError::WouldBlock) if others == OtherWriters::SingleFiles => handle.try_lock_shared(),
                 other => other,
@@ -80,10 +80,10 @@ impl Folder {
     }
 
     /// Flushes the names of its files to the disk.
-    pub(super) fn sync(&self) -> std::io::Result<()> {
+    pub(super) fn sync(&self) -> io::Result<()> {
         self.handle.as_ref().map_or(Ok(()), |handle| match handle.sync_all() {
             // Some file systems cannot sync a folder.
-            Err(e) if e.kind() == std::io::ErrorKind::InvalidInput => Ok(()),
+            Err(e) if e.kind() == io::ErrorKind::InvalidInput => Ok(()),
             other => other,
         })
     }
@@ -98,6 +98,29 @@ impl Folder {
     fn folders(&self) -> Vec<PathBuf> {
         [std::slice::from_ref(&self.path), &self.made].concat()
     }
+}
+
+/// Opens what a writer of a folder locks: the folder itself. Windows locks no folders: there it is an empty file in the
+/// user's folder of temporary files, whose name is a hash of the folder's path.
+fn open_lock(folder: &Path) -> io::Result<File> {
+    if !cfg!(windows) {
+        return File::open(folder);
+    }
+    let path = canonical(folder).to_string_lossy().to_lowercase();
+    let name = format!("parfocal-{:.32}.lock", Hash::of(path.as_bytes())?.sha256);
+    File::options().write(true).create(true).truncate(false).open(std::env::temp_dir().join(name))
+}
+
+/// The canonical path of a folder, or its own on file systems of Windows that have none.
+fn canonical(folder: &Path) -> PathBuf {
+    fs::canonicalize(folder).unwrap_or_else(|_| folder.to_path_buf())
+}
+
+/// Makes an exclusive lock a shared one.
+fn share(handle: &File) -> Result<(), TryLockError> {
+    handle.try_lock_shared()?;
+    // Windows adds the shared lock, and removes the exclusive one first.
+    if cfg!(windows) { handle.unlock().map_err(TryLockError::Error) } else { Ok(()) }
 }
 
 impl Drop for Folder {
@@ -127,13 +150,20 @@ fn own_prefix() -> String {
 }
 
 /// Creates a temporary file with the permissions of an ordinary file.
-pub(super) fn temporary_file(folder: &Path) -> std::io::Result<NamedTempFile> {
+pub(super) fn temporary_file(folder: &Path) -> io::Result<NamedTempFile> {
     let prefix = own_prefix();
     let mut builder = Builder::new();
     builder.prefix(&prefix).rand_bytes(RANDOM);
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.tempfile_in(folder)
+    // A canonical path of Windows may be longer than 260 characters.
+    if cfg!(windows) { builder.tempfile_in(canonical(folder)) } else { builder.tempfile_in(folder) }
+}
+
+/// Renames a temporary file to its final name in the same folder.
+pub(super) fn persist(file: NamedTempFile, path: &Path) -> io::Result<()> {
+    let path = file.path().with_file_name(path.file_name().unwrap_or_default());
+    file.persist(path).map(drop).map_err(|e| e.error)
 }
 
 /// Whether a name is one that [`temporary_file`] makes, in this or another process.
@@ -184,7 +214,7 @@ pub fn abandon() {
     }
 }
 
-#[cfg(all(test, unix))]
+#[cfg(test)]
 mod tests {
     use super::*;
 

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use tempfile::NamedTempFile;
 
+use super::folder::persist;
 use super::report::{MAX_BYTES, PROGRAM, is_plain, strings};
 use crate::files::bounded_read;
 
@@ -67,7 +68,8 @@ impl Journal {
         step()?;
         fs::create_dir(&journal.aside)?;
         match fs::copy(journal.report(), journal.aside.join(report)) {
-            Ok(_) => File::open(journal.aside.join(report))?.sync_all()?,
+            // Windows syncs a file only if it is open for writing.
+            Ok(_) => File::options().read(true).write(cfg!(windows)).open(journal.aside.join(report))?.sync_all()?,
             Err(e) if e.kind() == ErrorKind::NotFound => (),
             Err(e) => {
                 fs::remove_dir_all(&journal.aside)?;
@@ -111,7 +113,7 @@ impl Journal {
     /// Renames a file to its final name. Only the report may already exist under that name.
     pub(super) fn name(&self, file: NamedTempFile, path: &Path) -> io::Result<()> {
         step()?;
-        file.persist(path).map(drop).map_err(|e| e.error)
+        persist(file, path)
     }
 
     /// Removes the earlier results.

@@ -10,7 +10,7 @@ use serde::Serialize;
 use tempfile::NamedTempFile;
 
 use super::destination::{Destination, FileKind, Guard};
-use super::folder::{Folder, OtherWriters, naming, temporary_file};
+use super::folder::{Folder, OtherWriters, naming, persist, temporary_file};
 use super::journal::{Journal, Unfinished, metadata};
 use super::report::write_json_to;
 use crate::base::{Error, workers};
@@ -186,9 +186,9 @@ impl Staging {
         let mut new = Vec::new();
         for (file, path) in std::mem::take(&mut self.written) {
             let is_new = metadata(&path).is_ok_and(|found| found.is_none());
-            if let Err(e) = file.persist(&path) {
+            if let Err(e) = persist(file, &path) {
                 new.iter().for_each(|path: &PathBuf| drop(fs::remove_file(path)));
-                return Err(self.cannot_be_replaced(&path, &e.error));
+                return Err(self.cannot_be_replaced(&path, &e));
             }
             if is_new {
                 new.push(path);
@@ -241,7 +241,10 @@ impl Staging {
     }
 
     fn cannot_be_replaced(&self, path: &Path, error: &io::Error) -> Error {
-        Error::file(path, format!("cannot be replaced ({error}); check permissions"))
+        // On Windows a file that another program has open cannot be renamed.
+        let advice =
+            if cfg!(windows) { "close programs that show it, and check permissions" } else { "check permissions" };
+        Error::file(path, format!("cannot be replaced ({error}); {advice}"))
     }
 
     /// Stale files that exist.
