@@ -1,5 +1,6 @@
 //! The command line of the program `parfocal`.
 
+mod dropped;
 #[cfg(all(test, target_os = "linux"))]
 mod fuzz;
 mod help;
@@ -76,6 +77,7 @@ mod inspection {
     pub mod verdict;
 }
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -84,6 +86,7 @@ use self::commands::{
     apply, bench, calibrate, compare, depth, inspect, measure, register, repeat, roughness, setup, simulate, solve,
     stack, teach, view, watch,
 };
+use self::dropped::Dropped;
 use self::options::config_file;
 use self::output::failure::{self, Failure};
 
@@ -123,15 +126,25 @@ enum Command {
 
 /// Runs the program.
 pub fn main() -> ExitCode {
-    match config_file::matches(&command(), wild::args_os().collect()) {
-        Err(failure) => failure.report(),
-        Ok((matches, origin)) => {
-            let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|e| failure::exit(e));
-            run(cli.command)
-                .map_err(|failure| origin.locate(failure))
-                .map_or_else(Failure::report, |()| ExitCode::SUCCESS)
-        }
+    let mut arguments: Vec<OsString> = wild::args_os().collect();
+    let command = command();
+    let Some(first) = arguments.get(1) else { return dropped::first_steps() };
+    let is_command = first.to_str().is_some_and(|name| command.find_subcommand(name).is_some());
+    let dropped = if is_command { None } else { Dropped::of(&arguments[1..]) };
+    if let Some(dropped) = &dropped {
+        arguments.splice(1.., dropped.arguments());
     }
+    let done = parse_and_run(&command, arguments);
+    match dropped {
+        Some(dropped) => dropped.show(done),
+        None => done.map_or_else(Failure::report, |()| ExitCode::SUCCESS),
+    }
+}
+
+fn parse_and_run(command: &clap::Command, arguments: Vec<OsString>) -> Result<(), Failure> {
+    let (matches, origin) = config_file::matches(command, arguments)?;
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|e| failure::exit(e));
+    run(cli.command).map_err(|failure| origin.locate(failure))
 }
 
 /// The command line for clap, with the layout of help. Against a configuration file, switches can be turned off.

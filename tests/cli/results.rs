@@ -59,6 +59,11 @@ fn open_passes_the_page_to_the_system_opener() {
         assert_eq!(desk.text("opened").trim(), page);
         assert_eq!(String::from_utf8(desk.done(&["open", folder, "--print"]).stdout).unwrap().trim(), page);
     }
+    // Photographs without a command.
+    let mut dropped = desk.command(&["shots/first/i1.png", "shots/first/i2.png"]);
+    dropped.env("PATH", format!("{}:/bin:/usr/bin", desk.path("bin").display()));
+    assert!(dropped.output().unwrap().status.success());
+    assert_eq!(desk.text("opened").trim(), "shots/first/i1-depth/report.html");
     let mut without = desk.command(&["open", "many"]);
     let output = without.env("PATH", "/nowhere").output().unwrap();
     assert!(stderr_of(&output).contains("open many/index.html in a browser"), "{}", stderr_of(&output));

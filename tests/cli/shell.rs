@@ -61,6 +61,14 @@ fn completions_and_manual_pages_are_generated() {
 }
 
 #[test]
+fn without_arguments_the_first_steps_are_printed() {
+    let steps = stderr_of(&Desk::new().exits(&[], 2));
+    for command in ["solve near.png far.png", "stack FOLDER", "batch FOLDER", "open out"] {
+        assert!(steps.contains(&format!("parfocal {command}")), "{steps}");
+    }
+}
+
+#[test]
 fn a_misspelled_name_gets_a_suggestion() {
     let desk = desk();
     refuses(&desk, &["solve", "naer.png", "far.png", "-o", "out"], 1, "did you mean 'near.png'?");

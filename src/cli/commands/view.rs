@@ -125,10 +125,10 @@ fn check_output(file: Destination<'_>, extension: &str, kind: FileKind, results:
 #[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
 pub(crate) struct PageArguments {
     /// Folder that `parfocal solve -o`, `stack -o` or `batch -o` wrote
-    results: PathBuf,
+    pub(crate) results: PathBuf,
     /// Print the path of the page, and do not open it
     #[arg(long)]
-    print: bool,
+    pub(crate) print: bool,
 }
 
 /// The program that opens a file in the user's preferred application.

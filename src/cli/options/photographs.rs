@@ -92,6 +92,12 @@ const EXTENSIONS: [&str; 13] =
 /// Extensions of photographs without a header.
 const RAW_EXTENSIONS: [&str; 2] = ["raw", "bin"];
 
+/// Whether a file has the extension of a photograph.
+pub(crate) fn is_photograph(file: &Path) -> bool {
+    let extension = file.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    EXTENSIONS.contains(&extension.as_str())
+}
+
 /// Adds the format to the name of a photograph without a header.
 pub(crate) fn with_format(path: PathBuf, raw: Option<RawFormat>) -> PathBuf {
     match raw {
