@@ -126,7 +126,11 @@ enum Command {
 
 /// Runs the program.
 pub fn main() -> ExitCode {
-    let mut arguments: Vec<OsString> = wild::args_os().collect();
+    #[cfg(windows)]
+    let arguments = wild::args_os();
+    #[cfg(not(windows))]
+    let arguments = std::env::args_os();
+    let mut arguments: Vec<OsString> = arguments.collect();
     let command = command();
     let Some(first) = arguments.get(1) else { return dropped::first_steps() };
     let is_command = first.to_str().is_some_and(|name| command.find_subcommand(name).is_some());
