@@ -1,10 +1,9 @@
 //! Whether the lens focuses red, green and blue at one setting, by the contrast of each channel. Section 11 of
 //! `docs/method.md`.
 
-use super::JointRegistration;
 use super::contrast::peak;
 use crate::base::statistics::{deviation, median};
-use crate::base::{Decode, Frame, Region, centre, workers};
+use crate::base::{Decode, Frame, Homography, Region, centre, workers};
 use crate::engine::channels::ColorShift;
 use crate::engine::stages::separable::smoothed;
 use crate::engine::stages::{Field, ingest};
@@ -25,11 +24,12 @@ const FEWEST: usize = 8;
 /// The standard error of a median over that of a mean, of Gaussian values.
 const MEDIAN_ERROR: f64 = 1.2533;
 
-/// By how much u differs between the channels, settings; `None` of grey frames and of few windows that show it.
-/// `least`: the standard deviation of u, below which a shift does not count.
+/// By how much u differs between the channels of frames with these transforms and settings; `None` of grey frames and of few
+/// windows that show it. `least`: the standard deviation of u, below which a shift does not count.
 pub(super) fn shift(
     frames: &[Frame],
-    registration: &JointRegistration,
+    transforms: &[Homography],
+    settings: &[f64],
     decode: Decode,
     least: f64,
 ) -> Option<ColorShift> {
@@ -48,7 +48,7 @@ pub(super) fn shift(
         let place = [places[0](column), places[1](row)].map(f64::from);
         let powers: Option<Vec<[f64; 3]>> = frames
             .iter()
-            .zip(&registration.transforms)
+            .zip(transforms)
             .map(|(frame, transform)| {
                 let [x, y] = transform.apply(place, middle).map(|v| (v - 0.5 * f64::from(SIDE)).round());
                 let region = Region { x: x.max(0.0) as u32, y: y.max(0.0) as u32, width: SIDE, height: SIDE };
@@ -58,7 +58,7 @@ pub(super) fn shift(
         let powers = powers?;
         let [red, green, blue] = [0, 1, 2].map(|c| {
             let powers: Vec<f64> = powers.iter().map(|channels| channels[c]).collect();
-            focus(&powers, &registration.settings)
+            focus(&powers, settings)
         });
         let green = green?;
         Some([red? - green, blue? - green])
@@ -101,7 +101,7 @@ fn focus(powers: &[f64], settings: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::base::random::Random;
-    use crate::base::{Channels, Homography, Samples};
+    use crate::base::{Channels, Samples};
 
     /// Frames of a texture at one depth, in focus at the setting 3 + shift of each channel.
     fn frames(shifts: [f64; 3], noise: f64) -> Vec<Frame> {
@@ -119,15 +119,8 @@ mod tests {
 
     #[test]
     fn channels_that_are_in_focus_at_other_settings_differ_by_it() {
-        let registration = JointRegistration {
-            transforms: vec![Homography::IDENTITY; 7],
-            parallax: vec![[0.0; 2]; 7],
-            brightness: Vec::new(),
-            rate: 0.25,
-            settings: (0..7).map(f64::from).collect(),
-            unlike: Vec::new(),
-        };
-        let found = |shifts| shift(&frames(shifts, 0.002), &registration, Decode::None, 0.05).unwrap();
+        let (transforms, settings) = ([Homography::IDENTITY; 7], [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let found = |shifts| shift(&frames(shifts, 0.002), &transforms, &settings, Decode::None, 0.05).unwrap();
         let apart = found([0.4, 0.0, -0.3]);
         assert!((apart.red - 0.4).abs() < 0.05 && (apart.blue + 0.3).abs() < 0.05, "{apart:?}");
         assert!((apart.included - 0.2).abs() < 0.05, "{apart:?}");

@@ -175,7 +175,8 @@ impl JointSolver {
         let focus = focus.data.iter().map(|u| (u + shared.middle) as f32).collect();
         let registration = self.registration(shared);
         let least = median_deviation.unwrap_or(f64::INFINITY);
-        let color_shift = color::shift(frames, &registration, self.settings.decode, least);
+        let color_shift =
+            color::shift(frames, &registration.transforms, &registration.settings, self.settings.decode, least);
         Ok(JointSolution { focus, deviation: deviation.to_f32(), median_deviation, color_shift, registration })
     }
 
