@@ -177,7 +177,7 @@ void main() {
         // Invocations outside the level load from its last pixels, and add and store nothing.
         ivec2 from = min(x, size - 1);
         float share = counts(from, d, size);
-        Data t = data_term(r, of, sample_pair(from, d, of, factor), share, d);
+        Data t = data_term(r, of, sample_pair(from, d, of, factor), share, d, x);
         vec2 coefficients = equation(x, vec2(x) - centre, relative, valid, share, t, sums);
         if (n % 2 == 1 && valid) sums.spread += min(share_before, share) * spreads(t.s - s_before);
         s_before = t.s;

@@ -119,7 +119,8 @@ void step_once(float x[ALL]) {
     float count = totals[PIXELS], mean = totals[OF_V] / count, spread = sqrt(max(totals[SQUARE_OF_V] / count - mean * mean, 0.0));
     vec3 move = vec3(x[OF_T], x[OF_T + 1], x[OF_T + 2]);
     bool holds_size = totals[BY_PARALLAX] > DISPLACED * totals[EVIDENCE];
-    if (holds_size) move -= dot(before, move) / dot(before, before) * before;
+    // The coarser levels have found its direction, and the finest settles.
+    if (holds_size) move = level == 0 ? vec3(0.0) : move - dot(before, move) / dot(before, before) * before;
     state.parallax_size = holds_size ? OF_START : 0.0;
     state.parallax_moves = uint(dot(move, over_positive(c, move)) > MOVING && spread * length(move) > STILL);
     float share = min(1.0, LARGEST / max(spread * length(move), 1e-12));
@@ -134,7 +135,7 @@ void step_once(float x[ALL]) {
     state.registration = after(state.registration, step_of(of_t, factor, scale_length));
     float to_along = 1.0 / (factor * factor * scale_length);
     state.parallax = Parallax(found.x / factor, found.y / factor, to_along * found.z);
-    vec3 of_size = state.parallax_size * found, deviations = sqrt(vec3(c[0], c[3], c[5]) + of_size * of_size);
+    vec3 deviations = sqrt(vec3(c[0], c[3], c[5]));
     state.parallax_deviation = Parallax(deviations.x / factor, deviations.y / factor, to_along * deviations.z);
 }
 

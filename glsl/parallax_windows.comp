@@ -61,7 +61,7 @@ void store_pixel(int n, ivec2 x) {
     Variances of = variances_at(v, state.separation / (factor * factor));
     if (inside(x, d, size, of, scale_of(r))) share = counts(x, d, size);
     if (share > 0.0) {
-        Data t = data_term(r, of, sample_pair(x, d, of, factor), share, d);
+        Data t = data_term(r, of, sample_pair(x, d, of, factor), share, d, x);
         Links links = links_at(x, state.alpha, 1.0);
         vec2 p = (vec2(x) - centre) / scale_length;
         float diagonal = t.weight * t.by_v * t.by_v, over = 1.0 / max(diagonal + elimination * dot(links.weights, vec4(1.0)), 1e-12);

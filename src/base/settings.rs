@@ -103,6 +103,12 @@ impl Parallax {
         [self.across[0], self.across[1], self.along]
     }
 
+    /// These standard deviations, with a share of another parallax as one more.
+    pub(crate) fn with(self, other: Self, share: f64) -> Self {
+        let across = [0, 1].map(|c| self.across[c].hypot(share * other.across[c]));
+        Self { across, along: self.along.hypot(share * other.along) }
+    }
+
     /// That of photographs of twice the size, in whose pixels V is four times as large.
     pub(crate) fn doubled(self) -> Self {
         Self { across: self.across.map(|across| across / 2.0), along: self.along / 4.0 }

@@ -274,7 +274,7 @@ impl FrameInFlight {
         self.cancel.check()?;
         let [width, height] = self.shared.plan.size;
         let state = self.judged(self.state(Slot::EndState)?)?;
-        let unit = f64::from(state.unit);
+        let (unit, parallax) = (f64::from(state.unit), state.parallax.double());
         let settings = &self.shared.plan.settings;
         let mut findings = Findings {
             width,
@@ -289,8 +289,9 @@ impl FrameInFlight {
             max_relative_blur: settings.blur_limit(),
             kernel_shape: (settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
             separation: (state.separation > 0.0).then(|| state.separation.into()),
-            parallax: state.parallax.double(),
-            parallax_deviation: state.parallax_deviation.double(),
+            parallax,
+            // It is per px² of V: an error of V's scale is one of its size.
+            parallax_deviation: state.parallax_deviation.double().with(parallax, state.scale_deviation.into()),
             scale_deviation: state.scale_deviation.into(),
             levels: self.levels(&state, Slot::EndEnergies)?,
             unsettled_fraction: f64::from(state.levels[0].moving.min(1.0)),

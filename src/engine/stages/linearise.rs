@@ -156,7 +156,7 @@ fn cpu_reference<N: Number>(
         let mut partials = vec![0.0; columns as usize * layout.length];
         // Finite from the start: places without a pixel have no weight.
         let (mut pixels, mut terms) = ([[N::of(1.0); BLOCK]; PARTS], [[N::default(); BLOCK]; TERMS]);
-        (0..2).for_each(|k| pixels[MOVES + k].fill(N::default()));
+        (MOVES..PLACE).for_each(|k| pixels[k].fill(N::default()));
         let [mut dx, mut dy, mut shift_x, mut shift_y] = [[N::default(); BLOCK]; 4];
         let steps: [N; BLOCK] = std::array::from_fn(|n| N::of(n as f64));
         let mut links = links.rows_from(row * lines);
@@ -166,7 +166,7 @@ fn cpu_reference<N: Number>(
             for (tile, (partials, before)) in partials.chunks_exact_mut(layout.length).zip(&mut before).enumerate() {
                 let xs = tile * BLOCK..width.min((tile + 1) * BLOCK);
                 let (count, start) = (xs.len(), [xs.start, y]);
-                let [.., smoothness, pulls, phis, _, _, _] = &mut pixels;
+                let [.., smoothness, pulls, phis, _, _, _, _, _] = &mut pixels;
                 links.sums(xs.start, [&mut smoothness[..count], &mut pulls[..count]]);
                 phis[..count].copy_from_slice(&links.phi()[xs.clone()]);
                 pixels[V][..count].copy_from_slice(&v.row(y)[xs.clone()]);
@@ -191,6 +191,8 @@ fn cpu_reference<N: Number>(
                             if has_parallax {
                                 let moves = displacement.by_v([x.into(), y as f64]);
                                 (0..2).for_each(|k| pixels[MOVES + k][n] = N::of(moves[k]));
+                                let slope = noise::interpolated_slope(d);
+                                (0..2).for_each(|k| pixels[BETWEEN_SLOPE + k][n] = slope[k]);
                             }
                         }
                         for n in (0..count).step_by(SEGMENT) {
@@ -254,15 +256,17 @@ fn cpu_reference<N: Number>(
 }
 
 /// The numbers of each pixel of a line, in the order in which they are gathered: V, share, noise of I2 between pixels,
-/// Î1 and its slope, Î2, its slope and its gradient, Σa, Σ a (V_n - V), φ, the parallax by V, X.
-const PARTS: usize = 15;
+/// Î1 and its slope, Î2, its slope and its gradient, Σa, Σ a (V_n - V), φ, the parallax by V, the slope of the noise between
+/// pixels if there is parallax, X.
+const PARTS: usize = 17;
 const V: usize = 0;
 const SHARE: usize = 1;
 const BETWEEN: usize = 2;
 /// Î1, the first of the samples.
 const FIRST: usize = 3;
 /// The parallax by V, along x and y.
-const MOVES: usize = PARTS - 3;
+const MOVES: usize = PARTS - 5;
+const BETWEEN_SLOPE: usize = PARTS - 3;
 /// X, the last.
 const PLACE: usize = PARTS - 1;
 /// The pixels of a line of a tile.
@@ -332,33 +336,41 @@ pub(super) struct Data<R> {
     pub(super) weight: R,
     /// ψ(S²).
     pub(super) psi: R,
+    /// The derivative of S by a displacement of I2, also without the part of noise.
+    pub(super) by_place: [R; 2],
 }
 
 impl Datum<'_> {
-    /// The data term of a pixel: of V, the share and the noise of I2 between pixels; of Î1 and its slope, Î2 and its slope.
+    /// The data term of a pixel: of V, the share and the noise of I2 between pixels; of Î1 and its slope, Î2, its slope and
+    /// its gradient. With parallax, of what V displaces I2 by, and the slope of that noise.
     #[inline(always)]
     pub(super) fn of<R: Real>(
         &self,
         [v, share, between]: [R; 3],
         [b1, slope1]: [R; 2],
-        [b2, slope2]: [R; 2],
+        [b2, slope2, dx, dy]: [R; 4],
+        [moves, between_slope]: [[R; 2]; 2],
     ) -> Data<R> {
         let [gain, offset, eta] = R::all([self.gain, self.offset, self.eta]);
         let s = b1 - (gain * b2 + offset);
         let psi = (s * s + eta * eta).sqrt();
-        let by_v = slope1 - gain * slope2 - self.noise_slope(v, between) * s;
-        Data { s, by_v, weight: share / psi, psi }
+        let [by_v, between] = self.noise_slopes(v, between);
+        let [x, y] = [between * between_slope[0] * s, between * between_slope[1] * s];
+        let by_v = slope1 - gain * slope2 - by_v * s - (x * moves[0] + y * moves[1]);
+        Data { s, by_v, weight: share / psi, psi, by_place: [-gain * dx - x, -gain * dy - y] }
     }
 
-    /// Half the derivative by V of the logarithm of the noise of both images in S². `between` is the noise of I2
+    /// Half the derivatives of the logarithm of the noise of both images in S², by V and by `between`, the noise of I2
     /// between pixels.
     #[inline(always)]
-    fn noise_slope<R: Real>(&self, v: R, between: R) -> R {
+    fn noise_slopes<R: Real>(&self, v: R, between: R) -> [R; 2] {
         let (one, square) = (R::of(1.0), R::of(self.gain * self.gain));
         let of = Variances::new(v, self.separation);
         let (n1, n2) = (self.noise.blurred(of.first, one), self.noise.blurred(of.second, between));
         let slope = n1.slope * of.first_by_v + square * n2.slope * of.second_by_v;
-        R::of(0.5) * slope / (n1.value + square * n2.value)
+        let by_between = square * self.noise.by_before(of.second, between, n2.value);
+        let (half, both) = (R::of(0.5), n1.value + square * n2.value);
+        [half * slope / both, half * by_between / both]
     }
 
     /// The factor on a pixel's weight in T's step that broadens η to [`BROAD`] spreads.
@@ -398,12 +410,13 @@ impl Level<'_> {
     /// The terms of a pixel.
     #[inline(always)]
     fn terms<R: Real>(&self, pixel: &[R; PARTS]) -> [R; TERMS] {
-        let &[v, share, between, b1, slope1, b2, slope2, dx, dy, smoothness, pull, phi, moves_x, moves_y, _] = pixel;
+        let &[v, share, between, b1, slope1, b2, slope2, dx, dy, smoothness, pull, phi, moves @ .., _] = pixel;
+        let [moves_x, moves_y, slope_x, slope_y] = moves;
         let [one, none] = R::all([1.0, 0.0]);
         let [elimination, eta, alpha] = R::all([self.c.elimination.into(), self.c.smoothness_eta.into(), self.alpha]);
-        let Data { s, by_v, weight, psi } = self.datum.of([v, share, between], [b1, slope1], [b2, slope2]);
-        let gain = R::of(self.datum.gain);
-        let [x, y] = [-gain * dx, -gain * dy];
+        let displaced = [[moves_x, moves_y], [slope_x, slope_y]];
+        let Data { s, by_v, weight, psi, by_place: [x, y] } =
+            self.datum.of([v, share, between], [b1, slope1], [b2, slope2, dx, dy], displaced);
         let (diagonal, b) = (weight * by_v * by_v, -(weight * s * by_v));
         let over = one / (diagonal + elimination * smoothness).max(R::of(1e-12));
         let (side, ratio) = ((b + pull) * over, self.datum.broadened(psi));

@@ -57,6 +57,13 @@ impl Noise {
         Power { value, slope: -(R::of(0.5) * fall + reach * v) * value * value * value }
     }
 
+    /// The derivative of that power, `value`, by that before the blur.
+    #[inline(always)]
+    pub fn by_before<R: Real>(&self, v: R, before: R, value: R) -> R {
+        let fall = R::of(self.fall.into()) / before;
+        value * value * value * (R::of(1.0) / (before * before) + R::of(0.5) * fall * v) / before
+    }
+
     /// The power of the noise of both images in S² at V, relative to that of one.
     pub(super) fn of_both(&self, of: &Variances<f64>) -> f64 {
         self.blurred(of.first, 1.0).value + self.blurred(of.second, 1.0).value
@@ -85,13 +92,23 @@ impl Noise {
 /// half way along an axis, and `1 - 0.244 (4 f (1 - f))²` to 0.013 at any fraction f.
 #[inline(always)]
 pub fn interpolated<R: Real>([dx, dy]: [R; 2]) -> R {
-    let [one, four, depth] = R::all([1.0, 4.0, 0.244]);
-    let along = |d: R| {
-        let f = d - d.floor();
-        let bump = four * f * (one - f);
-        one - depth * bump * bump
-    };
-    along(dx) * along(dy)
+    along(dx)[0] * along(dy)[0]
+}
+
+/// Its derivatives by the displacement.
+#[inline(always)]
+pub fn interpolated_slope<R: Real>([dx, dy]: [R; 2]) -> [R; 2] {
+    let ([x, by_x], [y, by_y]) = (along(dx), along(dy));
+    [by_x * y, x * by_y]
+}
+
+/// The power along an axis, and its derivative.
+#[inline(always)]
+fn along<R: Real>(d: R) -> [R; 2] {
+    let [one, two, four, depth] = R::all([1.0, 2.0, 4.0, 0.244]);
+    let f = d - d.floor();
+    let bump = four * f * (one - f);
+    [one - depth * bump * bump, -(two * depth * bump * four * (one - two * f))]
 }
 
 #[cfg(test)]
@@ -131,6 +148,8 @@ mod tests {
             let read = |(x, y)| spline::read(spline, f64::from(x) + d[0], f64::from(y) + d[1]).value;
             let actual = variance(inner.map(read)) / whole;
             assert!((actual - interpolated(d)).abs() < 0.03, "{d:?}: {actual} {}", interpolated(d));
+            let slope = (interpolated([d[0], d[1] + 1e-5]) - interpolated([d[0], d[1] - 1e-5])) / 2e-5;
+            assert!((slope - interpolated_slope(d)[1]).abs() < 1e-4, "{d:?}");
         }
     }
 
@@ -168,6 +187,9 @@ mod tests {
                     let slope = |of: &dyn Fn(f64) -> Power| (of(v + 1e-5).value - of(v - 1e-5).value) / 2e-5;
                     let blurred = |v| noise.blurred(v, before);
                     assert!((slope(&blurred) - blurred(v).slope).abs() < 1e-4);
+                    let by_before = [1e-5, -1e-5].map(|more| noise.blurred(v, before + more).value);
+                    let stated = noise.by_before(v, before, blurred(v).value);
+                    assert!(((by_before[0] - by_before[1]) / 2e-5 - stated).abs() < 1e-4);
                 }
             }
         }

@@ -132,6 +132,8 @@ fn step(c: &Constants, state: &mut DoubleState, windows: &[[f64; NUMBERS]]) {
     if by_parallax > DISPLACED * evidence {
         state.parallax_size = OF_START;
         step_of_parallax -= before * (before.dot(&step_of_parallax) / before.norm_squared());
+        // The coarser levels have found its direction, and the finest settles.
+        step_of_parallax *= if c.level == 0 { 0.0 } else { 1.0 };
     }
     let mean = totals[PIXELS + 1] / totals[PIXELS];
     let spread = (totals[PIXELS + 2] / totals[PIXELS] - mean * mean).max(0.0).sqrt();
@@ -148,7 +150,7 @@ fn step(c: &Constants, state: &mut DoubleState, windows: &[[f64; NUMBERS]]) {
     state.registration = state.registration.after(&moves);
     let [to_across, to_along] = [1.0 / factor, 1.0 / (factor * factor * length)];
     state.parallax = Parallax { across: [to_across * found.x, to_across * found.y], along: to_along * found.z };
-    let deviations = covariance.diagonal().zip_map(&found, |c, found| c.sqrt().hypot(state.parallax_size * found));
+    let deviations = covariance.diagonal().map(f64::sqrt);
     let across = [to_across * deviations.x, to_across * deviations.y];
     state.parallax_deviation = Parallax { across, along: to_along * deviations.z };
 }

@@ -139,8 +139,10 @@ fn add_pixel<N: Number>(
         noise: &c.noise,
     };
     let [b1, b2] = samples.read(at, d, of_v);
-    let t = level.of([of_v, share, noise::interpolated(d)], [b1.value, b1.slope], [b2.value, b2.slope]);
-    let by_place: [f64; 2] = [-r.gain * b2.dx, -r.gain * b2.dy];
+    let (moves, second) = (samples.displacement.by_v(place), [b2.value, b2.slope, b2.dx, b2.dy]);
+    let displaced = [moves, noise::interpolated_slope(d)];
+    let t = level.of([of_v, share, noise::interpolated(d)], [b1.value, b1.slope], second, displaced);
+    let by_place = t.by_place;
     let diagonal = t.weight * t.by_v * t.by_v;
     let over = 1.0 / (diagonal + f64::from(c.elimination) * total).max(1e-12);
     let p = [0, 1].map(|k| (place[k] - centre[k]) / f64::from(c.scale_length));
@@ -161,7 +163,6 @@ fn add_pixel<N: Number>(
         }
         numbers[GRADIENT + i] += side * column[i];
     }
-    let moves = samples.displacement.by_v(place);
     let by_parallax = of_v * (by_place[0] * moves[0] + by_place[1] * moves[1]);
     let added = [
         share,
