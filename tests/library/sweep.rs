@@ -126,6 +126,10 @@ fn the_parallax_of_a_camera_that_moves_is_found() {
         let sweep = solver.solve(&simulated.frames, &SolveOptions::default()).unwrap();
         let off = |(u, truth): (&f32, &f32)| (u - truth).abs() > 0.5;
         let wrong = sweep.focus.iter().zip(&simulated.focus).filter(|pair| off(*pair)).count();
+        println!("{:.4?}", sweep.parallax_deviation);
+        // That of the reference, from which the others are counted, is exact.
+        let exact = sweep.parallax_deviation.iter().filter(|deviation| **deviation == [0.0; 2]).count();
+        assert_eq!(exact, if camera_moves == moves { 1 } else { 9 });
         (sweep.parallax.clone(), wrong as f64 / sweep.focus.len() as f64)
     });
     let [(still, wrong_of_still), (moved, wrong)] = by_moves;

@@ -79,7 +79,7 @@ impl Pass for Bindings {
         let (focus, other) = (memory.layer(self.focus, 0), memory.layer(self.aligned, c.other as usize));
         let sums = cpu_reference(c, variant, focus, nodes, other, memory.words(self.hidden), &mut system);
         system.into_iter().enumerate().for_each(|(layer, field)| memory.set_layer(self.system, layer, field));
-        let first = sums.len() * c.row as usize;
+        let first = Layout::of_variant(variant).length * c.row as usize;
         let rows = &mut memory.numbers_mut(self.partials, first + sums.len())[first..];
         rows.iter_mut().zip(sums).for_each(|(number, sum)| *number = N::of(sum));
     }
@@ -90,7 +90,7 @@ fn slopes(variant: Variant) -> Slopes {
 }
 
 /// Adds the contribution of each pixel to the system: D, b, q; or D, b and two of noise. Returns a row of partial sums
-/// of the registration.
+/// of the registration for each tile.
 pub(crate) fn cpu_reference<N: Number>(
     c: &Constants,
     variant: Variant,
@@ -111,9 +111,12 @@ pub(crate) fn cpu_reference<N: Number>(
     let [rate, grain, eta, limit, far] = [c.rate, c.grain, c.eta, c.limit, c.far].map(f64::from);
     let settings = [c.own_setting, c.other_setting].map(f64::from);
     let (moves, per_u) = (c.baseline.map(f64::from), f64::from(c.per_u));
+    let [columns, rows, _] = tiles([c.width, c.height]);
+    let columns = columns as usize;
     let lines = rows::map(system.each_mut().map(Rows::from), |y, mut system| {
-        let mut line = Line::default();
+        let mut lines: Vec<Line> = (0..columns).map(|_| Line::default()).collect();
         for x in 0..focus.width {
+            let line = &mut lines[x / TILE[0] as usize];
             let away = settings.map(|p| p - focus.get(x, y));
             let (v, before) = (rate * (away[1].powi(2) - away[0].powi(2)), rate * away[0].powi(2));
             if !(v > 0.0 && v < limit && before <= far && shows([x, y], 3.0 * v.sqrt() + FILTERED)) {
@@ -160,12 +163,14 @@ pub(crate) fn cpu_reference<N: Number>(
             let terms = [by_u * by_u, -by_u * s, rest[0], rest[1]];
             system.iter_mut().zip(terms).for_each(|(row, term)| row[x] += N::of(w * term));
         }
-        line
+        lines
     });
     let layout = Layout::of_variant(variant);
-    let mut sums = vec![0.0; layout.length];
-    for (y, line) in lines.iter().enumerate() {
-        line.add_to(&mut sums, (y as f64 - f64::from(c.centre[1])) / f64::from(c.length), layout);
+    let mut sums = vec![0.0; layout.length * columns * rows as usize];
+    for (y, lines) in lines.iter().enumerate() {
+        let place = (y as f64 - f64::from(c.centre[1])) / f64::from(c.length);
+        let tiles = sums.chunks_exact_mut(layout.length).skip(columns * (y / TILE[1] as usize));
+        lines.iter().zip(tiles).for_each(|(line, sums)| line.add_to(sums, place, layout));
     }
     sums
 }

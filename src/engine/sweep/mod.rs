@@ -53,6 +53,8 @@ pub struct JointRegistration {
     /// The parallax of each frame, px per setting: what is in focus at u is displaced by (u - m) times this before T, m being
     /// the middle between the first and the last setting.
     pub parallax: Vec<[f64; 2]>,
+    /// Its standard deviation.
+    pub parallax_deviation: Vec<[f64; 2]>,
     /// Maps the brightness of each frame to the reference's.
     pub brightness: Vec<Brightness>,
     /// c, px² of variance by squared settings.
@@ -239,6 +241,7 @@ impl JointSolver {
             brightness: shared.brightness.iter().map(of).collect(),
             transforms: shared.transforms,
             parallax: shared.parallax,
+            parallax_deviation: shared.parallax_deviation,
             rate: shared.rate,
             settings: shared.settings,
             unlike: shared.unlike,

@@ -35,6 +35,8 @@ pub(crate) fn scripts(plan: &Plan, frames: usize) -> (Vec<Script>, Vec<Script>) 
         transforms: vec![Homography::IDENTITY; frames],
         resampled: vec![None; frames],
         parallax: vec![[0.0; 2]; frames],
+        parallax_deviation: vec![[0.0; 2]; frames],
+        parallax_scale: 0.0,
         brightness: vec![(1.0, Shading::NONE); frames],
         pairs_per_pixel: 1.0,
         unlike: Vec::new(),

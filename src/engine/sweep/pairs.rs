@@ -66,6 +66,8 @@ pub(super) struct PairSums {
     /// The sums of a step of parallax: N and g of w u, and of w u² in the place of the roughness and the spread. u is in
     /// halves of the range of settings.
     pub(super) by_u: Option<Sums>,
+    /// The same of each tile of the level; none without parallax.
+    pub(super) tiles: Vec<PairSums>,
 }
 
 impl PairSums {
@@ -80,6 +82,13 @@ impl PairSums {
             [Some(1), Some(1)] => by_u.spread,
             _ => by_u.roughness[1],
         }
+    }
+
+    /// The evidence that displacement by u gives for the scale of u, with these parallaxes of the frames.
+    pub(super) fn displaced(&self, parallax: &[[f64; 2]]) -> f64 {
+        let [x, y] = [0, 1].map(|c| parallax[self.frames[1]][c] - parallax[self.frames[0]][c]);
+        let Some(Sums { roughness: [xx, xy], spread: yy, .. }) = &self.by_u else { return 0.0 };
+        x * x * xx + 2.0 * x * y * xy + y * y * yy
     }
 
     fn gradient(&self, unknowns: usize, a: usize) -> f64 {
@@ -104,11 +113,17 @@ pub(super) struct Step {
 const DAMPING: f64 = 0.05;
 
 /// The step of each frame's T by its first `unknowns` parameters, with the reference held; zero if the pairs do not
-/// determine it.
+/// determine it. And with parallax, what each tile alone would move that of each frame by at the step: their scatter is its
+/// deviation.
 ///
 /// A pair determines how its two frames lie to each other, so the normal equations are the Laplacian of a graph whose
 /// nodes are frames.
-pub(super) fn registration_steps(pairs: &[PairSums], frames: usize, reference: usize, unknowns: usize) -> Vec<Step> {
+pub(super) fn registration_steps(
+    pairs: &[PairSums],
+    frames: usize,
+    reference: usize,
+    unknowns: usize,
+) -> (Vec<Step>, Vec<Vec<[f64; 2]>>) {
     let all = unknowns + if pairs.iter().any(|pair| pair.by_u.is_some()) { 2 } else { 0 };
     let mut normal = DMatrix::<f64>::zeros(frames * all, frames * all);
     let mut right = DVector::<f64>::zeros(frames * all);
@@ -133,15 +148,31 @@ pub(super) fn registration_steps(pairs: &[PairSums], frames: usize, reference: u
     information.sort_by(f64::total_cmp);
     let damping = DAMPING * information.get(information.len() / 2).copied().unwrap_or(1.0);
     (0..frames * all).for_each(|n| normal[(n, n)] += damping);
-    let Some(cholesky) = Cholesky::new(normal) else { return vec![Step::default(); frames] };
+    let Some(cholesky) = Cholesky::new(normal) else { return (vec![Step::default(); frames], Vec::new()) };
     let solved = cholesky.solve(&right);
-    let step = |frame: usize| {
+    let step = |frame: usize, solved: &DVector<f64>| {
         let mut step = Step::default();
         (0..unknowns).for_each(|a| step.transform[a] = solved[frame * all + a]);
         (unknowns..all).for_each(|a| step.parallax[a - unknowns] = solved[frame * all + a]);
         step
     };
-    (0..frames).map(step).collect()
+    let of_tile = |tile: usize| {
+        let mut right = DVector::<f64>::zeros(frames * all);
+        for pair in pairs {
+            let ([i, j], tile) = (pair.frames, &pair.tiles[tile]);
+            for a in 0..all {
+                let moved = |b: usize| tile.normal(unknowns, [a, b]) * (solved[j * all + b] - solved[i * all + b]);
+                let left = tile.gradient(unknowns, a) + (0..all).map(moved).sum::<f64>();
+                right[j * all + a] -= left;
+                right[i * all + a] += left;
+            }
+        }
+        right.rows_mut(reference * all, all).fill(0.0);
+        let moved = cholesky.solve(&right);
+        (0..frames).map(|frame| step(frame, &moved).parallax).collect()
+    };
+    let tiles = pairs.first().map_or(0, |pair| pair.tiles.len());
+    ((0..frames).map(|frame| step(frame, &solved)).collect(), (0..tiles).map(of_tile).collect())
 }
 
 #[cfg(test)]
@@ -184,13 +215,13 @@ mod tests {
                 sums.normal[a][a] = weight;
                 sums.gradient[a] = -weight * error;
             }
-            PairSums { frames, sums, by_u: None }
+            PairSums { frames, sums, by_u: None, tiles: Vec::new() }
         };
         // Steps are damped, so it takes many.
         for _ in 0..100 {
             let weights = [([0, 2], 1.0), ([3, 0], 5.0), ([1, 3], 0.2), ([2, 1], 3.0)];
             let pairs = weights.map(|(frames, weight)| pair(&moved, frames, weight));
-            let steps = registration_steps(&pairs, 4, 1, 2);
+            let (steps, _) = registration_steps(&pairs, 4, 1, 2);
             moved.iter_mut().zip(steps).for_each(|(moved, step)| (0..2).for_each(|a| moved[a] += step.transform[a]));
         }
         for (moved, expected) in moved.iter().zip(truth) {

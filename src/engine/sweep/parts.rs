@@ -122,8 +122,10 @@ pub(super) fn doubled(shared: &SharedParameters, size: [u32; 2]) -> SharedParame
     let transforms = shared.transforms.iter().map(|t| parts::doubled_transform(t, size)).collect();
     let brightness =
         shared.brightness.iter().map(|(gain, shading)| parts::doubled_shading(*gain, shading, size)).collect();
-    let parallax = shared.parallax.iter().map(|moves| moves.map(|px| 2.0 * px)).collect();
-    SharedParameters { rate: 4.0 * shared.rate, transforms, parallax, brightness, ..shared.clone() }
+    let [parallax, parallax_deviation] = [&shared.parallax, &shared.parallax_deviation]
+        .map(|frames| frames.iter().map(|moves| moves.map(|px| 2.0 * px)).collect());
+    let rate = 4.0 * shared.rate;
+    SharedParameters { rate, transforms, parallax, parallax_deviation, brightness, ..shared.clone() }
 }
 
 /// Luminance of photographs at half their size, as a level of their pyramid would be.

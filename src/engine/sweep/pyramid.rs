@@ -252,7 +252,10 @@ impl PyramidSolver {
         }
         let (focus, deviation) = (self.focus(&level)?, self.deviation(&level, shared, system)?);
         self.median_deviation = median(deviation.data.iter().copied());
-        let deviation = self.with_coarser(&focus, deviation);
+        let mut deviation = self.with_coarser(&focus, deviation);
+        for (deviation, u) in deviation.data.iter_mut().zip(&focus.data) {
+            *deviation = deviation.hypot(shared.parallax_scale * u);
+        }
         match self.plan.settings.edges {
             true => {
                 let (words, per_pixel) = (excluded.words(&level, &shared.transforms), self.excluded_words as usize);
@@ -391,6 +394,8 @@ impl PyramidSolver {
             transforms: motions.iter().map(|motion| motion.transform).collect(),
             resampled: vec![None; self.frames],
             parallax: motions.iter().map(|motion| motion.parallax).collect(),
+            parallax_deviation: vec![[0.0; 2]; self.frames],
+            parallax_scale: 0.0,
             brightness,
             pairs_per_pixel: 1.0,
             unlike,
@@ -412,19 +417,37 @@ impl PyramidSolver {
     /// One iteration on a level: steps of u, T and c.
     fn iterate(&mut self, level: &Level, shared: &mut SharedParameters) -> Result<(), Error> {
         let (sums, rate) = self.sum_pairs(level, shared, RegistrationStep::Free)?;
+        let evidence = if shared.steps_parallax(RegistrationStep::Free) {
+            let (d, focus) = (self.system(level)?.swap_remove(0), self.focus(level)?);
+            d.data.iter().zip(&focus.data).map(|(d, u)| d * u * u).sum()
+        } else {
+            0.0
+        };
         let eliminated = self.step(level, shared, rate)?;
         let own: [f64; 2] = [0, 1].map(|n| sums.iter().map(|pair| pair.sums.roughness[n]).sum());
         // c steps with u eliminated.
         let step = -(own[1] + eliminated[0]) / (own[0] - eliminated[1]).max(1e-9);
         shared.rate *= step.clamp(RATE_STEPS[0], RATE_STEPS[1]).exp();
-        let steps = pairs::registration_steps(&sums, self.frames, shared.reference, self.unknowns());
+        let (steps, tiles) = pairs::registration_steps(&sums, self.frames, shared.reference, self.unknowns());
+        // From pixels of the level at half the range.
+        let to_full = level.factor / shared.half_range();
         for (n, Step { transform, parallax }) in steps.into_iter().enumerate() {
             shared.transforms[n] = shared.transforms[n].after(&self.limited_displacement(level, transform));
             let share = (MAX_CORNER_STEP / parallax[0].hypot(parallax[1])).min(1.0);
-            let half_range = shared.half_range();
             for (p, moved) in shared.parallax[n].iter_mut().zip(parallax) {
-                *p += share * moved * level.factor / half_range;
+                *p += share * moved * to_full;
             }
+            let scatter = |c: usize| tiles.iter().fold(0.0, |sum, moves| sum + moves[n][c].powi(2));
+            shared.parallax_deviation[n] = [0, 1].map(|c| to_full * scatter(c).sqrt());
+        }
+        if evidence > 0.0 {
+            let parallax: Vec<[f64; 2]> = shared.parallax.iter().map(|p| p.map(|px| px / to_full)).collect();
+            let along = |moves: &Vec<[f64; 2]>| {
+                moves.as_flattened().iter().zip(parallax.as_flattened()).map(|(a, b)| a * b).sum::<f64>()
+            };
+            let size = tiles.iter().map(|moves| along(moves).powi(2)).sum::<f64>().sqrt() / along(&parallax);
+            let displaced: f64 = sums.iter().map(|pair| pair.displaced(&parallax)).sum();
+            shared.parallax_scale = size * (displaced / evidence).min(1.0);
         }
         Ok(())
     }
@@ -486,10 +509,16 @@ impl PyramidSolver {
         let steps_parallax = shared.steps_parallax(registration);
         let runs = half_pairs.len() * if steps_parallax { 2 } else { 1 };
         self.device.run_after_zeroing(&script, runs * floats)?;
-        let read = |n: usize| Ok::<_, Error>(Sums::from_partials(&self.device.partials(n * floats, floats)?, layout));
-        let of_pair = |(n, frames): (usize, &[usize; 2])| {
-            let by_u = if steps_parallax { Some(read(half_pairs.len() + n)?) } else { None };
-            Ok(PairSums { frames: *frames, sums: read(n)?, by_u })
+        let read = |n: usize| self.device.partials(n * floats, floats);
+        let of_pair = |(n, &frames): (usize, &[usize; 2])| {
+            let (own, by_u) = (read(n)?, if steps_parallax { read(half_pairs.len() + n)? } else { Vec::new() });
+            let sums = |own: &[f32], by_u: Option<&[f32]>, tiles| {
+                let [sums, by_u] = [Some(own), by_u].map(|rows| rows.map(|rows| Sums::from_partials(rows, layout)));
+                PairSums { frames, sums: sums.unwrap_or_default(), by_u, tiles }
+            };
+            let tiles = own.chunks_exact(layout.length).zip(by_u.chunks_exact(layout.length));
+            let tiles = tiles.map(|(own, by_u)| sums(own, Some(by_u), Vec::new())).collect();
+            Ok(sums(&own, Some(&by_u[..]).filter(|_| steps_parallax), tiles))
         };
         half_pairs.iter().enumerate().map(of_pair).collect()
     }

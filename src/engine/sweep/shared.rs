@@ -47,6 +47,11 @@ pub(super) struct SharedParameters {
     /// The parallax of each frame: what is in focus at u is displaced by u times this before T, px of the full-size image
     /// per setting. u is relative to the middle.
     pub(super) parallax: Vec<[f64; 2]>,
+    /// Its standard deviation.
+    pub(super) parallax_deviation: Vec<[f64; 2]>,
+    /// The standard deviation that it adds to u, as a share of u: that of the size of all parallax, as far as displacement
+    /// says what u is.
+    pub(super) parallax_scale: f64,
     /// Gain and shading of each frame.
     pub(super) brightness: Vec<(f64, Shading)>,
     /// Pairs that contribute to a pixel, on average over those that count.

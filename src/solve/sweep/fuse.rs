@@ -359,6 +359,7 @@ mod tests {
             registration: JointRegistration {
                 transforms: vec![Homography::IDENTITY; 2],
                 parallax: vec![[0.0; 2]; 2],
+                parallax_deviation: vec![[0.0; 2]; 2],
                 brightness: vec![Brightness::identity([width, height]); 2],
                 rate: 1.0,
                 settings: vec![0.0, 1.0],

@@ -94,9 +94,9 @@ mod tests {
 
     /// Settings that begin at 0, and the blur of a step of 1, px.
     fn registration(settings: &[f64], blur: f64) -> JointRegistration {
-        let (transforms, parallax, brightness) = (Vec::new(), Vec::new(), Vec::new());
+        let (transforms, parallax, parallax_deviation, brightness) = Default::default();
         let (rate, settings, unlike) = (blur * blur, settings.to_vec(), Vec::new());
-        JointRegistration { transforms, parallax, brightness, rate, settings, unlike }
+        JointRegistration { transforms, parallax, parallax_deviation, brightness, rate, settings, unlike }
     }
 
     #[test]

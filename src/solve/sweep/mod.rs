@@ -360,7 +360,8 @@ impl<'a> Task<'a> {
     fn registered(&self, registration: JointRegistration) -> RegisteredSweep {
         let coarse = judgement::coarse_warning(&registration, self.options.settings.blur_limit());
         let unlike = unlike_warning(&registration.unlike, &self.order.frames);
-        let JointRegistration { mut transforms, parallax, mut brightness, rate, settings, .. } = registration;
+        let JointRegistration { mut transforms, mut brightness, rate, settings, .. } = registration;
+        let per_setting = |px: Vec<[f64; 2]>| px.iter().map(|moves| moves.map(|px| px / self.step)).collect();
         if [self.part.width, self.part.height] != self.photograph {
             move_into(&mut transforms, &mut brightness, self.part, self.photograph);
         }
@@ -378,7 +379,8 @@ impl<'a> Task<'a> {
             positions,
             stated: stated.clone(),
             transforms,
-            parallax: parallax.iter().map(|moves| moves.map(|px| px / self.step)).collect(),
+            parallax: per_setting(registration.parallax),
+            parallax_deviation: per_setting(registration.parallax_deviation),
             brightness,
             blur_rate: rate / self.step.powi(2),
             decode: self.options.settings.decode.resolved([self.frames[0].format().depth]),

@@ -65,6 +65,8 @@ pub struct RegisteredSweep {
     /// The parallax of each frame, of a camera that moved, px per setting: what is in focus at u is displaced by (u - m) times
     /// this, to the right and downwards, before the transform. m is the middle between the first and the last position.
     pub parallax: Vec<[f64; 2]>,
+    /// Its standard deviation.
+    pub parallax_deviation: Vec<[f64; 2]>,
     /// Maps the brightness of each frame to the reference's.
     pub brightness: Vec<Brightness>,
     /// c, the blur variance in px² at a distance of one setting from the focus.

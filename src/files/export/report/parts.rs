@@ -23,6 +23,9 @@ pub struct FrameReport {
     /// transform, m being the middle between the first and the last position.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parallax: Option<[f64; 2]>,
+    /// Its standard deviation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parallax_deviation: Option<[f64; 2]>,
     /// Gain and offset, which map the frame's intensities to the reference's.
     #[serde(flatten)]
     pub photometric: Photometric,
@@ -42,8 +45,19 @@ pub struct FrameReport {
 impl FrameReport {
     fn new(transform: Homography, brightness: &Brightness) -> Self {
         let (photometric, shading) = (brightness.photometric, ShadingReport::of(brightness));
-        let (file, clipped_fraction, position, focus_mm) = (String::new(), None, None, None);
-        Self { file, transform, parallax: None, photometric, shading, clipped_fraction, position, focus_mm }
+        let (file, [parallax, parallax_deviation], clipped_fraction) = (String::new(), [None; 2], None);
+        let (position, focus_mm) = (None, None);
+        Self {
+            file,
+            transform,
+            parallax,
+            parallax_deviation,
+            photometric,
+            shading,
+            clipped_fraction,
+            position,
+            focus_mm,
+        }
     }
 
     /// The frames of a pair: I1, which is the reference, and I2.
@@ -60,11 +74,15 @@ impl FrameReport {
 
     /// The frames of a sweep; `files` are in the order in which they were passed.
     pub(super) fn sweep(found: &RegisteredSweep, files: &[String]) -> Vec<Self> {
+        let moved = |frames: &[[f64; 2]], n: usize| {
+            Some(frames[n]).filter(|_| found.parallax.iter().any(|moves| *moves != [0.0; 2]))
+        };
         let frame = |(n, file): (usize, &usize)| Self {
             file: files.get(*file).cloned().unwrap_or_default(),
             clipped_fraction: Some(found.clipped_fractions[n]),
             position: Some(found.positions[n]),
-            parallax: Some(found.parallax[n]).filter(|_| found.parallax.iter().any(|moves| *moves != [0.0; 2])),
+            parallax: moved(&found.parallax, n),
+            parallax_deviation: moved(&found.parallax_deviation, n),
             focus_mm: found.stated.millimetres().map(|at| at[n]),
             ..Self::new(found.transforms[n], &found.brightness[n])
         };
