@@ -122,11 +122,15 @@ fn the_parallax_of_a_camera_that_moves_is_found() {
     let by_moves = [[0.0; 2], moves].map(|camera_moves| {
         let scene = Scene { width: 240, height: 176, noise: 0.003, camera_moves, ..Preset::Blocks.scene() };
         let simulated = SweepScene::new(scene, 9).render().unwrap();
-        let mut solver = SweepSolver::new(&TestEngine::on_any(), &SweepOptions::default()).unwrap();
+        // Descending settings: parallax then has the other sign, and its deviation still none.
+        let positions = Positions::Settings((0..9).map(|n| f64::from(8 - n)).collect());
+        let options = SweepOptions { positions, ..SweepOptions::default() };
+        let mut solver = SweepSolver::new(&TestEngine::on_any(), &options).unwrap();
         let sweep = solver.solve(&simulated.frames, &SolveOptions::default()).unwrap();
-        let off = |(u, truth): (&f32, &f32)| (u - truth).abs() > 0.5;
+        let off = |(u, truth): (&f32, &f32)| (8.0 - u - truth).abs() > 0.5;
         let wrong = sweep.focus.iter().zip(&simulated.focus).filter(|pair| off(*pair)).count();
         println!("{:.4?}", sweep.parallax_deviation);
+        assert!(sweep.parallax_deviation.as_flattened().iter().all(|deviation| *deviation >= 0.0));
         // That of the reference, from which the others are counted, is exact.
         let exact = sweep.parallax_deviation.iter().filter(|deviation| **deviation == [0.0; 2]).count();
         assert_eq!(exact, if camera_moves == moves { 1 } else { 9 });

@@ -361,7 +361,7 @@ impl<'a> Task<'a> {
         let coarse = judgement::coarse_warning(&registration, self.options.settings.blur_limit());
         let unlike = unlike_warning(&registration.unlike, &self.order.frames);
         let JointRegistration { mut transforms, mut brightness, rate, settings, .. } = registration;
-        let per_setting = |px: Vec<[f64; 2]>| px.iter().map(|moves| moves.map(|px| px / self.step)).collect();
+        let per_setting = |px: Vec<[f64; 2]>, step: f64| px.iter().map(|moves| moves.map(|px| px / step)).collect();
         if [self.part.width, self.part.height] != self.photograph {
             move_into(&mut transforms, &mut brightness, self.part, self.photograph);
         }
@@ -379,8 +379,8 @@ impl<'a> Task<'a> {
             positions,
             stated: stated.clone(),
             transforms,
-            parallax: per_setting(registration.parallax),
-            parallax_deviation: per_setting(registration.parallax_deviation),
+            parallax: per_setting(registration.parallax, self.step),
+            parallax_deviation: per_setting(registration.parallax_deviation, self.step.abs()),
             brightness,
             blur_rate: rate / self.step.powi(2),
             decode: self.options.settings.decode.resolved([self.frames[0].format().depth]),
