@@ -10,7 +10,7 @@ use crate::base::statistics::median;
 /// Changes of a channel at a pixel: by 1 px² of V, by displacements along x and y, by a gain, by an offset.
 pub(super) const CHANGES: usize = 5;
 /// The fewest windows that have a standard error.
-const FEWEST: usize = 8;
+pub(super) const FEWEST: usize = 8;
 /// The least shift in standard errors. Real pairs have up to 3.4.
 const CERTAIN: f64 = 4.0;
 /// The least standard deviation of V over the channels that counts, px².

@@ -131,9 +131,11 @@ fn step(c: &Constants, state: &mut DoubleState, windows: &[[f64; NUMBERS]]) {
     state.parallax_size = 0.0;
     if by_parallax > DISPLACED * evidence {
         state.parallax_size = OF_START;
-        step_of_parallax -= before * (before.dot(&step_of_parallax) / before.norm_squared());
         // The coarser levels have found its direction, and the finest settles.
-        step_of_parallax *= if c.level == 0 { 0.0 } else { 1.0 };
+        step_of_parallax = match c.level {
+            0 => Vector3::zeros(),
+            _ => step_of_parallax - before * (before.dot(&step_of_parallax) / before.norm_squared()),
+        };
     }
     let mean = totals[PIXELS + 1] / totals[PIXELS];
     let spread = (totals[PIXELS + 2] / totals[PIXELS] - mean * mean).max(0.0).sqrt();

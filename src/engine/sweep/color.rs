@@ -4,7 +4,7 @@
 use super::contrast::peak;
 use crate::base::statistics::{deviation, median};
 use crate::base::{Decode, Frame, Homography, Region, centre, workers};
-use crate::engine::channels::ColorShift;
+use crate::engine::channels::{ColorShift, FEWEST};
 use crate::engine::stages::separable::smoothed;
 use crate::engine::stages::{Field, ingest};
 
@@ -16,11 +16,9 @@ const MOST: u32 = 12;
 const BAND: [f64; 2] = [1.2, 2.4];
 /// How much more power the sharpest frame of a window must have than the blurriest: less is noise.
 const CLEAR: f64 = 3.0;
-/// The share of the power of the sharpest frame from which on a frame counts. What is left beyond is noise, of which the
-/// channels have different amounts.
+/// A frame counts if it has more than this share of the power of the sharpest one. Frames with less show mostly noise, of
+/// which the channels have different amounts.
 const COUNTS: f64 = 0.2;
-/// The fewest windows that have a standard error.
-const FEWEST: usize = 8;
 /// The standard error of a median over that of a mean, of Gaussian values.
 const MEDIAN_ERROR: f64 = 1.2533;
 
@@ -38,14 +36,10 @@ pub(super) fn shift(
     }
     let size = [frames[0].width(), frames[0].height()];
     let middle = centre(size[0], size[1]);
-    let places = size.map(|length| {
-        let count = (length / SIDE).min(MOST);
-        move |n: u32| (2 * n + 1) * length / (2 * count.max(1))
-    });
-    let [columns, rows] = size.map(|length| (length / SIDE).min(MOST));
+    let counts @ [columns, rows] = size.map(|length| (length / SIDE).min(MOST));
     let shifts = workers::map((columns * rows) as usize, |n| {
-        let (column, row) = (n as u32 % columns, n as u32 / columns);
-        let place = [places[0](column), places[1](row)].map(f64::from);
+        let window = [n as u32 % columns, n as u32 / columns];
+        let place = [0, 1].map(|c| f64::from((2 * window[c] + 1) * size[c] / (2 * counts[c])));
         let powers: Option<Vec<[f64; 3]>> = frames
             .iter()
             .zip(transforms)

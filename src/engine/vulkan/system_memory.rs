@@ -4,6 +4,11 @@
 /// groups and of its address space (`ulimit -v`). `None` on systems other than Linux and Windows.
 #[cfg(not(windows))]
 pub fn available_memory() -> Option<u64> {
+    /// Address space that threads and their allocators reserve once they run, at most half of what is left, bytes.
+    const RESERVED: u64 = 512 << 20;
+    /// Bytes of a page of memory on most processors. Larger pages only make the estimate of what is taken smaller.
+    const PAGE: u64 = 4096;
+
     let read = |file: &str| std::fs::read_to_string(file).ok();
     let report = read("/proc/meminfo")?;
     let line = report.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
@@ -52,14 +57,6 @@ pub fn available_memory() -> Option<u64> {
     let filled = GlobalMemoryStatusEx(&mut status) != 0;
     filled.then(|| status.physical[1].min(status.committed[1]).min(status.address_space[1]))
 }
-
-/// Address space that threads and their allocators reserve once they run, at most half of what is left, bytes.
-#[cfg(not(windows))]
-const RESERVED: u64 = 512 << 20;
-
-/// Bytes of a page of memory on most processors. Larger pages only make the estimate of what is taken smaller.
-#[cfg(not(windows))]
-const PAGE: u64 = 4096;
 
 #[cfg(test)]
 mod tests {
